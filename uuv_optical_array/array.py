@@ -1,0 +1,88 @@
+"""Detector arrays: where each photodiode sits and where it looks."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+
+from uuv_optical_array.pose import Array
+from uuv_optical_array.quantity import Quantity
+
+
+@dataclass(frozen=True)
+class ArraySettings:
+    """The array of a scene; defaults are the vehicle of Eren et al. (2016)."""
+
+    shape: Literal["planar", "curved"]
+    detectors_per_side: Annotated[int, Quantity("detectors in a row, and rows", "", 2, 501)]
+    width_m: Annotated[float, Quantity("outermost detector to outermost", "m", 0.01, 10)] = 0.4
+    bow_m: Annotated[float, Quantity("base_link forward to the array's frame", "m", -50, 50)] = 0.4
+    radius_m: Annotated[float | None, Quantity("sphere, curved only", "m", 0.01, 100)] = None
+
+    def __post_init__(self) -> None:
+        if self.shape == "planar":
+            if self.radius_m is not None:
+                raise ValueError(f"radius_m: {self.radius_m:g} m, but a planar array has none")
+            return
+        if self.radius_m is None:
+            raise ValueError("radius_m: missing; a curved array needs the radius of its sphere")
+        corner = self.width_m / math.sqrt(2)
+        if self.radius_m <= corner:
+            raise ValueError(
+                f"radius_m: {self.radius_m:g} m is too small; the corner detectors lie "
+                f"{corner:.4g} m off the axis, so the radius must be larger"
+            )
+
+
+@dataclass(frozen=True)
+class DetectorArray:
+    """Detectors in the follower's ``base_link``, row-major from the top port corner.
+
+    Parameters
+    ----------
+    positions
+        Detector centres, m, shape ``(side * side, 3)``.
+    normals
+        Outward unit normals, shape ``(side * side, 3)``.
+    side
+        Detectors in a row; an image has shape ``(side, side)``.
+    spacing_m
+        Distance between neighbours, projected on the plane of the array, m.
+    """
+
+    positions: Array
+    normals: Array
+    side: int
+    spacing_m: float
+
+
+def build_array(settings: ArraySettings) -> DetectorArray:
+    """Place the detectors (Eren et al. 2016, eqs 9 to 12).
+
+    Planar detectors lie in ``x = bow_m`` and look along +x; curved ones lie on a sphere
+    centred at ``(bow_m, 0, 0)`` and look along its radius. Row 0 is the top (largest z),
+    column 0 the port edge (largest y).
+
+    Parameters
+    ----------
+    settings
+        Checked settings of the scene.
+
+    Returns
+    -------
+    DetectorArray
+        The array, in the follower's ``base_link``.
+    """
+    side = settings.detectors_per_side
+    offsets = np.linspace(settings.width_m / 2, -settings.width_m / 2, side)
+    z, y = (grid.ravel() for grid in np.meshgrid(offsets, offsets, indexing="ij"))
+    bow = np.array([settings.bow_m, 0.0, 0.0])
+    if settings.radius_m is None:
+        positions = bow + np.stack([np.zeros_like(y), y, z], axis=-1)
+        normals = np.broadcast_to([1.0, 0.0, 0.0], positions.shape).copy()
+    else:
+        normals = np.stack([np.sqrt(settings.radius_m**2 - y**2 - z**2), y, z], axis=-1)
+        positions = bow + normals
+        normals /= settings.radius_m
+    return DetectorArray(positions, normals, side, settings.width_m / (side - 1))

@@ -1,0 +1,66 @@
+"""Where the package's own files lie, and how a file or folder is written whole or not at all."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PACKAGE = "uuv_optical_array"
+
+
+def shared_file(relative: str) -> Path:
+    """Find a file of the package: in a checkout, a virtual environment or a ROS workspace.
+
+    Parameters
+    ----------
+    relative
+        Path below the package's share directory, such as ``config/follow.yaml``.
+
+    Returns
+    -------
+    Path
+        The existing file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where no parent of this module holds the file.
+    """
+    for parent in Path(__file__).resolve().parents:
+        for root in (parent, parent / "share" / PACKAGE):
+            if (root / "package.xml").exists() and (root / relative).exists():
+                return root / relative
+    raise FileNotFoundError(f"{relative}: not found near {__file__}; install the package again")
+
+
+def cache_dir() -> Path:
+    """Return the folder for what can be made again (``XDG_CACHE_HOME``)."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / PACKAGE
+
+
+@contextmanager
+def whole_directory(path: Path) -> Iterator[Path]:
+    """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.
+
+    Parameters
+    ----------
+    path
+        The folder to make; one that exists is replaced.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        yield scratch
+        scratch.chmod(0o755)
+        if path.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+            path.rename(old / path.name)
+            scratch.rename(path)
+            shutil.rmtree(old)
+        else:
+            scratch.rename(path)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)

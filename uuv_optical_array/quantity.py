@@ -1,0 +1,169 @@
+"""A value declared once: type, unit, bounds and meaning, and the check that follows from them.
+
+A declaration is a type hint, ``Annotated[float, Quantity("what it is", "m", 0.1, 10.0)]``,
+on a dataclass field, on a keyword-only argument or in a table of node parameters.
+"""
+
+import dataclasses
+import difflib
+import inspect
+import math
+import types
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What a declared value means.
+
+    Parameters
+    ----------
+    text
+        Meaning, one sentence.
+    unit
+        Unit as printed, empty for a pure number or a word.
+    low, high
+        Inclusive bounds, in `unit`.
+    """
+
+    text: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+
+    def bounds(self) -> str:
+        """Return the bounds as printed in errors and tables."""
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.low) and math.isinf(self.high):
+            return f"a finite number{unit}"
+        if math.isinf(self.high):
+            return f"at least {self.low:g}{unit}"
+        return f"from {self.low:g} to {self.high:g}{unit}"
+
+
+class Span(NamedTuple):
+    """Evenly spaced values: ``number`` of them from ``start`` to ``stop``, both included."""
+
+    start: float
+    stop: float
+    number: int
+
+
+def _number(value: Any, quantity: Quantity, name: str, whole: bool) -> float | int:
+    kind = "a whole number" if whole else "a number"
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise ValueError(
+            f"{name}: {value!r} is not {kind}; give {kind} without a unit, {quantity.bounds()}"
+        )
+    if not math.isfinite(value) or not quantity.low <= value <= quantity.high:
+        raise ValueError(f"{name}: {value!r} is out of bounds; it must be {quantity.bounds()}")
+    return int(value) if whole else float(value)
+
+
+def _span(value: Any, quantity: Quantity, name: str) -> Span:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ValueError(f"{name}: {value!r} is not a span; give [from, to, how many]")
+    start = float(_number(value[0], quantity, f"{name}[0]", whole=False))
+    stop = float(_number(value[1], quantity, f"{name}[1]", whole=False))
+    number = int(_number(value[2], Quantity("", "values", 1, 10_000), f"{name}[2]", whole=True))
+    if start > stop or (number == 1) != (start == stop):
+        raise ValueError(
+            f"{name}: [{start:g}, {stop:g}, {number}] is no span; "
+            "give from < to with at least 2 values, or one value twice with 1"
+        )
+    return Span(start, stop, number)
+
+
+def check(hint: Any, value: Any, name: str) -> Any:
+    """Check one value against its declared type hint.
+
+    Parameters
+    ----------
+    hint
+        ``float``, ``int``, ``Span``, ``Literal[...]`` or ``T | None``, each bare or
+        ``Annotated`` with a `Quantity`.
+    value
+        The value as read.
+    name
+        Dotted name, for the error.
+
+    Returns
+    -------
+    Any
+        The value, as the declared type.
+
+    Raises
+    ------
+    ValueError
+        Names the key, the value, the bound and the cure.
+    """
+    quantity = Quantity("")
+    if typing.get_origin(hint) is typing.Annotated:
+        hint, quantity = typing.get_args(hint)
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        if value is None:
+            return None
+        hint = next(option for option in typing.get_args(hint) if option is not type(None))
+    if typing.get_origin(hint) is Literal:
+        choices = typing.get_args(hint)
+        if value not in choices or isinstance(value, bool):
+            raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(choices)}")
+        return value
+    if hint is Span:
+        return _span(value, quantity, name)
+    return _number(value, quantity, name, whole=hint is int)
+
+
+def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
+    """Return the error for a key that is not declared, with the nearest one that is."""
+    known = list(known)
+    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
+    return ValueError(f"{where}.{key}: unknown key; {hint}".lstrip("."))
+
+
+def check_all(declared: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
+    """Check a mapping of values against the fields or keyword-only arguments of `declared`.
+
+    Parameters
+    ----------
+    declared
+        A dataclass, or a function whose keyword-only arguments are the keys.
+    values
+        Mapping from key to value; ``None`` counts as empty.
+    where
+        Dotted name of the mapping, for errors.
+
+    Returns
+    -------
+    dict
+        Every declared key with its checked value or its default.
+
+    Raises
+    ------
+    ValueError
+        For an unknown or missing key, a wrong type or a value out of bounds.
+    """
+    values = {} if values is None else values
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{where}: {values!r} is not a mapping of keys to values")
+    wanted = {
+        name: argument
+        for name, argument in inspect.signature(declared).parameters.items()
+        if dataclasses.is_dataclass(declared) or argument.kind is argument.KEYWORD_ONLY
+    }
+    for key in values:
+        if key not in wanted:
+            raise unknown(key, wanted, where)
+    hints = typing.get_type_hints(declared, include_extras=True)
+    checked = {}
+    for name, argument in wanted.items():
+        if name in values:
+            checked[name] = check(hints[name], values[name], f"{where}.{name}")
+        elif argument.default is argument.empty:
+            raise ValueError(f"{where}.{name}: missing; add it to the scene")
+        else:
+            checked[name] = argument.default
+    return checked

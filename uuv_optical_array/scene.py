@@ -1,0 +1,183 @@
+"""The scene: lamp, array, effects, signature and table, read from YAML and checked."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+
+from uuv_optical_array import files
+from uuv_optical_array.array import ArraySettings
+from uuv_optical_array.effects import check_effects
+from uuv_optical_array.features import SignatureSettings
+from uuv_optical_array.light import LampSettings
+from uuv_optical_array.quantity import Quantity, Span, check_all, unknown
+
+
+@dataclasses.dataclass(frozen=True)
+class TableSettings:
+    """The grid of poses of the signature table, each as ``[from, to, how many]``."""
+
+    x_m: Annotated[Span, Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000)]
+    y_m: Annotated[Span, Quantity("to port", "m", -1000, 1000)]
+    z_m: Annotated[Span, Quantity("up", "m", -1000, 1000)]
+    pitch_deg: Annotated[Span, Quantity("bow down", "deg", -90, 90)]
+    yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)]
+
+
+_GROUPS: dict[str, Any] = {
+    "lamp": LampSettings,
+    "array": ArraySettings,
+    "signature": SignatureSettings,
+    "table": TableSettings,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """A checked scene.
+
+    Parameters
+    ----------
+    name
+        For messages; the file's stem when it was read from a file.
+    lamp, array, effects, signature, table
+        Settings by group; `effects` maps the name of each effect to its settings, in
+        physical order.
+    """
+
+    name: str
+    lamp: LampSettings
+    array: ArraySettings
+    effects: Mapping[str, Mapping[str, Any]]
+    signature: SignatureSettings
+    table: TableSettings
+
+    @property
+    def full_scale_counts(self) -> float:
+        """Largest reading of the array (the paper's I_max), counts.
+
+        The lower of saturation and converter; a scene with neither has no limit, and
+        its lamp's reference reading takes the place.
+        """
+        limits = []
+        if "saturation" in self.effects:
+            limits.append(self.effects["saturation"]["level_counts"])
+        if "adc" in self.effects:
+            limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
+        return min(limits, default=self.lamp.reference_counts)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the whole scene as plain values, as a scene file holds it."""
+        groups = {
+            group: {
+                key: list(value) if isinstance(value, Span) else value
+                for key, value in dataclasses.asdict(getattr(self, group)).items()
+                if value is not None
+            }
+            for group in _GROUPS
+        }
+        return {**groups, "effects": {name: dict(values) for name, values in self.effects.items()}}
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of every setting, in hexadecimal; the name does not count."""
+        text = json.dumps(self.settings(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def differences(self, other: "Scene") -> list[str]:
+        """List where two scenes differ, a line a key."""
+
+        def flat(scene: Scene) -> dict[str, Any]:
+            return {
+                f"{group}.{key}": value
+                for group, values in scene.settings().items()
+                for key, value in values.items()
+            }
+
+        ours, theirs = flat(self), flat(other)
+        return [
+            f"{key} is {theirs.get(key, 'absent')} there and {ours.get(key, 'absent')} here"
+            for key in sorted(ours.keys() | theirs.keys())
+            if ours.get(key) != theirs.get(key)
+        ]
+
+
+def scene_from_settings(settings: Any, name: str) -> Scene:
+    """Check a scene given as plain values.
+
+    Parameters
+    ----------
+    settings
+        Mapping of the groups ``lamp``, ``array``, ``effects``, ``signature``, ``table``.
+    name
+        Name of the scene, which starts every error.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    ValueError
+        For an unknown or missing key, a wrong type or a value out of bounds: the key,
+        the value, the bound and the cure.
+    """
+    try:
+        if not isinstance(settings, Mapping):
+            raise ValueError(f"{settings!r} is not a mapping of groups")
+        for group in settings:
+            if group not in (*_GROUPS, "effects"):
+                raise unknown(group, (*_GROUPS, "effects"), "")
+        groups = {}
+        for group, declared in _GROUPS.items():
+            values = check_all(declared, settings.get(group), group)
+            try:
+                groups[group] = declared(**values)
+            except ValueError as error:
+                raise ValueError(f"{group}.{error}") from None
+        scene = Scene(name=name, effects=check_effects(settings.get("effects")), **groups)
+    except ValueError as error:
+        raise ValueError(f"scene {name}: {error}") from None
+    return scene
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene from a YAML file.
+
+    Parameters
+    ----------
+    path
+        A file, or the bare name of a ready scene such as ``follow``.
+
+    Returns
+    -------
+    Scene
+        The checked scene.
+
+    Raises
+    ------
+    ValueError
+        For text that is not YAML, or as `scene_from_settings`.
+    FileNotFoundError
+        Where neither a file nor a ready scene has that name.
+    """
+    file = Path(path).expanduser()
+    if file.suffix not in (".yaml", ".yml"):
+        ready = sorted(p.stem for p in files.shared_file("config/scenes").glob("*.yaml"))
+        if str(path) not in ready:
+            raise FileNotFoundError(
+                f"scene {path}: neither a .yaml file nor a ready scene ({', '.join(ready)})"
+            )
+        file = files.shared_file(f"config/scenes/{path}.yaml")
+    if not file.exists():
+        raise FileNotFoundError(f"scene {file}: no such file")
+    try:
+        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"scene {file}: not YAML: {error}") from None
+    return scene_from_settings(settings, file.stem)

@@ -1,0 +1,110 @@
+"""A vehicle's recent poses by time, so that two vehicles can be compared at one instant."""
+
+from collections import deque
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from uuv_optical_array.pose import Array
+
+
+class TooEarly(Exception):
+    """The pose asked for has not been recorded yet; ask again when it has."""
+
+
+class Trajectory:
+    """Poses by stamp, interpolated between neighbours, never extrapolated.
+
+    Parameters
+    ----------
+    max_gap_s
+        Neighbours farther apart than this are not interpolated, s.
+    length
+        Poses kept.
+    """
+
+    def __init__(self, max_gap_s: float, length: int = 200) -> None:
+        self.max_gap_s = max_gap_s
+        self._samples: deque[tuple[int, Array, Array]] = deque(maxlen=length)
+
+    def add(self, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> None:
+        """Record a pose; a stamp that goes back starts the record anew (a clock that was reset).
+
+        Parameters
+        ----------
+        stamp_ns
+            Time, ns.
+        position
+            m, shape ``(3,)``.
+        quaternion_xyzw
+            Attitude, shape ``(4,)``, not zero.
+        """
+        if self._samples and stamp_ns <= self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((stamp_ns, position, quaternion_xyzw))
+
+    def at(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Return position and rotation at an instant.
+
+        Parameters
+        ----------
+        stamp_ns
+            Time, ns.
+
+        Returns
+        -------
+        position : Array
+            m, shape ``(3,)``; linear between neighbours.
+        rotation : Array
+            Shape ``(3, 3)``; along the great arc between neighbours.
+
+        Raises
+        ------
+        TooEarly
+            For an instant after the last record.
+        LookupError
+            For an instant before the first record, or inside a gap.
+        """
+        if not self._samples or stamp_ns > self._samples[-1][0]:
+            raise TooEarly
+        later = next(i for i, sample in enumerate(self._samples) if sample[0] >= stamp_ns)
+        stamp, position, quaternion = self._samples[later]
+        if stamp == stamp_ns:
+            return position, Rotation.from_quat(quaternion).as_matrix()
+        if later == 0:
+            raise LookupError("it is older than every pose on record")
+        before, old_position, old_quaternion = self._samples[later - 1]
+        gap_s = (stamp - before) * 1e-9
+        if gap_s > self.max_gap_s:
+            raise LookupError(f"it falls in a gap of {gap_s:.3g} s, more than {self.max_gap_s:g}")
+        fraction = (stamp_ns - before) / (stamp - before)
+        turn = Slerp([0.0, 1.0], Rotation.from_quat([old_quaternion, quaternion]))
+        return old_position + fraction * (position - old_position), turn(fraction).as_matrix()
+
+
+def unit_quaternion(quaternion_xyzw: Array, tolerance: float = 1e-2) -> Array:
+    """Check and normalise an attitude.
+
+    Parameters
+    ----------
+    quaternion_xyzw
+        Shape ``(4,)``.
+    tolerance
+        Largest deviation of its length from 1 that rounding may explain.
+
+    Returns
+    -------
+    Array
+        Shape ``(4,)``, length 1.
+
+    Raises
+    ------
+    ValueError
+        For a quaternion that is not finite or not of unit length.
+    """
+    length = float(np.linalg.norm(quaternion_xyzw))
+    if not abs(length - 1) <= tolerance:
+        raise ValueError(
+            f"quaternion {np.asarray(quaternion_xyzw).tolist()} has length {length:g}, not 1"
+        )
+    return quaternion_xyzw / length

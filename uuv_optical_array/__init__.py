@@ -1,1 +1,1 @@
-"""One underwater vehicle follows another by light: simulation, signature matching, relative pose."""
+"""One underwater vehicle follows another by light: simulation, signature match, relative pose."""

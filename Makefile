@@ -1,0 +1,50 @@
+# On a machine without ROS: installs the package and ROS 2's own wheels into .venv, and runs it.
+# In a ROS workspace use colcon; see README.md.
+
+PYTHON ?= python3
+BIN := .venv/bin
+INSTALLED := .venv/installed
+
+# rclpy logs here, so the home may be read-only.
+export ROS_LOG_DIR ?= $(CURDIR)/.venv/log
+# A sourced ROS would shadow the wheels.
+unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
+# The wheels set this together with LD_LIBRARY_PATH, and trust it.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help follow test format bench clean
+
+help:  ## show these lines
+	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
+
+follow: $(INSTALLED)  ## let one vehicle follow another; options by ARGS='...'
+	@$(BIN)/uuv_array follow $(ARGS)
+
+test: $(INSTALLED)  ## check style and types, and run all tests
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/pytest
+
+format: $(INSTALLED)  ## bring the code into the house style
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+bench: $(INSTALLED)  ## measure speed and accuracy
+	$(BIN)/pytest benchmarks
+
+clean:  ## remove .venv and all that can be made again
+	rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+FIT := import ensurepip, platform as p, sys; sys.exit(not ((3, 10) <= sys.version_info < (3, 15) \
+  and (p.system(), p.machine()) == ("Linux", "x86_64")))
+
+$(INSTALLED): setup.py constraints.txt
+	@$(PYTHON) -c '$(FIT)' 2>/dev/null || { echo 'This needs Python 3.10 to 3.14 with its venv' \
+	  'module on x86-64 Linux; name one with PYTHON=..., as in: make PYTHON=python3.12' >&2; exit 1; }
+	@echo 'Installing into .venv; this takes a minute, once'
+	@$(PYTHON) -m venv --clear .venv
+	@$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt pip setuptools
+	@$(BIN)/pip install -q --no-build-isolation -c constraints.txt -e '.[ros,test]'
+	@touch $@

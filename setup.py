@@ -1,0 +1,60 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "uuv_optical_array"
+share = f"share/{package_name}"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    description="One underwater vehicle follows another by light",
+    author="uuv_optical_array developers",
+    maintainer="uuv_optical_array developers",
+    maintainer_email="maintainers@uuv-optical-array.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[package_name, f"{package_name}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (share, ["package.xml"]),
+        (f"{share}/launch", glob("launch/*.launch.py")),
+        (f"{share}/config", glob("config/*.yaml")),
+        (f"{share}/config/scenes", glob("config/scenes/*.yaml")),
+        (f"{share}/rviz", glob("rviz/*.rviz")),
+    ],
+    python_requires=">=3.10",
+    # The least versions are those of Ubuntu 22.04, the oldest under a supported ROS 2.
+    install_requires=[
+        "matplotlib>=3.5",
+        "numpy>=1.21",
+        "PyYAML>=5.4",
+        "rich>=11",
+        "scipy>=1.8",
+        "setuptools",
+        "tqdm>=4.57",
+    ],
+    extras_require={
+        # ROS 2 Kilted for a machine without ROS; a ROS workspace has these by package.xml.
+        "ros": [
+            "ros-ament-index-python",
+            "ros-diagnostic-msgs",
+            "ros-geometry-msgs",
+            "ros-nav-msgs",
+            "ros-rclpy[fastrtps]",
+            "ros-sensor-msgs",
+            "ros-std-msgs",
+            "transforms3d",
+        ],
+        # colcon test runs pytest because this extra names it.
+        "test": ["hypothesis", "mypy", "pytest<9", "ruff"],
+    },
+    entry_points={
+        "console_scripts": [
+            *(
+                f"{node}_node = {package_name}.nodes.{node}_node:main"
+                for node in ("simulator", "feature", "estimator", "formation", "vehicles")
+            ),
+            f"uuv_array = {package_name}.commands:main",
+        ],
+    },
+)

@@ -1,0 +1,28 @@
+"""``uuv_array``: every command that is not a node, one file each."""
+
+import argparse
+import sys
+
+from uuv_optical_array.commands import follow, table
+
+COMMANDS = (table, follow)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of ``uuv_array`` with every subcommand."""
+    parser = argparse.ArgumentParser(
+        prog="uuv_array", description="Relative pose of underwater vehicles by light."
+    )
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in COMMANDS:
+        command.add_parser(subparsers)
+    return parser
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run ``uuv_array``; an error the user can mend ends it with one line and exit code 1."""
+    options = build_parser().parse_args(args)
+    try:
+        sys.exit(options.run(options))
+    except (ValueError, OSError) as error:
+        sys.exit(f"uuv_array {options.command}: {error}")

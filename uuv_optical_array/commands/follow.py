@@ -1,0 +1,103 @@
+"""``uuv_array follow``: the demonstration, from lamp to formation, in one process."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from rich.live import Live
+from rich.text import Text
+
+from uuv_optical_array import files
+from uuv_optical_array.picture import draw_follow
+from uuv_optical_array.record import FollowRecord
+
+DESCRIPTION = """\
+A leader runs straight, turns, and changes depth; a follower keeps station behind it by the light
+of the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this
+one process, on real ROS 2 topics, with the parameter file of follow.launch.py. At the end a summary
+is printed and a picture is written."""
+
+EPILOG = """\
+examples:
+  uuv_array follow                          60 s of the default scene
+  uuv_array follow --seed 1 --headless      the same noise each time, and no live line
+  uuv_array follow --scene sea.yaml         your own lamp, water and array
+Ctrl-C ends the run early and reports what there is. While it runs, `ros2 topic echo /relative_pose`
+shows the estimates. The exit code is 1 when the follower lost the leader."""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "follow",
+        help="let a follower follow a leader by light, and draw what happened",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--duration", type=positive, default=60.0, metavar="S", help="length in s (default: 60)"
+    )
+    parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
+    parser.add_argument(
+        "--seed", type=int, help="seed of the noise (default: the parameter file's, a new one)"
+    )
+    parser.add_argument(
+        "--params-file", type=Path, help="ROS parameter file (default: config/follow.yaml)"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
+    )
+    parser.add_argument("--headless", action="store_true", help="no live line")
+    parser.set_defaults(run=run)
+
+
+def positive(text: str) -> float:
+    """Read a positive number of seconds."""
+    value = float(text)
+    if not 0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"{text} s: give a positive number of seconds")
+    return value
+
+
+def live_line(record: FollowRecord, elapsed_s: float) -> Text:
+    """Return the line that is shown while the run goes on."""
+    stamps, errors = record.errors()
+    if not len(stamps):
+        return Text(f"{elapsed_s:5.1f} s   waiting for light")
+    error = errors[-1]
+    range_m = np.linalg.norm(record.estimates[stamps[-1]][:3])
+    error_m, angle_deg = np.linalg.norm(error[:3]), np.degrees(np.linalg.norm(error[3:]))
+    return Text(
+        f"{elapsed_s:5.1f} s   range {range_m:5.2f} m   error {error_m:4.2f} m   "
+        f"angle {angle_deg:4.1f} deg   {len(stamps)} poses"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the demonstration; return 1 when the leader was lost."""
+    # ROS is needed by this command only, and only now.
+    from uuv_optical_array.nodes.demo import follow
+
+    params_file = options.params_file or files.shared_file("config/follow.yaml")
+    if not params_file.exists():
+        raise ValueError(f"--params-file {params_file}: no such file")
+    ros_args = ["--params-file", str(params_file)]
+    if options.scene is not None:
+        ros_args += ["-p", f"scene:={options.scene}"]
+    if options.seed is not None:
+        ros_args += ["-p", f"simulator_node:seed:={options.seed}"]
+    with Live(auto_refresh=False, transient=options.headless) as live:
+
+        def on_tick(record: FollowRecord, elapsed_s: float) -> None:
+            if not options.headless:
+                live.update(live_line(record, elapsed_s), refresh=True)
+
+        record, light_timeout_s = follow(ros_args, options.duration, on_tick)
+    print(record.summary())
+    lost = record.lost(light_timeout_s)
+    if record.estimates:
+        draw_follow(record, options.output)
+        print(f"picture: {options.output}")
+    print(f"lost the leader: {lost}" if lost else "followed the leader to the end")
+    return 1 if lost else 0

@@ -1,0 +1,138 @@
+"""All nodes of the demonstration in one process, and the record of what they published."""
+
+from collections.abc import Callable
+
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.messages import (
+    image_from_message,
+    odometry_pose,
+    pose_from_message,
+    stamp_ns,
+)
+from uuv_optical_array.nodes.node import subscribe
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
+from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+from uuv_optical_array.pose import relative_pose
+from uuv_optical_array.record import FollowRecord
+
+
+class RecorderNode(Node):
+    """Listen to what the other nodes publish and keep it."""
+
+    def __init__(self, record: FollowRecord, side: int) -> None:
+        super().__init__("recorder_node")
+        self.record, self.side = record, side
+        self.first_ns: int | None = None
+        self.leaders: dict[float, Odometry] = {}
+        subscribe(self, Odometry, "leader/odometry", self.on_leader)
+        subscribe(self, Odometry, "follower/odometry", self.on_follower)
+        subscribe(self, Image, "array/image", self.on_image)
+        subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
+
+    def seconds(self, message) -> float:
+        """Return a message's stamp, from the first one seen, s."""
+        stamp = stamp_ns(message.header)
+        if self.first_ns is None:
+            self.first_ns = stamp
+        return (stamp - self.first_ns) * 1e-9
+
+    def on_leader(self, message: Odometry) -> None:
+        """Keep the leader's position."""
+        stamp = self.seconds(message)
+        self.leaders[stamp] = message
+        self.record.leader_path[stamp] = odometry_pose(message)[0]
+
+    def on_follower(self, message: Odometry) -> None:
+        """Keep the follower's position and, where the leader's is known, the true pose."""
+        stamp = self.seconds(message)
+        position, quaternion = odometry_pose(message)
+        self.record.follower_path[stamp] = position
+        leader = self.leaders.pop(stamp, None)
+        if leader is not None:
+            leader_position, leader_quaternion = odometry_pose(leader)
+            self.record.truth[stamp], _ = relative_pose(
+                leader_position,
+                Rotation.from_quat(leader_quaternion).as_matrix(),
+                position,
+                Rotation.from_quat(quaternion).as_matrix(),
+            )
+
+    def on_image(self, message: Image) -> None:
+        """Keep the image."""
+        self.record.images[self.seconds(message)] = image_from_message(message, self.side)
+
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Keep the estimate."""
+        self.record.estimates[self.seconds(message)] = pose_from_message(message)
+
+
+def follow(
+    ros_args: list[str], duration_s: float, on_tick: Callable[[FollowRecord, float], None]
+) -> tuple[FollowRecord, float]:
+    """Run the demonstration in real time.
+
+    Parameters
+    ----------
+    ros_args
+        ROS arguments for every node, such as a parameter file.
+    duration_s
+        Length of the run, s.
+    on_tick
+        Called five times a second with the record so far and the elapsed time, s.
+
+    Returns
+    -------
+    record : FollowRecord
+        What was published, until the end or until it was interrupted.
+    light_timeout_s
+        How long the formation control bears to be without a pose, s.
+
+    Raises
+    ------
+    ValueError
+        For a parameter or a scene that a node refuses.
+    """
+    rclpy.init(args=["--ros-args", *ros_args])
+    try:
+        formation, simulator = FormationNode(), SimulatorNode()
+        record = FollowRecord(formation.parameters["stand_off_m"])
+        recorder = RecorderNode(record, simulator.model.array.side)
+        executor = SingleThreadedExecutor()
+        # The vehicles come last: nothing moves before the table is ready.
+        for node in (
+            recorder,
+            formation,
+            simulator,
+            FeatureNode(),
+            EstimatorNode(),
+            VehiclesNode(),
+        ):
+            executor.add_node(node)
+        clock = recorder.get_clock()
+        started = clock.now()
+
+        def elapsed_s() -> float:
+            return (clock.now() - started).nanoseconds * 1e-9
+
+        recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s()))
+        try:
+            while rclpy.ok() and elapsed_s() < duration_s:
+                executor.spin_once(timeout_sec=0.1)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        return record, formation.parameters["light_timeout_s"]
+    except ParameterException as error:
+        raise ValueError(str(error)) from None
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,66 @@
+"""From the image of the array to its five key parameters."""
+
+from rclpy.node import Node
+from sensor_msgs.msg import Image, PointCloud2
+
+from uuv_optical_array.features import key_parameters, no_pattern
+from uuv_optical_array.nodes.diagnostics import Diagnostics
+from uuv_optical_array.nodes.messages import (
+    Refused,
+    StampOrder,
+    features_to_message,
+    image_from_message,
+)
+from uuv_optical_array.nodes.node import publish, run, subscribe
+from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.scene import load_scene
+
+PARAMETERS = {
+    "scene": SCENE,
+    "min_peak_counts": Parameter(
+        5.0, Quantity("peak below which there is no light", "counts", 0, 65535)
+    ),
+}
+
+
+class FeatureNode(Node):
+    """Publish one point of five fields for each image; no point where there is no light."""
+
+    def __init__(self) -> None:
+        super().__init__("feature_node")
+        self.parameters = Parameters(self, PARAMETERS)
+        self.scene = load_scene(self.parameters["scene"])
+        self.order = StampOrder()
+        self.diagnostics = Diagnostics(self)
+        self.features = publish(self, PointCloud2, "array/features")
+        subscribe(self, Image, "array/image", self.on_image)
+
+    def on_image(self, message: Image) -> None:
+        """Publish the key parameters of one image."""
+        try:
+            self.order.check(message.header)
+            image = image_from_message(message, self.scene.array.detectors_per_side)
+            if image.max() > self.scene.full_scale_counts:
+                raise Refused(
+                    f"above full scale: {image.max():g} counts, but the scene reads at most "
+                    f"{self.scene.full_scale_counts:g}"
+                )
+        except Refused as reason:
+            self.diagnostics.refuse(str(reason))
+            return
+        why_not = no_pattern(image, self.parameters["min_peak_counts"])
+        if why_not:
+            self.diagnostics.refuse(why_not)
+            parameters = None
+        else:
+            parameters = key_parameters(
+                image, self.scene.full_scale_counts, self.scene.signature.peak
+            )
+            self.diagnostics.answer(peak_counts=f"{image.max():g}")
+        self.features.publish(features_to_message(parameters, message.header))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(FeatureNode, args)

@@ -1,0 +1,73 @@
+"""From the relative pose to the velocity command that keeps station behind the leader."""
+
+from dataclasses import asdict
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from uuv_optical_array.formation import FormationController, FormationSettings
+from uuv_optical_array.nodes.diagnostics import Diagnostics
+from uuv_optical_array.nodes.messages import (
+    Refused,
+    pose_from_message,
+    stamp_ns,
+    twist_to_message,
+)
+from uuv_optical_array.nodes.node import publish, run, subscribe
+from uuv_optical_array.nodes.parameters import Parameter, Parameters, parameters_of
+from uuv_optical_array.quantity import Quantity
+
+PARAMETERS = {
+    **parameters_of(FormationSettings),
+    "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
+    "base_frame": Parameter("base_link", Quantity("frame of the command: the follower's"), True),
+}
+
+
+class FormationNode(Node):
+    """Command the follower to its station; slow it to a stop when the light is lost."""
+
+    def __init__(self) -> None:
+        super().__init__("formation_node")
+        self.parameters = Parameters(self, PARAMETERS, self.on_change)
+        self.controller = FormationController(self.settings())
+        self.diagnostics = Diagnostics(self)
+        self.commands = publish(self, TwistStamped, "cmd_vel")
+        subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
+        self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
+
+    def settings(self, **changes: Any) -> FormationSettings:
+        """Return the controller's settings as the parameters have them, with changes."""
+        names = asdict(FormationSettings())
+        present = {name: self.parameters[name] for name in names}
+        changes = {name: value for name, value in changes.items() if name in names}
+        return FormationSettings(**{**present, **changes})
+
+    def on_change(self, changes: dict[str, Any]) -> None:
+        """Take over a parameter that was set while the node runs."""
+        self.controller.configure(self.settings(**changes))
+
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Tell the controller where the follower is."""
+        try:
+            pose = pose_from_message(message)
+            self.controller.update(stamp_ns(message.header) * 1e-9, pose)
+        except (Refused, ValueError) as reason:
+            self.diagnostics.refuse(str(reason))
+            return
+        self.diagnostics.answer(range_m=f"{-pose[0]:.2f}")
+
+    def on_timer(self) -> None:
+        """Publish the command, from the first pose on."""
+        now = self.get_clock().now()
+        command = self.controller.command(now.nanoseconds * 1e-9)
+        if command is not None:
+            header = Header(stamp=now.to_msg(), frame_id=self.parameters["base_frame"])
+            self.commands.publish(twist_to_message(*command, header))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(FormationNode, args)

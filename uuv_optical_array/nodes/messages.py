@@ -1,0 +1,169 @@
+"""Between arrays and ROS messages; every message from outside is checked here."""
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from uuv_optical_array.features import FEATURE_NAMES
+from uuv_optical_array.nodes.attitude import quaternion_xyzw, roll_pitch_yaw
+from uuv_optical_array.pose import Array
+from uuv_optical_array.trajectory import unit_quaternion
+
+_POINT_BYTES = 8 * len(FEATURE_NAMES)
+
+
+class Refused(ValueError):
+    """A message that must not be used; the text says why, its kind before the colon."""
+
+
+def stamp_ns(header: Header) -> int:
+    """Return the stamp of a header in ns."""
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+class StampOrder:
+    """Let stamps only move forward, and yet let a stream start anew.
+
+    A stamp that is not later than the one before it is refused, but becomes the one the next is
+    compared with: one late message is dropped, and a clock that was set back costs one message.
+    """
+
+    def __init__(self) -> None:
+        self._previous_ns: int | None = None
+
+    def check(self, header: Header) -> None:
+        """Refuse a stamp that does not advance."""
+        previous, self._previous_ns = self._previous_ns, stamp_ns(header)
+        if previous is not None and self._previous_ns <= previous:
+            raise Refused(
+                f"stamp not later: {self._previous_ns * 1e-9:.9f} s came after "
+                f"{previous * 1e-9:.9f} s"
+            )
+
+
+def image_to_message(image: Array, header: Header) -> Image:
+    """Pack an image of counts, shape ``(rows, columns)``, 0 to 65535, as mono16."""
+    pixels = np.ascontiguousarray(image, dtype="<u2")
+    rows, columns = pixels.shape
+    return Image(
+        header=header,
+        height=rows,
+        width=columns,
+        encoding="mono16",
+        is_bigendian=0,
+        step=2 * columns,
+        data=pixels.tobytes(),
+    )
+
+
+def image_from_message(message: Image, side: int) -> Array:
+    """Unpack a mono16 image of ``(side, side)`` counts, whatever its padding and byte order."""
+    if message.encoding not in ("mono16", "16UC1"):
+        raise Refused(f"wrong encoding: {message.encoding!r}, not mono16")
+    if (message.height, message.width) != (side, side):
+        raise Refused(
+            f"wrong size: {message.height} x {message.width}, but the scene has {side} x {side}"
+        )
+    if message.step < 2 * side or message.step % 2:
+        raise Refused(f"wrong step: {message.step} bytes a row, not {2 * side}")
+    if len(message.data) != message.step * side:
+        raise Refused(
+            f"truncated: {len(message.data)} bytes of data, but {side} rows of {message.step}"
+        )
+    pixels = np.frombuffer(message.data, dtype=">u2" if message.is_bigendian else "<u2")
+    return pixels.reshape(side, -1)[:, :side].astype(float)
+
+
+def features_to_message(parameters: Array | None, header: Header) -> PointCloud2:
+    """Pack key parameters, shape ``(5,)``, as one point, or as none where there is no light."""
+    data = b"" if parameters is None else np.asarray(parameters, dtype="<f8").tobytes()
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=0 if parameters is None else 1,
+        fields=[
+            PointField(name=name, offset=8 * i, datatype=PointField.FLOAT64, count=1)
+            for i, name in enumerate(FEATURE_NAMES)
+        ],
+        is_bigendian=False,
+        point_step=_POINT_BYTES,
+        row_step=len(data),
+        data=data,
+        is_dense=True,
+    )
+
+
+def features_from_message(message: PointCloud2) -> Array | None:
+    """Unpack the key parameters, shape ``(5,)``; ``None`` for a cloud without a point."""
+    names = tuple(field.name for field in message.fields)
+    if names != FEATURE_NAMES:
+        raise Refused(f"wrong fields: {', '.join(names)}, not {', '.join(FEATURE_NAMES)}")
+    if any(field.datatype != PointField.FLOAT64 or field.count != 1 for field in message.fields):
+        raise Refused("wrong field type: each field must be one FLOAT64")
+    if [field.offset for field in message.fields] != list(range(0, _POINT_BYTES, 8)):
+        raise Refused("wrong field offsets: they must be 0, 8, 16, 24, 32")
+    points = message.width * message.height
+    if points == 0:
+        return None
+    if points > 1:
+        raise Refused(f"wrong size: {points} points, not one")
+    if len(message.data) != _POINT_BYTES:
+        raise Refused(f"truncated: {len(message.data)} bytes of data, not {_POINT_BYTES}")
+    values = np.frombuffer(message.data, dtype=">f8" if message.is_bigendian else "<f8")
+    if not np.isfinite(values).all():
+        raise Refused(f"not finite: {dict(zip(FEATURE_NAMES, values.tolist(), strict=True))}")
+    return values.astype(float)
+
+
+def pose_to_message(pose: Array, covariance: Array, header: Header) -> PoseWithCovarianceStamped:
+    """Pack a pose ``(x, y, z, pitch, yaw)``, roll 0, and its 6x6 covariance."""
+    message = PoseWithCovarianceStamped(header=header)
+    position, attitude = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = map(float, pose[:3])
+    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(0.0, pose[3], pose[4])
+    message.pose.covariance = covariance.ravel()
+    return message
+
+
+def _checked_pose(pose) -> tuple[Array, Array]:
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    attitude = pose.orientation
+    if not np.isfinite(position).all():
+        raise Refused(f"not finite: position {position.tolist()}")
+    try:
+        quaternion = unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
+    except ValueError as error:
+        raise Refused(f"bad attitude: {error}") from None
+    return position, quaternion
+
+
+def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
+    """Unpack a relative pose as ``(x, y, z, pitch, yaw)``, m and rad."""
+    position, quaternion = _checked_pose(message.pose.pose)
+    _, pitch, yaw = roll_pitch_yaw(quaternion)
+    return np.array([*position, pitch, yaw])
+
+
+def odometry_pose(message: Odometry) -> tuple[Array, Array]:
+    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``."""
+    return _checked_pose(message.pose.pose)
+
+
+def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:
+    """Pack a twist in m/s and rad/s, each of shape ``(3,)``."""
+    message = TwistStamped(header=header)
+    twist = message.twist
+    twist.linear.x, twist.linear.y, twist.linear.z = map(float, linear)
+    twist.angular.x, twist.angular.y, twist.angular.z = map(float, angular)
+    return message
+
+
+def twist_from_message(message: TwistStamped) -> tuple[Array, Array]:
+    """Unpack linear, m/s, and angular velocity, rad/s, each of shape ``(3,)``."""
+    linear, angular = message.twist.linear, message.twist.angular
+    values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    if not np.isfinite(values).all():
+        raise Refused(f"not finite: twist {values.tolist()}")
+    return values[:3], values[3:]

@@ -1,0 +1,60 @@
+"""What every node does alike: publish, subscribe, start and stop."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+
+def publish(node: Node, message_type: type, topic: str) -> Publisher:
+    """Create a reliable publisher whose QoS parameters can override."""
+    return node.create_publisher(
+        message_type,
+        topic,
+        QoSProfile(depth=10),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
+
+
+def subscribe(node: Node, message_type: type, topic: str, callback: Callable[[Any], None]) -> None:
+    """Create a subscription with sensor-data QoS that parameters can override."""
+    node.create_subscription(
+        message_type,
+        topic,
+        callback,
+        qos_profile_sensor_data,
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
+
+
+def transform_publisher(node: Node, wanted: bool) -> Callable[[Any], None]:
+    """Return a function that publishes a TransformStamped on ``/tf``, or one that does nothing."""
+    if not wanted:
+        return lambda transform: None
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
+        return lambda transform: None
+    publisher = node.create_publisher(TFMessage, "/tf", 100)
+    return lambda transform: publisher.publish(TFMessage(transforms=[transform]))
+
+
+def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
+    """Run a node until it is interrupted; a bad set-up ends it with one line and exit code 1."""
+    rclpy.init(args=args)
+    try:
+        rclpy.spin(node_type())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (ValueError, FileNotFoundError, ParameterException) as error:
+        sys.exit(str(error))
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,140 @@
+"""Node parameters, declared once: the descriptor, the check and the table of the docs follow."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, get_args, get_type_hints
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from uuv_optical_array.quantity import Quantity, check
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A node parameter; its type is its default's.
+
+    Parameters
+    ----------
+    default
+        A bool, int, float, str or list of floats.
+    quantity
+        Meaning, unit and bounds.
+    read_only
+        Whether it is fixed once the node runs.
+    """
+
+    default: Any
+    quantity: Quantity
+    read_only: bool = False
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what ``ros2 param describe`` shows."""
+        unit = f" [{self.quantity.unit}]" if self.quantity.unit else ""
+        descriptor = ParameterDescriptor(
+            description=self.quantity.text + unit, read_only=self.read_only
+        )
+        bounds = self.quantity.low, self.quantity.high
+        if isinstance(self.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))
+            ]
+        elif isinstance(self.default, int) and not isinstance(self.default, bool):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
+            ]
+        return descriptor
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise ValueError where a value is of the wrong type or out of bounds."""
+        if isinstance(self.default, bool | str):
+            return
+        if isinstance(self.default, list):
+            if len(value) != len(self.default):
+                raise ValueError(f"{name}: {len(value)} values; give {len(self.default)}")
+            for i, item in enumerate(value):
+                check(Annotated[float, self.quantity], float(item), f"{name}[{i}]")
+        else:
+            check(Annotated[type(self.default), self.quantity], value, name)
+
+
+class Parameters:
+    """The parameters of a node: declared, checked, and read by name.
+
+    Parameters
+    ----------
+    node
+        The node that gets them.
+    declared
+        Declaration by name.
+    apply
+        Called with the new values of a change before it takes effect; a ValueError refuses the
+        change and its text reaches who asked for it.
+
+    Raises
+    ------
+    ValueError
+        For a start value out of bounds: the name, the value, the bound.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        declared: Mapping[str, Parameter],
+        apply: Callable[[dict[str, Any]], None] = lambda changes: None,
+    ) -> None:
+        self._node, self._declared, self._apply = node, declared, apply
+        for name, parameter in declared.items():
+            # Declared without its range first, so that a bad start value meets our own words.
+            present = node.declare_parameter(name, parameter.default)
+            parameter.check(name, present.value)
+            descriptor = parameter.descriptor()
+            descriptor.type = present.type_.value
+            node.set_descriptor(name, descriptor)
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the present value of a parameter."""
+        return self._node.get_parameter(name).value
+
+    def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
+        ours = {change.name: change.value for change in changes if change.name in self._declared}
+        try:
+            for name, value in ours.items():
+                self._declared[name].check(name, value)
+            if ours:
+                self._apply(ours)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+
+def markdown_table(declared: Mapping[str, Parameter]) -> str:
+    """Return the parameters of a node as the rows of a Markdown table."""
+    rows = ["| parameter | default | bounds | at run time | meaning |", "|---|---|---|---|---|"]
+    for name, parameter in declared.items():
+        default, quantity = parameter.default, parameter.quantity
+        shown = f"`{json.dumps(default)}`"
+        bounds = "" if isinstance(default, bool | str) else quantity.bounds()
+        changes = "fixed" if parameter.read_only else "can change"
+        rows.append(f"| `{name}` | {shown} | {bounds} | {changes} | {quantity.text} |")
+    return "\n".join(rows)
+
+
+SCENE = Parameter("follow", Quantity("a ready scene's name or a YAML file"), read_only=True)
+
+
+def parameters_of(settings: type) -> dict[str, Parameter]:
+    """Return the parameters for a dataclass of settings, each field with its default."""
+    hints = get_type_hints(settings, include_extras=True)
+    return {
+        field.name: Parameter(field.default, get_args(hints[field.name])[1])
+        for field in fields(settings)
+    }

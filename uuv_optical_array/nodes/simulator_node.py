@@ -1,0 +1,136 @@
+"""From the odometry of both vehicles to the image of the detector array."""
+
+from collections import deque
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.nodes.diagnostics import Diagnostics
+from uuv_optical_array.nodes.messages import (
+    Refused,
+    StampOrder,
+    image_to_message,
+    odometry_pose,
+    stamp_ns,
+)
+from uuv_optical_array.nodes.node import publish, run, subscribe
+from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.pose import relative_pose
+from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.scene import load_scene
+from uuv_optical_array.trajectory import TooEarly, Trajectory
+
+PARAMETERS = {
+    "scene": SCENE,
+    "seed": Parameter(
+        -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
+    ),
+    "beacon_position_m": Parameter(
+        [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
+    ),
+    "array_frame": Parameter(
+        "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
+    ),
+    "max_gap_s": Parameter(
+        0.5,
+        Quantity("longest gap in leader/odometry that is interpolated", "s", 0.001, 10),
+        True,
+    ),
+}
+WAITING = 50  # follower poses kept until the leader's odometry catches up
+
+
+class SimulatorNode(Node):
+    """Publish what the array would read at each pose of the follower."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator_node")
+        self.parameters = Parameters(self, PARAMETERS)
+        scene = load_scene(self.parameters["scene"])
+        if "adc" not in scene.effects:
+            raise ValueError(
+                f"scene {scene.name}: array/image is mono16, so the scene needs "
+                "effects.adc, with bits from 1 to 16"
+            )
+        self.model = ForwardModel(scene)
+        seed = self.parameters["seed"]
+        self.rng = np.random.default_rng(None if seed < 0 else seed)
+        self.leader = Trajectory(self.parameters["max_gap_s"])
+        self.leader_frame = ""
+        self.waiting: deque[Odometry] = deque()
+        self.order = StampOrder()
+        self.diagnostics = Diagnostics(self)
+        self.images = publish(self, Image, "array/image")
+        subscribe(self, Odometry, "leader/odometry", self.on_leader)
+        subscribe(self, Odometry, "follower/odometry", self.on_follower)
+
+    def on_leader(self, message: Odometry) -> None:
+        """Record the leader's pose and serve the follower poses that waited for it."""
+        try:
+            self.leader.add(stamp_ns(message.header), *odometry_pose(message))
+        except Refused as reason:
+            self.diagnostics.refuse(f"leader/odometry, {reason}")
+            return
+        self.leader_frame = message.header.frame_id
+        self.serve()
+
+    def on_follower(self, message: Odometry) -> None:
+        """Queue the follower's pose."""
+        try:
+            self.order.check(message.header)
+            odometry_pose(message)
+        except Refused as reason:
+            self.diagnostics.refuse(f"follower/odometry, {reason}")
+            # Where the clock was set back, poses of the old time would wait for ever.
+            now = stamp_ns(message.header)
+            self.waiting = deque(old for old in self.waiting if stamp_ns(old.header) <= now)
+            return
+        self.waiting.append(message)
+        self.serve()
+
+    def serve(self) -> None:
+        """Publish an image for every waiting pose whose instant the leader's record has reached."""
+        while self.waiting:
+            try:
+                self.expose(self.waiting[0])
+            except TooEarly:
+                if len(self.waiting) <= WAITING:
+                    return
+                self.diagnostics.refuse(
+                    f"no leader: leader/odometry is more than {WAITING} poses behind"
+                )
+            except Refused as reason:
+                self.diagnostics.refuse(str(reason))
+            self.waiting.popleft()
+
+    def expose(self, follower: Odometry) -> None:
+        """Publish the image at one pose of the follower."""
+        try:
+            leader_position, leader_rotation = self.leader.at(stamp_ns(follower.header))
+        except LookupError as reason:
+            raise Refused(f"no leader pose at the follower's stamp: {reason}") from None
+        if follower.header.frame_id != self.leader_frame:
+            raise Refused(
+                f"frames differ: leader/odometry is in {self.leader_frame!r}, "
+                f"follower/odometry in {follower.header.frame_id!r}; both must share one"
+            )
+        beacon = leader_position + leader_rotation @ np.array(self.parameters["beacon_position_m"])
+        position, quaternion = odometry_pose(follower)
+        rotation = Rotation.from_quat(quaternion).as_matrix()
+        pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
+        image = self.model.expose(pose, self.rng, roll)
+        beside = follower.child_frame_id.removesuffix("base_link") + "array"
+        frame = self.parameters["array_frame"] or beside
+        header = Header(stamp=follower.header.stamp, frame_id=frame)
+        self.images.publish(image_to_message(image, header))
+        self.diagnostics.answer(peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}")
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(SimulatorNode, args)

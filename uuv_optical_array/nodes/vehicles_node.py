@@ -1,0 +1,99 @@
+"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``."""
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.time import Time
+
+from uuv_optical_array.nodes.attitude import quaternion_xyzw
+from uuv_optical_array.nodes.diagnostics import Diagnostics
+from uuv_optical_array.nodes.messages import Refused, twist_from_message
+from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.parameters import Parameter, Parameters
+from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.vehicles import Vehicle, leader_twist, start_behind
+
+PARAMETERS = {
+    "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
+    "stand_off_m": Parameter(
+        6.0, Quantity("how far behind the leader the follower starts", "m", 1, 50), True
+    ),
+    "command_timeout_s": Parameter(
+        1.0, Quantity("the follower stops when cmd_vel is older than this", "s", 0.05, 60)
+    ),
+    "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
+    "publish_tf": Parameter(
+        False, Quantity("whether both poses go to /tf too, where tf2_msgs is installed"), True
+    ),
+}
+
+
+class VehiclesNode(Node):
+    """Move both vehicles by the node's clock and publish where they are."""
+
+    def __init__(self) -> None:
+        super().__init__("vehicles_node")
+        self.parameters = Parameters(self, PARAMETERS)
+        self.leader = Vehicle(np.zeros(3))
+        self.follower = start_behind(self.leader, self.parameters["stand_off_m"])
+        self.started: Time | None = None
+        self.moved = self.commanded = self.get_clock().now()
+        self.command = np.zeros(3), np.zeros(3)
+        self.diagnostics = Diagnostics(self)
+        self.odometry = {
+            name: publish(self, Odometry, f"{name}/odometry") for name in ("leader", "follower")
+        }
+        self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
+        subscribe(self, TwistStamped, "cmd_vel", self.on_command)
+        self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
+
+    def on_command(self, message: TwistStamped) -> None:
+        """Remember what the follower is to do."""
+        try:
+            self.command = twist_from_message(message)
+        except Refused as reason:
+            self.diagnostics.refuse(f"cmd_vel, {reason}")
+            return
+        self.commanded = self.get_clock().now()
+        self.diagnostics.answer()
+
+    def on_timer(self) -> None:
+        """Move both vehicles to the present and publish their odometry."""
+        now = self.get_clock().now()
+        if self.started is None:
+            self.started = self.moved = now
+        step_s = (now - self.moved).nanoseconds * 1e-9
+        path_s = (self.moved - self.started).nanoseconds * 1e-9
+        self.moved = now
+        if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
+            self.command = np.zeros(3), np.zeros(3)
+        self.leader.step(*leader_twist(path_s + step_s / 2), step_s)
+        self.follower.step(*self.command, step_s)
+        self.publish_odometry("leader", self.leader, now)
+        self.publish_odometry("follower", self.follower, now)
+
+    def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:
+        """Publish one vehicle's pose and velocity."""
+        message = Odometry(child_frame_id=f"{name}/base_link")
+        message.header.stamp = now.to_msg()
+        message.header.frame_id = self.parameters["world_frame"]
+        position, attitude = message.pose.pose.position, message.pose.pose.orientation
+        position.x, position.y, position.z = map(float, vehicle.position)
+        attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(
+            0.0, vehicle.pitch, vehicle.yaw
+        )
+        twist = message.twist.twist
+        twist.linear.x, twist.linear.y, twist.linear.z = map(float, vehicle.linear)
+        twist.angular.x, twist.angular.y, twist.angular.z = map(float, vehicle.angular)
+        self.odometry[name].publish(message)
+        transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
+        place = transform.transform.translation
+        place.x, place.y, place.z = position.x, position.y, position.z
+        transform.transform.rotation = attitude
+        self.send_transform(transform)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(VehiclesNode, args)

@@ -1,0 +1,98 @@
+"""What happened in a run: truth and estimates by stamp, and how well they agree."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uuv_optical_array.pose import DOF_NAMES, Array
+
+
+@dataclass
+class FollowRecord:
+    """A run as it was seen on the topics; stamps are in seconds from the first odometry.
+
+    Parameters
+    ----------
+    stand_off_m
+        Commanded station behind the lamp, m.
+    leader_path, follower_path
+        Positions in the world by stamp, m, shape ``(3,)`` each.
+    truth
+        Relative pose of the follower by stamp, m and rad, shape ``(5,)``.
+    estimates
+        Estimated pose by stamp, m and rad, shape ``(5,)``.
+    images
+        Array images by stamp, counts.
+    """
+
+    stand_off_m: float
+    leader_path: dict[float, Array] = field(default_factory=dict)
+    follower_path: dict[float, Array] = field(default_factory=dict)
+    truth: dict[float, Array] = field(default_factory=dict)
+    estimates: dict[float, Array] = field(default_factory=dict)
+    images: dict[float, Array] = field(default_factory=dict)
+
+    def errors(self) -> tuple[Array, Array]:
+        """Return the stamps, shape ``(m,)``, and estimate less truth there, shape ``(m, 5)``."""
+        stamps = [stamp for stamp in self.estimates if stamp in self.truth]
+        errors = [self.estimates[stamp] - self.truth[stamp] for stamp in stamps]
+        return np.array(stamps), np.reshape(errors, (-1, 5))
+
+    def station_errors(self) -> tuple[Array, Array]:
+        """Return the stamps and how far the follower truly was off its station, ``(m, 5)``."""
+        station = np.array([-self.stand_off_m, 0.0, 0.0, 0.0, 0.0])
+        errors = [pose - station for pose in self.truth.values()]
+        return np.array(list(self.truth)), np.reshape(errors, (-1, 5))
+
+    def longest_dark_s(self) -> float:
+        """Return the longest time without a pose, from the first odometry to the last, s."""
+        if not self.truth:
+            return np.inf
+        stamps = sorted({min(self.truth), max(self.truth), *self.estimates})
+        return float(np.max(np.diff(stamps), initial=0.0)) if self.estimates else np.inf
+
+    def lost(self, light_timeout_s: float) -> str:
+        """Say how the leader was lost, or nothing where it was not.
+
+        Parameters
+        ----------
+        light_timeout_s
+            Time without a pose that the formation control bears, s.
+
+        Returns
+        -------
+        str
+            The reason, or an empty text.
+        """
+        if not self.estimates:
+            return "not one pose was estimated"
+        dark_s = self.longest_dark_s()
+        if dark_s > light_timeout_s:
+            return f"no pose for {dark_s:.1f} s, more than {light_timeout_s:g} s"
+        distance = np.linalg.norm(self.station_errors()[1][-1, :3])
+        if distance > self.stand_off_m / 2:
+            return f"the follower ended {distance:.1f} m off its station"
+        return ""
+
+    def summary(self) -> str:
+        """Return a table of RMS errors by degree of freedom, and the counts, as text."""
+        scale = np.array([1, 1, 1, *np.degrees([1, 1])])
+        units = ("m", "m", "m", "deg", "deg")
+        rows = [f"{'':14}" + "".join(f"{name:>9}" for name in DOF_NAMES)]
+        for title, errors in (
+            ("estimate", self.errors()[1]),
+            ("station", self.station_errors()[1]),
+        ):
+            if len(errors):
+                rms = np.sqrt((errors**2).mean(axis=0)) * scale
+                rows.append(
+                    f"{title + ' RMS':14}"
+                    + "".join(
+                        f"{value:5.2f} {unit:3}" for value, unit in zip(rms, units, strict=True)
+                    )
+                )
+        rows.append(
+            f"{len(self.estimates)} poses from {len(self.truth)} positions; "
+            f"longest time without one {self.longest_dark_s():.2f} s"
+        )
+        return "\n".join(rows)

@@ -1,0 +1,173 @@
+"""The demonstration's vehicles: a kinematic body, and the path the leader swims for ever."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
+
+PATH_MINUTE_S = 60.0
+LEADER_SPEED_M_PER_S = 0.5
+# Start, duration (s) and peak rate (rad/s) of the manoeuvres of each minute.
+TURN = (12.0, 20.0, np.radians(3.5))
+BOW_DOWN = (32.0, 10.0, np.radians(2.0))
+BOW_UP = (48.0, 10.0, -np.radians(2.0))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a vehicle can do: surge, sway, heave, pitch rate and yaw rate.
+
+    Parameters
+    ----------
+    speed
+        Largest body velocity, m/s and rad/s, five values > 0.
+    acceleration
+        Largest change of it, m/s^2 and rad/s^2, five values > 0.
+    pitch
+        Largest pitch, where the righting moment wins, rad, in (0, pi/2).
+    """
+
+    speed: tuple[float, ...] = (1.5, 0.8, 0.8, 0.25, 0.25)
+    acceleration: tuple[float, ...] = (0.3, 0.3, 0.3, 0.15, 0.15)
+    pitch: float = 0.8
+
+
+class Vehicle:
+    """A body that obeys its twist command within limits; its roll stays zero.
+
+    Parameters
+    ----------
+    position
+        Of ``base_link`` in the world, m, shape ``(3,)``.
+    pitch, yaw
+        Attitude, rad; positive lowers the bow, turns it to port.
+    limits
+        What the vehicle can do; the default is a small hovering vehicle.
+    """
+
+    def __init__(
+        self,
+        position: ArrayLike,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+        limits: Limits | None = None,
+    ) -> None:
+        self.position = np.array(position, dtype=float)
+        self.pitch = float(pitch)
+        self.yaw = float(yaw)
+        self.limits = limits or Limits()
+        self._rate = np.zeros(5)  # surge, sway, heave, pitch rate, yaw rate
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation from the body to the world, shape ``(3, 3)``."""
+        return rotation_matrix(self.pitch, self.yaw)
+
+    @property
+    def linear(self) -> Array:
+        """Velocity in the body frame, m/s, shape ``(3,)``."""
+        return self._rate[:3].copy()
+
+    @property
+    def angular(self) -> Array:
+        """Angular velocity in the body frame, rad/s, shape ``(3,)``.
+
+        A pitched body that turns level has a share of the turn about its x axis.
+        """
+        _, _, _, pitch_rate, yaw_rate = self._rate
+        return np.array([-yaw_rate * np.tan(self.pitch), pitch_rate, yaw_rate])
+
+    def step(self, linear: ArrayLike, angular: ArrayLike, dt: float) -> None:
+        """Move on by one step of the midpoint rule.
+
+        Parameters
+        ----------
+        linear, angular
+            Commanded velocity in the body frame, m/s and rad/s, shape ``(3,)`` each; the
+            roll rate is ignored.
+        dt
+            Step, s, >= 0.
+
+        Raises
+        ------
+        ValueError
+            For a command that is not finite, or a step that is negative or not finite.
+        """
+        command = np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
+        if command.shape != (5,) or not np.isfinite(command).all():
+            raise ValueError(f"command {linear!r}, {angular!r} is not two finite triples")
+        if not 0 <= dt < np.inf:
+            raise ValueError(f"dt: {dt!r} s is not a step forward in time")
+        change = np.clip(command, *_symmetric(self.limits.speed)) - self._rate
+        rate = self._rate + np.clip(change, *_symmetric(self.limits.acceleration, dt))
+        mean = (self._rate + rate) / 2
+        pitch = self.pitch + mean[PITCH] * dt / 2
+        yaw_rate = mean[YAW] / np.cos(pitch)
+        rotation = rotation_matrix(pitch, self.yaw + yaw_rate * dt / 2)
+        self.position = self.position + rotation @ mean[:3] * dt
+        self.yaw += yaw_rate * dt
+        self.pitch = float(np.clip(self.pitch + mean[PITCH] * dt, *_symmetric(self.limits.pitch)))
+        if abs(self.pitch) == self.limits.pitch:
+            rate[PITCH] = 0.0
+        self._rate = rate
+
+
+def _symmetric(limit: ArrayLike, scale: float = 1.0) -> tuple[Array, Array]:
+    high = np.asarray(limit, dtype=float) * scale
+    return -high, high
+
+
+def _raised_cosine(t_s: float, start_s: float, duration_s: float, peak: float) -> float:
+    """Return a smooth pulse of the given peak, whose integral is half peak times duration."""
+    phase = (t_s - start_s) / duration_s
+    return peak * (1 - np.cos(2 * np.pi * phase)) / 2 if 0 < phase < 1 else 0.0
+
+
+def leader_twist(t_s: float) -> tuple[Array, Array]:
+    """Return the leader's command: straight, a turn of 35 deg, 1.4 m down, straight.
+
+    The next minute turns back and comes up again, so every two minutes the leader has its
+    first heading and depth. The yaw rate peaks at 3.5 deg/s, the pitch rate at 2 deg/s and
+    the pitch at 10 deg: 6 m behind, the station swings sideways at up to 0.37 m/s.
+
+    Parameters
+    ----------
+    t_s
+        Time since the start, s.
+
+    Returns
+    -------
+    tuple of Array
+        Linear (m/s) and angular (rad/s) velocity in the leader's frame, shape ``(3,)`` each.
+    """
+    minute, t_s = divmod(t_s, PATH_MINUTE_S)
+    side = -1.0 if minute % 2 else 1.0
+    pitch_rate = _raised_cosine(t_s, *BOW_DOWN) + _raised_cosine(t_s, *BOW_UP)
+    yaw_rate = _raised_cosine(t_s, *TURN)
+    return np.array([LEADER_SPEED_M_PER_S, 0, 0]), side * np.array([0, pitch_rate, yaw_rate])
+
+
+def start_behind(
+    leader: Vehicle, stand_off_m: float, offset: ArrayLike = (-0.5, -0.2, 0.0)
+) -> Vehicle:
+    """Place a follower at rest behind a leader and parallel to it, a little off its station.
+
+    Parameters
+    ----------
+    leader
+        The leader.
+    stand_off_m
+        Distance of the station behind the leader's ``base_link``, m, > 0.
+    offset
+        Of the follower from the station, in the leader's frame, m, shape ``(3,)``.
+
+    Returns
+    -------
+    Vehicle
+        The follower, with the leader's limits.
+    """
+    place = np.array([-stand_off_m, 0.0, 0.0]) + np.asarray(offset, dtype=float)
+    position = leader.position + leader.rotation @ place
+    return Vehicle(position, leader.pitch, leader.yaw, leader.limits)

@@ -1,5 +1,5 @@
 # On a machine without ROS: installs the package and ROS 2's own wheels into .venv, and runs it.
-# In a ROS workspace use colcon; see README.md.
+# In a ROS workspace colcon does the same.
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -45,6 +45,6 @@ $(INSTALLED): setup.py constraints.txt
 	  'module on x86-64 Linux; name one with PYTHON=..., as in: make PYTHON=python3.12' >&2; exit 1; }
 	@echo 'Installing into .venv; this takes a minute, once'
 	@$(PYTHON) -m venv --clear .venv
-	@$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt pip setuptools
-	@$(BIN)/pip install -q --no-build-isolation -c constraints.txt -e '.[ros,test]'
+	@$(BIN)/pip install -qq --disable-pip-version-check -c constraints.txt pip setuptools
+	@$(BIN)/pip install -qq --no-build-isolation -c constraints.txt -e '.[ros,test]'
 	@touch $@

@@ -51,8 +51,8 @@ setup(
     entry_points={
         "console_scripts": [
             *(
-                f"{node}_node = {package_name}.nodes.{node}_node:main"
-                for node in ("simulator", "feature", "estimator", "formation", "vehicles")
+                f"{name}_node = {package_name}.nodes.{name}_node:main"
+                for name in ("simulator", "feature", "estimator", "formation", "vehicles")
             ),
             f"uuv_array = {package_name}.commands:main",
         ],

@@ -1,5 +1,6 @@
 """What every node does alike: publish, subscribe, start and stop."""
 
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -53,7 +54,8 @@ def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
     try:
         rclpy.spin(node_type())
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     except (ValueError, FileNotFoundError, ParameterException) as error:
         sys.exit(str(error))
     finally:

@@ -1,0 +1,251 @@
+"""Water and electronics: each effect alone, and that a scene runs what it names and no more."""
+
+import itertools
+from typing import Annotated
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage, signal, stats
+
+from uuv_optical_array import effects
+from uuv_optical_array.array import ArraySettings, build_array
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.scene import scene_from_settings
+
+reproducible = settings(deadline=None, derandomize=True)
+ARRAY = build_array(ArraySettings("planar", 5))
+AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
+
+# In physical order: water, noise, amplifier, converter.
+EVERY = {
+    "attenuation": {"k_per_m": 0.1},
+    "forward_scatter": {"window_m": 0.3},
+    "sensor_noise": {"sigma_counts": 2.0},
+    "saturation": {"level_counts": 700.0},
+    "adc": {"bits": 10},
+}
+STAGES = {
+    "attenuation": "light",
+    "forward_scatter": "light",
+    "sensor_noise": "noise",
+    "saturation": "analogue",
+    "adc": "digital",
+}
+
+
+def make_model(**chosen):
+    values = {
+        "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},
+        "array": {"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32},
+        "effects": chosen,
+        "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
+    }
+    return ForwardModel(scene_from_settings(values, "test"))
+
+
+def step_names(plan):
+    """Names of the effects behind a plan's steps, by stage."""
+    return {
+        stage: [step.__qualname__.split(".")[0] for step in getattr(plan, stage)]
+        for stage in ("light", "noise", "analogue", "digital")
+    }
+
+
+def refusal(chosen):
+    with pytest.raises(ValueError, match="effects") as caught:
+        effects.check_effects(chosen)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("side", [2, 5, 21, 40])
+def test_the_window_of_the_paper_is_scipys_hann_of_11_samples_mirrored_at_the_border(side):
+    window = signal.windows.hann(11)
+    image = np.random.default_rng(4).uniform(0, 1000, (side, side))
+    expected = image
+    for axis in (0, 1):
+        expected = ndimage.convolve1d(expected, window / window.sum(), axis=axis, mode="reflect")
+    blur = effects.hanning_blur(side, 0.02, 0.2)
+    np.testing.assert_allclose(blur @ image @ blur.T, expected, rtol=1e-12)
+
+
+def test_forward_scatter_blurs_both_axes_of_a_stack_of_images():
+    array = build_array(ArraySettings("planar", 21))
+    window = signal.windows.hann(11) / signal.windows.hann(11).sum()
+    images = np.random.default_rng(5).uniform(0, 1000, (3, 21, 21))
+    expected = images
+    for axis in (1, 2):
+        expected = ndimage.convolve1d(expected, window, axis=axis, mode="reflect")
+    found = effects.forward_scatter(array, window_m=0.2)(images, None)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), window=st.floats(0.001, 10))
+@reproducible
+def test_every_row_of_the_blur_sums_to_one_and_its_columns_too(side, spacing, window):
+    blur = effects.hanning_blur(side, spacing, window)
+    assert (blur >= 0).all()
+    np.testing.assert_allclose(blur.sum(axis=1), 1, rtol=1e-12)
+    # Mirrored borders keep all light on the array.
+    np.testing.assert_allclose(blur.sum(axis=0), 1, rtol=1e-12)
+
+
+@given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), share=st.floats(0.001, 1))
+@reproducible
+def test_a_window_no_wider_than_two_spacings_changes_nothing(side, spacing, share):
+    blur = effects.hanning_blur(side, spacing, 2 * spacing * share)
+    np.testing.assert_array_equal(blur, np.eye(side))
+
+
+def test_sensor_noise_has_the_stated_mean_and_variance():
+    sigma, number = 3.0, 4000
+    model = make_model(sensor_noise={"sigma_counts": sigma})
+    poses = np.broadcast_to(AHEAD, (number, 5))
+    readings = model.expose(poses, np.random.default_rng(6))
+    noise = (readings - model.expected(AHEAD)).ravel()
+    n = noise.size
+    assert abs(noise.mean()) < stats.norm.isf(1e-6) * sigma / np.sqrt(n)
+    low, high = stats.chi2.ppf([1e-6, 1 - 1e-6], n - 1)
+    assert low < (n - 1) * noise.var(ddof=1) / sigma**2 < high
+    assert stats.kstest(noise / sigma, "norm").pvalue > 1e-4
+    correlation = np.corrcoef((readings - model.expected(AHEAD)).reshape(number, -1).T)
+    assert np.abs(correlation - np.eye(25)).max() < 6 / np.sqrt(number), "detectors independent"
+
+
+def test_saturation_clips_at_its_level_and_leaves_the_rest():
+    step = effects.saturation(ARRAY, level_counts=700.0)
+    readings = np.array([-3.2, 0.0, 699.999, 700.0, 700.001, 1e9])
+    np.testing.assert_array_equal(step(readings), [-3.2, 0.0, 699.999, 700.0, 700.0, 700.0])
+
+
+@pytest.mark.parametrize("bits", range(1, 17))
+def test_the_converter_reads_whole_counts_from_zero_to_its_last_code(bits):
+    step = effects.adc(ARRAY, bits=bits)
+    last = sum(2**bit for bit in range(bits))
+    readings = np.random.default_rng(bits).uniform(-2, last + 3, 500)
+    expected = [min(max(int(np.floor(value + 0.5)), 0), last) for value in readings]
+    np.testing.assert_array_equal(step(readings), expected)
+    np.testing.assert_array_equal(step(np.array([-0.51, last + 0.51])), [0, last])
+
+
+def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(monkeypatch):
+    monkeypatch.setattr(effects, "EFFECTS", dict(effects.EFFECTS))
+
+    @effects.effect(effects.Stage.NOISE)
+    def shot_noise(
+        array, *, per_count: Annotated[float, Quantity("variance a count", "counts", 0, 10)]
+    ):
+        return lambda image: per_count * image
+
+    model = make_model(sensor_noise={"sigma_counts": 2.0}, shot_noise={"per_count": 0.5})
+    light = model.light(AHEAD)
+    np.testing.assert_allclose(model.variance(light), 2.0**2 + 0.5 * light, rtol=1e-14)
+    number = 20_000
+    readings = model.expose(np.broadcast_to(AHEAD, (number, 5)), np.random.default_rng(7))
+    low, high = stats.chi2.ppf([1e-7, 1 - 1e-7], number - 1) / (number - 1)
+    ratio = readings.var(axis=0, ddof=1) / (4 + 0.5 * light)
+    assert low < ratio.min()
+    assert ratio.max() < high
+    assert "did you mean shot_noise?" in refusal({"shot_nois": {}})
+    assert "per_count" in refusal({"shot_noise": {"per_count": 11}})
+    monkeypatch.undo()
+    assert "shot_noise: unknown key" in refusal({"shot_noise": {"per_count": 0.5}})
+
+
+def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
+    quiet = {name: EVERY[name] for name in EVERY if name != "sensor_noise"}
+    model = make_model(**quiet)
+    rng = np.random.default_rng(8)
+    before = rng.bit_generator.state
+    with_generator = model.expose(AHEAD, rng)
+    assert rng.bit_generator.state == before
+    np.testing.assert_array_equal(model.expose(AHEAD), with_generator)
+    assert (model.variance(model.light(AHEAD)) == 0).all()
+
+
+def test_a_scene_with_noise_asks_for_its_generator():
+    with pytest.raises(ValueError, match="rng: missing; this scene has noise"):
+        make_model(sensor_noise={"sigma_counts": 1.0}).expose(AHEAD)
+
+
+def test_a_scene_without_scatter_never_builds_a_blur(monkeypatch):
+    def never(*args):
+        raise AssertionError("hanning_blur was called")
+
+    monkeypatch.setattr(effects, "hanning_blur", never)
+    clear = {name: EVERY[name] for name in EVERY if name != "forward_scatter"}
+    image = make_model(**clear).expose(AHEAD, np.random.default_rng(9))
+    assert image.shape == (5, 5)
+    with pytest.raises(AssertionError, match="hanning_blur was called"):
+        make_model(**EVERY)
+
+
+@pytest.mark.parametrize("left_out", list(EVERY))
+def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_out):
+    def never(*args, **keys):
+        raise AssertionError(f"{left_out} was called")
+
+    stage, _ = effects.EFFECTS[left_out]
+    others = {name: EVERY[name] for name in EVERY if name != left_out}
+    model = make_model(**others)
+    expected = model.expose(AHEAD, np.random.default_rng(10))
+    monkeypatch.setitem(effects.EFFECTS, left_out, (stage, never))
+    again = make_model(**others).expose(AHEAD, np.random.default_rng(10))
+    np.testing.assert_array_equal(again, expected)
+
+
+@given(data=st.data())
+@reproducible
+def test_a_plan_holds_the_named_steps_in_physical_order_whatever_the_order_in_the_scene(data):
+    named = data.draw(st.lists(st.sampled_from(list(EVERY)), unique=True))
+    plan = effects.plan(effects.check_effects({name: EVERY[name] for name in named}), ARRAY)
+    expected = {
+        stage: [name for name in EVERY if name in named and STAGES[name] == stage]
+        for stage in ("light", "noise", "analogue", "digital")
+    }
+    assert step_names(plan) == expected
+
+
+def test_the_order_in_the_scene_changes_no_reading():
+    readings = [
+        make_model(**{name: EVERY[name] for name in order}).expose(AHEAD, np.random.default_rng(11))
+        for order in itertools.islice(itertools.permutations(EVERY), 0, 120, 17)
+    ]
+    assert all(np.array_equal(reading, readings[0]) for reading in readings)
+
+
+def test_no_effects_at_all_is_the_bare_light():
+    for nothing in (None, {}):
+        assert effects.check_effects(nothing) == {}
+    model = make_model()
+    np.testing.assert_array_equal(model.expose(AHEAD), model.light(AHEAD))
+
+
+@pytest.mark.parametrize(
+    ("chosen", "words"),
+    [
+        ({"attenuatoin": {"k_per_m": 0.1}}, ["effects.attenuatoin", "did you mean attenuation?"]),
+        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, forward_scatter"]),
+        ({3: {}}, ["effects.3: unknown key"]),
+        ({"adc": {"bit": 10}}, ["effects.adc.bit", "did you mean bits?"]),
+        ({"adc": {"array": 10}}, ["effects.adc.array: unknown key"]),
+        ({"adc": None}, ["effects.adc.bits: missing"]),
+        ({"adc": 10}, ["effects.adc: 10 is not a mapping"]),
+        ({"adc": {"bits": 10.0}}, ["effects.adc.bits: 10.0 is not a whole number", "1 to 16"]),
+        ({"adc": {"bits": 17}}, ["effects.adc.bits: 17 is out of bounds", "from 1 to 16"]),
+        ({"adc": {"bits": 0}}, ["effects.adc.bits: 0 is out of bounds"]),
+        ({"adc": {"bits": True}}, ["effects.adc.bits: True is not a whole number"]),
+        ({"attenuation": {"k_per_m": "0.1/m"}}, ["k_per_m: '0.1/m' is not a number", "unit"]),
+        ({"attenuation": {"k_per_m": -0.1}}, ["k_per_m: -0.1 is out of bounds", "from 0 to 10"]),
+        ({"forward_scatter": {"window_m": 0}}, ["window_m: 0 is out of bounds", "0.001 to 10 m"]),
+        ({"sensor_noise": {"sigma_counts": -1.0}}, ["sigma_counts: -1.0 is out of bounds"]),
+        ({"saturation": {"level_counts": float("nan")}}, ["level_counts: nan is out of bounds"]),
+        (["adc"], ["effects: ['adc'] is not a mapping"]),
+    ],
+)
+def test_a_wrong_effect_is_refused_by_its_dotted_name(chosen, words):
+    message = refusal(chosen)
+    for word in words:
+        assert word in message

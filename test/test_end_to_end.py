@@ -1,0 +1,152 @@
+"""Three operating-system processes answer the odometry of a fourth, over DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+
+POSES = 500
+PATIENCE_S = 60.0
+NODES = ("simulator_node", "feature_node", "estimator_node")
+
+
+def start(node, cache, log):
+    program = f"from uuv_optical_array.nodes.{node} import main; main()"
+    arguments = ["--ros-args", "-p", "scene:=reference"]
+    if node == "simulator_node":
+        arguments += ["-p", "simulator_node:seed:=7"]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *arguments], env=environment, stderr=log, stdout=log
+    )
+
+
+@pytest.fixture
+def sensor_processes(tmp_path):
+    with (tmp_path / "log").open("w") as log:
+        processes = [start(node, tmp_path, log) for node in NODES]
+        yield processes
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        codes = [process.wait(timeout=20) for process in processes]
+    text = (tmp_path / "log").read_text()
+    assert codes == [0, 0, 0], text
+    assert "Traceback" not in text
+
+
+class Fleet:
+    """Publishes both odometries of one random relative pose at a time and collects answers."""
+
+    def __init__(self):
+        self.node = rclpy.create_node("fleet")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        reliable = QoSProfile(depth=10)
+        self.leader = self.node.create_publisher(Odometry, "leader/odometry", reliable)
+        self.follower = self.node.create_publisher(Odometry, "follower/odometry", reliable)
+        self.peaks, self.answers = {}, {}
+        self.node.create_subscription(Image, "array/image", self.on_image, reliable)
+        self.node.create_subscription(
+            PoseWithCovarianceStamped, "relative_pose", self.on_pose, reliable
+        )
+
+    def on_image(self, message):
+        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
+        self.peaks[stamp] = np.frombuffer(message.data, "<u2").max()
+
+    def on_pose(self, message):
+        self.answers[message.header.stamp.sec, message.header.stamp.nanosec] = message
+
+    def wait_for(self, condition, what):
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s for {what}"
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def connect(self):
+        """Publish an aligned pose, again and again, until the first answer comes back."""
+        seconds = 0
+
+        def answered():
+            nonlocal seconds
+            seconds += 1
+            for publisher, x in ((self.leader, 0.0), (self.follower, -6.0)):
+                self.publish(publisher, (seconds, 0), [x, 0.0, 0.0], Rotation.identity())
+            return self.answers
+
+        self.wait_for(answered, "the four processes to find each other")
+        return seconds
+
+    def publish(self, publisher, stamp, position, rotation):
+        message = Odometry(child_frame_id="base_link")
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.header.frame_id = "odom"
+        place, attitude = message.pose.pose.position, message.pose.pose.orientation
+        place.x, place.y, place.z = map(float, position)
+        attitude.x, attitude.y, attitude.z, attitude.w = map(float, rotation.as_quat())
+        publisher.publish(message)
+
+
+def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes):
+    rng = np.random.default_rng(20161)
+    angle = np.radians(20.0)
+    poses = rng.uniform(
+        [-8.0, -0.6, -0.6, -angle, -angle], [-4.0, 0.6, 0.6, angle, angle], (POSES, 5)
+    )
+    rclpy.init()
+    try:
+        fleet = Fleet()
+        first = fleet.connect() + 1
+        stamps = [(first + i // 10, 1 + (i % 10) * 100_000_000) for i in range(POSES)]
+        for stamp, pose in zip(stamps, poses, strict=True):
+            leader = Rotation.from_euler("ZYX", rng.uniform(-0.5, 0.5, 3))
+            beacon = rng.uniform(-50.0, 50.0, 3)
+            follower = leader * Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0])
+            fleet.publish(fleet.leader, stamp, beacon, leader)
+            fleet.publish(fleet.follower, stamp, beacon + leader.apply(pose[:3]), follower)
+            fleet.wait_for(
+                lambda stamp=stamp: stamp in fleet.answers and stamp in fleet.peaks,
+                f"the answer to pose {pose} with stamp {stamp}",
+            )
+    finally:
+        rclpy.try_shutdown()
+
+    assert min(fleet.peaks.values()) > 20  # every pose of this volume has light
+    assert [stamp for stamp in sorted(fleet.answers) if stamp[0] >= first] == stamps
+    errors, normalised = [], []
+    for stamp, (x, y, z, pitch, yaw) in zip(stamps, poses, strict=True):
+        message = fleet.answers[stamp]
+        assert message.header.frame_id == "beacon"
+        place, attitude = message.pose.pose.position, message.pose.pose.orientation
+        turned = Rotation.from_quat([attitude.x, attitude.y, attitude.z, attitude.w])
+        found_yaw, found_pitch, found_roll = turned.as_euler("ZYX")
+        assert abs(found_roll) < 1e-9
+        errors.append(
+            [place.x - x, place.y - y, place.z - z, found_pitch - pitch, found_yaw - yaw]
+        )
+        covariance = np.reshape(message.pose.covariance, (6, 6))
+        np.linalg.cholesky(covariance)
+        std = np.sqrt(covariance.diagonal()[[0, 1, 2, 4, 5]])
+        normalised.append(np.array(errors[-1]) / std)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    range_m, across_m = rms[0], np.sqrt(np.mean(rms[1:3] ** 2))
+    angle_deg = np.degrees(np.sqrt(np.mean(rms[3:] ** 2)))
+    print(f"RMS error: range {range_m:.3f} m, across {across_m:.3f} m, angle {angle_deg:.2f} deg")
+    assert range_m <= 0.4
+    assert across_m <= 0.25
+    assert angle_deg <= 7.0
+    # Published standard deviations are of the errors' size in every degree of freedom.
+    spread = np.sqrt(np.mean(np.square(normalised), axis=0))
+    assert (spread > 0.5).all(), spread
+    assert (spread < 2.0).all(), spread

@@ -1,0 +1,201 @@
+"""From signature to pose: exact on the grid, honest off it, as good as five numbers allow."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uuv_optical_array.estimate import Estimator, NoPose
+from uuv_optical_array.features import key_parameters, lifted
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.sam import spectral_angle
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.table import SignatureTable, build_table
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+def grid_scene(number=5, **spans):
+    """Return the reference scene with `number` poses along each axis of its grid."""
+    values = load_scene("reference").settings()
+    values["table"] = {key: [*span[:2], number] for key, span in values["table"].items()}
+    values["table"].update(spans)
+    return scene_from_settings(values, "grid")
+
+
+FLAT = {"z_m": [0.0, 0.0, 1], "pitch_deg": [0.0, 0.0, 1]}
+
+
+@pytest.fixture(scope="module")
+def small():
+    return Estimator(build_table(grid_scene()))
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return Estimator(build_table(grid_scene(9, **FLAT)))
+
+
+def signatures(scene, images):
+    return key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+
+
+def test_the_image_of_a_grid_pose_gives_that_pose_exactly(small):
+    scene, table = small.table.scene, small.table
+    model = ForwardModel(scene)
+    rows = np.random.default_rng(17).choice(len(table.poses), 300, replace=False)
+    for row in rows:
+        pose = table.poses[row]
+        answer = small.estimate(signatures(scene, model.expected(pose)))
+        assert answer.angle_rad < 1e-9
+        if not np.array_equal(answer.pose, pose):
+            # Another pose may look alike, but only if it really does.
+            twin = signatures(scene, model.expected(answer.pose))
+            np.testing.assert_allclose(twin, table.parameters[row], atol=1e-9)
+
+
+@pytest.mark.parametrize("lift", [0.0, 1.0])
+def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(small, lift):
+    values = small.table.scene.settings()
+    values["signature"]["lift"] = lift
+    scene = scene_from_settings(values, "lift")
+    estimator = Estimator(SignatureTable(scene, small.table.poses, small.table.parameters))
+    vectors = lifted(small.table.parameters, scene.signature, 5)
+    rng = np.random.default_rng(29)
+    for row in rng.choice(len(vectors), 50, replace=False):
+        parameters = small.table.parameters[row] * rng.uniform(0.95, 1.05, 5)
+        angles = spectral_angle(vectors, lifted(parameters, scene.signature, 5))
+        best, second = np.argsort(angles, kind="stable")[:2]
+        answer = estimator.estimate(parameters)
+        assert answer.angle_rad == pytest.approx(angles[best], abs=1e-14)
+        assert answer.runner_up_angle_rad == pytest.approx(angles[second], abs=1e-14)
+        np.testing.assert_array_equal(answer.pose, small.table.poses[best])
+        np.testing.assert_array_equal(answer.runner_up_pose, small.table.poses[second])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ([0.0] * 5, "no light: the peak is 0 of full scale"),
+        ([-0.1, 0, 0, 0, 0], "no light"),
+        ([0.5, np.nan, 0, 0, 0], "not five finite numbers"),
+        ([np.inf, 0, 0, 0, 0], "not five finite numbers"),
+        ([0.5, 0, 0, 0], "not five finite numbers"),
+        ([[0.5, 0, 0, 0, 0]], "not five finite numbers"),
+        (0.5, "not five finite numbers"),
+        ([1.0, -100.0, 100.0, 0, 0], r"no match: .* rad away, more than 0\.25"),
+        ([0.01, 0, 0, 50.0, -50.0], "no match"),
+    ],
+)
+def test_parameters_of_no_pose_are_refused_with_the_reason(small, parameters, why):
+    with pytest.raises(NoPose, match=why):
+        small.estimate(parameters)
+
+
+@pytest.mark.xfail(
+    strict=True, raises=ValueError, reason="the weights overflow; ValueError comes out instead"
+)
+def test_parameters_near_the_largest_float_are_refused_as_no_pose(small):
+    with np.errstate(over="ignore"), pytest.raises(NoPose):
+        small.estimate([1.5e308, 0, 0, 0, 0])
+
+
+def test_the_angle_that_is_refused_is_the_callers(small):
+    parameters = small.table.parameters[123] + np.array([0, 0.2, 0, 0, 0])
+    angle = small.estimate(parameters).angle_rad
+    assert 0 < angle < 0.25
+    assert Estimator(small.table, angle * 1.001).estimate(parameters).angle_rad == angle
+    with pytest.raises(NoPose, match="no match"):
+        Estimator(small.table, angle * 0.999).estimate(parameters)
+
+
+def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
+    table = small.table
+    with pytest.raises(ValueError, match="1 row"):
+        Estimator(SignatureTable(table.scene, table.poses[:1], table.parameters[:1]))
+    two = Estimator(SignatureTable(table.scene, table.poses[:2], table.parameters[:2]))
+    answer = two.estimate(table.parameters[1])
+    np.testing.assert_array_equal(answer.pose, table.poses[1])
+    np.testing.assert_array_equal(answer.runner_up_pose, table.poses[0])
+
+
+@pytest.mark.xfail(
+    strict=True, raises=IndexError, reason="the runner-up is looked for among the neighbours"
+)
+@pytest.mark.parametrize("neighbours", [0, 1])
+def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbours):
+    try:
+        estimator = Estimator(small.table, neighbours=neighbours)
+    except ValueError:
+        return
+    assert estimator.estimate(small.table.parameters[7]).runner_up_angle_rad >= 0
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    st.sampled_from(["small", "flat"]),
+    st.floats(1e-6, 1.0),
+    st.lists(st.floats(-2.5, 2.5), min_size=4, max_size=4),
+)
+def test_every_covariance_is_symmetric_and_positive_definite(small, flat, which, peak, rest):
+    estimator = {"small": small, "flat": flat}[which]
+    try:
+        answer = estimator.estimate([peak, *rest])
+    except NoPose:
+        return
+    assert np.isfinite(answer.pose).all()
+    np.testing.assert_array_equal(answer.covariance, answer.covariance.T)
+    assert np.linalg.eigvalsh(answer.covariance).min() > 1e-9
+    assert answer.angle_rad <= answer.runner_up_angle_rad
+    assert answer.angle_rad <= estimator.max_angle_rad
+
+
+def test_the_covariance_is_the_neighbours_spread_and_the_grids_cell(small, flat):
+    rng = np.random.default_rng(31)
+    for estimator, cells in [
+        (small, [1.0, 0.3, 0.3, *np.radians([10.0, 10.0])]),
+        (flat, [0.5, 0.15, 0.0, 0.0, np.radians(5.0)]),
+    ]:
+        table = estimator.table
+        vectors = lifted(table.parameters, table.scene.signature, 5)
+        for row in rng.choice(len(vectors), 20, replace=False):
+            parameters = table.parameters[row] * rng.uniform(0.97, 1.03, 5)
+            angles = spectral_angle(vectors, lifted(parameters, table.scene.signature, 5))
+            nearest = np.argsort(angles, kind="stable")[:64]
+            expected = np.zeros((5, 5))
+            for other in nearest:
+                error = table.poses[other] - table.poses[nearest[0]]
+                expected += np.outer(error, error) / 64
+            expected += np.diag([max(step**2 / 12, 1e-8) for step in cells])
+            found = estimator.estimate(parameters).covariance
+            np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_peak_of_noisy_images_is_matched_within_the_reference_accuracy():
+    """2,000 random poses of the reference scene: the accuracy that five numbers can give."""
+    scene = load_scene("reference")
+    estimator = Estimator(build_table(scene))
+    rng = np.random.default_rng(2016)
+    high = np.array([-4.0, 0.6, 0.6, *np.radians([20.0, 20.0])])
+    low = np.array([-8.0, *-high[1:]])
+    poses = rng.uniform(low, high, (2000, 5))
+    images = ForwardModel(scene).expose(poses, rng)
+    answers = [estimator.estimate(parameters) for parameters in signatures(scene, images)]
+    errors = np.array([answer.pose for answer in answers]) - poses
+    across = np.sqrt((errors[:, 1:3] ** 2).mean())
+    range_m = np.sqrt((errors[:, 0] ** 2).mean())
+    angle_deg = np.degrees(np.sqrt((errors[:, 3:] ** 2).mean()))
+    nees = np.mean(
+        [
+            error @ np.linalg.solve(answer.covariance, error)
+            for error, answer in zip(errors, answers, strict=True)
+        ]
+    )
+    print(
+        f"RMS range {range_m:.3f} m, across {across:.3f} m, angle {angle_deg:.2f} deg; "
+        f"mean NEES {nees:.2f} (expectation 5)"
+    )
+    assert range_m <= 0.4
+    assert across <= 0.25
+    assert angle_deg <= 7.0
+    assert 3.0 <= nees <= 8.0

@@ -1,0 +1,301 @@
+"""The five key parameters against a slow second implementation, and every hard case by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from uuv_optical_array.features import (
+    FEATURE_NAMES,
+    SignatureSettings,
+    key_parameters,
+    lifted,
+    no_pattern,
+    skewness,
+)
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+FULL_SCALE = 1023.0
+PEAKS = ("detector", "subdetector")
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident except underflow, which is a correct zero."""
+    with np.errstate(over="raise", divide="raise", invalid="raise"):
+        yield
+
+
+def slow_gradient(profile):
+    last = len(profile) - 1
+    gradient = [profile[1] - profile[0]]
+    gradient += [(profile[i + 1] - profile[i - 1]) / 2 for i in range(1, last)]
+    return [*gradient, profile[last] - profile[last - 1]]
+
+
+def slow_skewness(values):
+    return 0.0 if max(values) == min(values) else float(stats.skew(values))
+
+
+def slow_vertex(profile, index):
+    if index in (0, len(profile) - 1):
+        return float(index)
+    a, b, _ = np.polyfit([-1.0, 0.0, 1.0], profile[index - 1 : index + 2], 2)
+    return index - b / (2 * a)
+
+
+def slow_key_parameters(image, full_scale, peak):
+    """One image, detector by detector, as the documentation words it."""
+    image = [[float(value) for value in line] for line in image]
+    side = len(image)
+    brightest = max(max(line) for line in image)
+    if brightest == 0:
+        return [0.0] * 5
+    top = [(r, c) for r in range(side) for c in range(side) if image[r][c] == brightest]
+    middle_row = sum(r for r, _ in top) / len(top)
+    middle_column = sum(c for _, c in top) / len(top)
+    # min keeps the first of equals: the one that is read first, line by line.
+    row, column = min(top, key=lambda p: (p[0] - middle_row) ** 2 + (p[1] - middle_column) ** 2)
+    horizontal = image[row]
+    vertical = [line[column] for line in image]
+    if peak == "detector":
+        at_row, at_column = row, column
+    elif len(top) > 1:
+        at_row, at_column = middle_row, middle_column
+    else:
+        at_row, at_column = slow_vertex(vertical, row), slow_vertex(horizontal, column)
+    centre = (side - 1) / 2
+    return [
+        brightest / full_scale,
+        at_column - centre,
+        at_row - centre,
+        slow_skewness(slow_gradient(horizontal)),
+        slow_skewness(slow_gradient(vertical)),
+    ]
+
+
+@st.composite
+def whole_counts(draw, low=0, high=1023, sides=(2, 8)):
+    """Images of whole counts; a narrow range of counts makes many ties."""
+    side = draw(st.integers(*sides))
+    counts = draw(st.lists(st.integers(low, high), min_size=side**2, max_size=side**2))
+    return np.array(counts, dtype=float).reshape(side, side)
+
+
+@st.composite
+def images_with_one_peak(draw):
+    image = draw(whole_counts(high=1000))
+    peak = draw(st.integers(0, image.size - 1))
+    image.flat[peak] = image.max() + draw(st.integers(1, 23))
+    return image
+
+
+@settings(deadline=None, max_examples=150)
+@given(whole_counts() | whole_counts(high=3), st.sampled_from(PEAKS))
+def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak):
+    expected = slow_key_parameters(image, FULL_SCALE, peak)
+    np.testing.assert_allclose(key_parameters(image, FULL_SCALE, peak), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [2, 3, 4, 5, 7, 21])
+@pytest.mark.parametrize("peak", PEAKS)
+def test_a_peak_at_any_detector_of_any_array_has_the_slow_parameters(side, peak):
+    rng = np.random.default_rng(side)
+    images = rng.uniform(1, 500, (side * side, side, side))
+    places = np.unravel_index(np.arange(side * side), (side, side))
+    images[np.arange(side * side), places[0], places[1]] = 600.0
+    found = key_parameters(images, FULL_SCALE, peak)
+    expected = [slow_key_parameters(image, FULL_SCALE, peak) for image in images]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    # On the border there is no parabola: the peak stays at its detector.
+    for row, column, parameters in zip(*places, found, strict=True):
+        if column in (0, side - 1):
+            assert parameters[1] == column - (side - 1) / 2
+        if row in (0, side - 1):
+            assert parameters[2] == row - (side - 1) / 2
+
+
+@pytest.mark.parametrize("side", [3, 4, 5, 7, 21])
+def test_the_subdetector_peak_of_a_sampled_paraboloid_is_its_vertex(side):
+    rng = np.random.default_rng(side)
+    index = np.arange(side)
+    for row, column, bend_row, bend_column in rng.uniform(
+        [0.51, 0.51, 0.01, 0.01], [side - 1.51, side - 1.51, 1.0, 1.0], (100, 4)
+    ):
+        image = 900 - bend_row * (index[:, None] - row) ** 2 - bend_column * (index - column) ** 2
+        sub = key_parameters(image, FULL_SCALE, "subdetector")
+        whole = key_parameters(image, FULL_SCALE, "detector")
+        centre = (side - 1) / 2
+        np.testing.assert_allclose(sub[1:3], [column - centre, row - centre], atol=1e-9)
+        np.testing.assert_array_equal(whole[1:3], [round(column) - centre, round(row) - centre])
+
+
+@pytest.mark.parametrize("peak", PEAKS)
+@pytest.mark.parametrize("side", [2, 3, 4, 5, 7, 21])
+def test_no_light_is_five_zeros_and_full_light_sits_at_the_centre(side, peak):
+    dark = key_parameters(np.zeros((side, side)), FULL_SCALE, peak)
+    np.testing.assert_array_equal(dark, np.zeros(5))
+    assert not np.signbit(dark).any()
+    full = key_parameters(np.full((side, side), FULL_SCALE), FULL_SCALE, peak)
+    # An even side has no central detector: a whole detector is then half a step off.
+    off = 0.5 if side % 2 == 0 and peak == "detector" else 0.0
+    np.testing.assert_array_equal(full, [1.0, -off, -off, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("peak", PEAKS)
+def test_one_lit_detector_is_the_peak_wherever_it_is(peak):
+    # Gradients by hand: (-1,-1/2,0,0,0) at the border, (1,0,-1/2,0,0) beside it, symmetric inside.
+    skew = [
+        stats.skew([-1, -0.5, 0, 0, 0]),
+        stats.skew([1, 0, -0.5, 0, 0]),
+        0.0,
+        stats.skew([0, 0, 0.5, 0, -1]),
+        stats.skew([0, 0, 0, 0.5, 1]),
+    ]
+    for row in range(5):
+        for column in range(5):
+            image = np.zeros((5, 5))
+            image[row, column] = 511.5
+            expected = [0.5, column - 2, row - 2, skew[column], skew[row]]
+            found = key_parameters(image, FULL_SCALE, peak)
+            np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("saturated", "middle", "whole"),
+    [
+        ([(2, 2)], (0, 0), (0, 0)),
+        ([(1, 2), (1, 3)], (-1, 0.5), (-1, 0)),
+        ([(0, 0), (0, 1), (1, 0), (1, 1)], (-1.5, -1.5), (-2, -2)),
+        ([(3, 1), (3, 2), (3, 3)], (1, 0), (1, 0)),
+        # An L: the centroid (row 2.6, column 1.4) is nearest to row 3, column 1.
+        ([(1, 1), (2, 1), (3, 1), (3, 2), (4, 2)], (0.6, -0.6), (1, -1)),
+    ],
+)
+def test_a_saturated_top_has_its_peak_at_the_centroid(saturated, middle, whole):
+    image = np.full((5, 5), 100.0)
+    for place in saturated:
+        image[place] = FULL_SCALE
+    sub = key_parameters(image, FULL_SCALE, "subdetector")
+    np.testing.assert_allclose(sub[:3], [1.0, middle[1], middle[0]], atol=1e-12)
+    np.testing.assert_array_equal(
+        key_parameters(image, FULL_SCALE, "detector")[:3], [1.0, whole[1], whole[0]]
+    )
+    horizontal, vertical = image[whole[0] + 2], image[:, whole[1] + 2]
+    expected = [stats.skew(np.gradient(horizontal)), stats.skew(np.gradient(vertical))]
+    np.testing.assert_allclose(sub[3:], expected, atol=1e-12)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="a tie of two moves the other axis to a whole detector",
+)
+def test_two_equal_neighbours_in_a_row_leave_the_vertex_of_the_column():
+    index = np.arange(5)
+    image = 900 - 4 * (index[:, None] - 2.3) ** 2 - 4 * (index - 1.5) ** 2
+    found = key_parameters(image, FULL_SCALE, "subdetector")
+    np.testing.assert_allclose(found[1:3], [1.5 - 2, 2.3 - 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1.0, 1e300])
+def test_profiles_that_are_constant_or_evenly_sloped_have_no_skewness(scale):
+    assert skewness(np.full(7, scale)) == 0.0
+    assert skewness(np.zeros(7)) == 0.0
+    slope = np.tile(np.arange(5) * scale, (5, 1))
+    np.testing.assert_array_equal(key_parameters(slope, FULL_SCALE, "detector")[3:], [0.0, 0.0])
+
+
+@given(st.lists(st.integers(-1000, 1000), min_size=3, max_size=30))
+def test_skewness_is_the_population_skewness_of_scipy(values):
+    assume(min(values) < max(values))
+    assert skewness(values) == pytest.approx(stats.skew(values), abs=1e-9)
+
+
+@settings(deadline=None)
+@given(images_with_one_peak(), st.sampled_from(PEAKS))
+def test_mirroring_negates_one_position_and_its_skewness_and_transposing_swaps(image, peak):
+    # p'[i] = p[n-1-i] has the gradient g'[i] = -g[n-1-i]: the same values with the other sign,
+    # and skewness is odd. The other profile runs through the same detectors as before.
+    value, column, row, horizontal, vertical = key_parameters(image, FULL_SCALE, peak)
+    for turned, expected in [
+        (np.fliplr(image), [value, -column, row, -horizontal, vertical]),
+        (np.flipud(image), [value, column, -row, horizontal, -vertical]),
+        (image.T, [value, row, column, vertical, horizontal]),
+    ]:
+        found = key_parameters(turned, FULL_SCALE, peak)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(images_with_one_peak(), st.floats(-300, 300), st.sampled_from(PEAKS))
+def test_brightness_scales_the_peak_and_nothing_else(image, exponent, peak):
+    scale = 10.0**exponent
+    before = key_parameters(image, FULL_SCALE, peak)
+    after = key_parameters(image * scale, FULL_SCALE, peak)
+    assert after[0] == pytest.approx(before[0] * scale, rel=1e-12)
+    # The curvature at the peak is at least one count in a thousand, so rounding stays small.
+    np.testing.assert_allclose(after[1:], before[1:], atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_the_faintest_and_the_strongest_images_stay_finite(scale):
+    images = np.random.default_rng(5).random((200, 5, 5)) * scale
+    assert np.isfinite(key_parameters(images, 1.0, "subdetector")).all()
+
+
+@pytest.mark.parametrize("shape", [(5,), (5, 4), (1, 1), (3, 4, 5), ()])
+def test_images_that_are_not_square_are_refused(shape):
+    with pytest.raises(ValueError, match="shape"):
+        key_parameters(np.ones(shape), FULL_SCALE, "detector")
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_images_that_are_not_finite_are_refused(bad):
+    images = np.ones((3, 5, 5))
+    images[1, 2, 3] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        key_parameters(images, FULL_SCALE, "subdetector")
+
+
+@pytest.mark.parametrize("peak", PEAKS)
+def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
+    images = np.random.default_rng(3).integers(0, 6, (2, 3, 4, 5, 5)).astype(float)
+    images[1, 2] = 0.0
+    kept = images.copy()
+    batch = key_parameters(images, FULL_SCALE, peak)
+    assert batch.shape == (2, 3, 4, len(FEATURE_NAMES))
+    for place in np.ndindex(2, 3, 4):
+        single = key_parameters(images[place], FULL_SCALE, peak)
+        assert single.shape == (5,)
+        np.testing.assert_allclose(batch[place], single, atol=1e-15)
+    np.testing.assert_array_equal(images, kept)
+
+
+@pytest.mark.xfail(strict=True, raises=ValueError, reason="the reshape of an empty batch fails")
+@pytest.mark.parametrize("shape", [(0,), (3, 0)])
+def test_a_batch_of_no_images_has_no_parameters(shape):
+    assert key_parameters(np.empty((*shape, 5, 5)), FULL_SCALE, "detector").shape == (*shape, 5)
+
+
+def test_the_matched_vector_weighs_each_parameter_and_ends_with_the_lift():
+    settings_ = SignatureSettings(
+        peak_weight=3.0, position_weight=5.0, skewness_weight=7.0, lift=11.0
+    )
+    # Half the width of a 5 x 5 array is two detectors.
+    found = lifted([[1.0, 2.0, -1.0, 0.5, -0.25]], settings_, 5)
+    np.testing.assert_allclose(found, [[3.0, 5.0, -2.5, 3.5, -1.75, 11.0]], rtol=1e-15)
+
+
+def test_an_image_without_a_pattern_says_why_with_the_figure():
+    assert no_pattern(np.zeros((5, 5)), 5.0) == "no light: the peak of 0 counts is below 5"
+    assert "7 counts" in no_pattern(np.full((5, 5), 7.0), 5.0)
+    assert "no pattern" in no_pattern(np.full((5, 5), FULL_SCALE), 5.0)
+    lit = np.zeros((5, 5))
+    lit[0, 4] = 5.0
+    assert no_pattern(lit, 5.0) is None
+    assert "4.5 counts" in no_pattern(lit * 0.9, 5.0)

@@ -1,0 +1,337 @@
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.formation import FormationController, FormationSettings
+from uuv_optical_array.pose import Array
+from uuv_optical_array.quantity import check_all
+from uuv_optical_array.vehicles import Vehicle, leader_twist, start_behind
+
+STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
+TICK_S = 0.05
+GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
+
+
+def exact(pose: Array) -> Array:
+    return pose
+
+
+def sam_noise(seed: int) -> Callable[[Array], Array]:
+    """Return the errors of a match on the follow scene: y against yaw, z with pitch, on a grid."""
+    rng = np.random.default_rng(seed)
+    std = np.array([0.30, 0.21, 0.21, np.radians(5.4), np.radians(5.4)])
+    correlation = np.eye(5)
+    correlation[1, 4] = correlation[4, 1] = -0.97
+    correlation[2, 3] = correlation[3, 2] = 0.97
+    spread = np.linalg.cholesky(correlation * np.outer(std, std))
+
+    def measure(pose: Array) -> Array:
+        noisy = pose + spread @ rng.standard_normal(5)
+        return np.asarray(np.round(noisy / GRID) * GRID)
+
+    return measure
+
+
+def off_station(error: Sequence[float]) -> Array:
+    return np.add(STATION, error)
+
+
+def relative(leader: Vehicle, follower: Vehicle) -> Array:
+    """Return the pose of the follower in the leader's frame, by SciPy's rotations."""
+    to_world = Rotation.from_euler("ZYX", [leader.yaw, leader.pitch, 0])
+    own = Rotation.from_euler("ZYX", [follower.yaw, follower.pitch, 0])
+    yaw, pitch, _ = (to_world.inv() * own).as_euler("ZYX")
+    return np.array([*to_world.inv().apply(follower.position - leader.position), pitch, yaw])
+
+
+def follow(
+    seconds: float,
+    measure: Callable[[Array], Array] = exact,
+    twist: Callable[[float], tuple[Array, Array]] = leader_twist,
+    offset: Sequence[float] = (-0.5, -0.2, 0.0),
+    options: FormationSettings | None = None,
+    latency_ticks: int = 1,
+) -> tuple[Array, Array]:
+    """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
+
+    Returns the true errors of the pose and the commands (linear, angular), a row a tick.
+    """
+    leader = Vehicle(np.zeros(3))
+    follower = start_behind(leader, 6.0, offset)
+    controller = FormationController(options or FormationSettings())
+    errors, commands, images = [], [], []
+    for tick in range(round(seconds / TICK_S)):
+        now = tick * TICK_S
+        pose = relative(leader, follower)
+        images.append((now, measure(pose) if tick % 2 == 0 else None))
+        if tick >= latency_ticks:
+            stamp, seen = images[tick - latency_ticks]
+            if seen is not None:
+                controller.update(stamp, seen)
+        linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
+        errors.append(pose - STATION)
+        commands.append([*linear, *angular])
+        leader.step(*twist(now), TICK_S)
+        follower.step(linear, angular, TICK_S)
+    return np.array(errors), np.array(commands)
+
+
+def steady(
+    linear: Sequence[float], angular: Sequence[float]
+) -> Callable[[float], tuple[Array, Array]]:
+    return lambda _: (np.array(linear), np.array(angular))
+
+
+def after_half_a_second(pose: Array) -> tuple[Array, Array]:
+    """Return the first sizeable command at a pose."""
+    controller = FormationController(FormationSettings())
+    controller.update(0.0, pose)
+    for tick in range(11):
+        command = controller.command(tick * TICK_S)
+    assert command is not None
+    return command
+
+
+@pytest.mark.parametrize(
+    ("error", "entry", "sign"),
+    [
+        pytest.param([-1, 0, 0, 0, 0], 0, +1, id="too far behind: surge ahead"),
+        pytest.param([1, 0, 0, 0, 0], 0, -1, id="too near: surge astern"),
+        pytest.param([0, 0.3, 0, 0, 0], 1, -1, id="to port: sway to starboard"),
+        pytest.param([0, -0.3, 0, 0, 0], 1, +1, id="to starboard: sway to port"),
+        pytest.param([0, 0, 0.3, 0, 0], 2, -1, id="above: heave down"),
+        pytest.param([0, 0, -0.3, 0, 0], 2, +1, id="below: heave up"),
+        pytest.param([0, 0, 0, 0.2, 0], 4, -1, id="bow low: raise it"),
+        pytest.param([0, 0, 0, -0.2, 0], 4, +1, id="bow high: lower it"),
+        pytest.param([0, 0, 0, 0, 0.2], 5, -1, id="bow to port: turn to starboard"),
+        pytest.param([0, 0, 0, 0, -0.2], 5, +1, id="bow to starboard: turn to port"),
+    ],
+)
+def test_each_error_is_answered_on_its_own_axis(error: list[float], entry: int, sign: int) -> None:
+    twist = np.concatenate(after_half_a_second(off_station(error)))
+    assert sign * twist[entry] > 0.01
+    assert np.delete(twist, entry) == pytest.approx(np.zeros(5), abs=1e-12)
+
+
+def test_on_station_behind_a_leader_at_rest_nothing_is_commanded() -> None:
+    assert np.concatenate(after_half_a_second(STATION)) == pytest.approx(np.zeros(6), abs=1e-12)
+
+
+def test_velocity_is_commanded_in_the_frame_of_the_follower() -> None:
+    pose = off_station([-0.3, 0, 0, 0.25, -0.3])
+    linear, _ = after_half_a_second(pose)
+    in_beacon = Rotation.from_euler("ZYX", [-0.3, 0.25, 0]).apply(linear)
+    # It has turned a little by then, whence the tolerance.
+    assert in_beacon / np.linalg.norm(linear) == pytest.approx([1, 0, 0], abs=0.05)
+
+
+@pytest.mark.parametrize("speed", [0.5, 0.3, -0.2])
+def test_steady_speed_of_the_leader_leaves_no_lag(speed: float) -> None:
+    errors, commands = follow(90, twist=steady([speed, 0, 0], [0, 0, 0]))
+    assert np.abs(errors[-200:]).max() < 1e-3
+    assert commands[-1] == pytest.approx([speed, 0, 0, 0, 0, 0], abs=1e-3)
+
+
+def test_drift_of_the_leader_leaves_no_lag() -> None:
+    errors, _ = follow(90, twist=steady([0.4, 0.1, -0.1], [0, 0, 0]))
+    assert np.abs(errors[-200:]).max() < 1e-3
+
+
+@pytest.mark.parametrize("rate", [0.05, -0.05])
+def test_steady_turn_of_the_leader_leaves_no_lag(rate: float) -> None:
+    errors, commands = follow(90, twist=steady([0.5, 0, 0], [0, 0, rate]))
+    assert np.abs(errors[-200:]).max() < 1e-3
+    # Six metres astern of the leader, the station is swung outward.
+    assert commands[-1] == pytest.approx([0.5, -6 * rate, 0, 0, 0, rate], abs=1e-3)
+
+
+def test_pitching_of_the_leader_carries_the_station_up() -> None:
+    def bow_down(now: float) -> tuple[Array, Array]:
+        return np.zeros(3), np.array([0, 0.03 if now > 1 else 0.0, 0])
+
+    _, commands = follow(15, twist=bow_down, offset=(0, 0, 0))
+    assert commands[-1] == pytest.approx([0, 0, 0.18, 0, 0.03, 0], abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_follow_of_the_path_with_noisy_poses(seed: int) -> None:
+    errors, commands = follow(120, sam_noise(seed))
+    errors[:, 3:] = np.degrees(errors[:, 3:])
+    # The start, half a metre off behind a leader that speeds up, stays in the light.
+    assert (np.abs(errors).max(axis=0) < [1.4, 0.5, 0.5, 9, 9]).all()
+    settled = errors[400:]
+    assert (np.sqrt((settled**2).mean(axis=0)) < [0.15, 0.2, 0.2, 3, 3]).all()
+    assert (np.abs(settled).max(axis=0) < [0.45, 0.5, 0.5, 9, 9]).all()
+    acceleration = np.diff(commands[400:], axis=0) / TICK_S
+    assert (acceleration[:, :3].std(axis=0) < 0.12).all()
+    assert (np.degrees(acceleration[:, 4:]).std(axis=0) < 1.5).all()
+
+
+def test_known_correlation_of_the_errors_steadies_the_follow() -> None:
+    def lateral_rms(correlation: float) -> float:
+        options = FormationSettings(correlation=correlation)
+        runs = [follow(60, sam_noise(seed), options=options)[0] for seed in range(4)]
+        return float(np.sqrt(np.mean([run[:, 1:3] ** 2 for run in runs])))
+
+    assert lateral_rms(0.97) < 0.9 * lateral_rms(0.0)
+
+
+@pytest.mark.parametrize("latency_ticks", [0, 2, 6])
+def test_late_poses_are_brought_up_to_date(latency_ticks: int) -> None:
+    errors, _ = follow(120, sam_noise(0), latency_ticks=latency_ticks)
+    assert (np.abs(errors[400:, :3]).max(axis=0) < 0.6).all()
+
+
+def test_a_leader_too_fast_to_follow_winds_nothing_up() -> None:
+    def dash(now: float) -> tuple[Array, Array]:
+        return np.array([1.4 if now < 15 else 0.5, 0, 0]), np.zeros(3)
+
+    errors, commands = follow(60, twist=dash)
+    assert errors[:, 0].min() < -5
+    assert commands[:, 0].max() == pytest.approx(1.0)
+    # It comes back without running past the station.
+    assert errors[:, 0].max() < 0.2
+    assert np.abs(errors[-1]).max() < 0.01
+
+
+def test_nothing_is_commanded_before_the_first_pose() -> None:
+    controller = FormationController(FormationSettings())
+    assert controller.command(0.0) is None
+    assert controller.command(100.0) is None
+    controller.update(100.0, STATION)
+    assert controller.command(100.05) is not None
+
+
+def under_way() -> tuple[FormationController, float, Array]:
+    """Return a controller that surges, the stamp of its last pose, and its last command."""
+    controller = FormationController(FormationSettings(light_timeout_s=1.0, stop_time_s=4.0))
+    for tick in range(40):
+        stamp = tick * 0.1
+        controller.update(stamp, off_station([-1.0, 0.1, -0.1, 0.05, 0.05]))
+        controller.command(stamp)
+    command = controller.command(stamp + 1.0)
+    assert command is not None
+    assert command[0][0] > 0.4
+    return controller, stamp, np.concatenate(command)
+
+
+def command_at(controller: FormationController, now: float) -> Array:
+    command = controller.command(now)
+    assert command is not None
+    return np.concatenate(command)
+
+
+def test_lost_light_is_a_straight_ramp_to_a_stop() -> None:
+    controller, stamp, cruise = under_way()
+    for dark in (0.4, 1.0, 2.0, 3.0, 3.9):
+        command = command_at(controller, stamp + 1.0 + dark)
+        assert command == pytest.approx(cruise * (1 - dark / 4.0), abs=1e-9)
+    for dark in (4.0 + 1e-9, 4.05, 60.0):
+        assert (command_at(controller, stamp + 1.0 + dark) == 0).all()
+
+
+def test_light_shorter_than_the_timeout_is_not_lost() -> None:
+    controller, stamp, cruise = under_way()
+    controller.update(stamp + 0.95, STATION)
+    assert command_at(controller, stamp + 1.05)[0] > 0.8 * cruise[0]
+
+
+@pytest.mark.parametrize("dark", [1.0, 3.0, 10.0])
+def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: float) -> None:
+    controller, stamp, cruise = under_way()
+    now = stamp + 1.0 + dark
+    slowed = command_at(controller, now)
+    for tick in range(1, 200):
+        if tick % 2:
+            controller.update(now + tick * TICK_S, STATION)
+        command = command_at(controller, now + tick * TICK_S)
+        assert np.abs(command - slowed)[:3].max() <= 0.2 * TICK_S + 1e-9
+        slowed = command
+    # Poses that stay on station while it moves mean a leader that moves along.
+    assert np.abs(command).max() <= np.abs(cruise).max()
+    if dark >= 4.0:
+        assert command == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_a_stale_pose_after_a_stop_does_not_bring_the_old_speed_back() -> None:
+    controller, stamp, _ = under_way()
+    assert (command_at(controller, stamp + 20) == 0).all()
+    controller.update(stamp + 18, off_station([-1.0, 0, 0, 0, 0]))
+    assert (command_at(controller, stamp + 20.05) == 0).all()
+
+
+def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> None:
+    controller, _, _ = under_way()
+    assert (command_at(controller, -100.0) == 0).all()
+    controller.update(-99.9, off_station([-1.0, 0, 0, 0, 0]))
+    for tick in range(10):
+        command = command_at(controller, -99.9 + tick * TICK_S)
+    assert 0 < command[0] < 0.2
+
+
+@pytest.mark.parametrize("back", [0.0, 0.05, 0.9])
+def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
+    controller, stamp, cruise = under_way()
+    with pytest.raises(ValueError, match=rf"stamp {stamp - back:.3f} s is not after {stamp:.3f} s"):
+        controller.update(stamp - back, STATION)
+    assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
+
+
+@pytest.mark.parametrize("entry", range(6))
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused_by_name_and_changes_nothing(
+    entry: int, value: float
+) -> None:
+    controller, stamp, cruise = under_way()
+    row = np.array([stamp + 0.1, *STATION])
+    row[entry] = value
+    name = ("stamp", "x", "y", "z", "pitch", "yaw")[entry]
+    with pytest.raises(ValueError, match=f"pose: {name} is {value:g}"):
+        controller.update(row[0], row[1:])
+    assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
+
+
+@pytest.mark.parametrize("pose", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
+def test_pose_of_another_shape_is_refused(pose: object) -> None:
+    with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
+        FormationController(FormationSettings()).update(0.0, pose)  # type: ignore[arg-type]
+
+
+@given(
+    poses=st.lists(
+        st.tuples(
+            st.floats(-20, 20),
+            *[st.floats(-10, 10)] * 2,
+            *[st.floats(-1.5, 1.5)] * 2,
+            st.floats(0.01, 2.0),
+        ),
+        min_size=1,
+        max_size=40,
+    )
+)
+@settings(deadline=None)
+def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float, ...]]) -> None:
+    controller, now, before = FormationController(FormationSettings()), 0.0, np.zeros(6)
+    fastest = np.array([1.0, 0.6, 0.6, 0, *np.radians([10, 10])])
+    hardest = np.array([0.2, 0.2, 0.2, 0, *np.radians([3, 3])])
+    for *pose, step in poses:
+        now += step
+        controller.update(now, pose)
+        command = command_at(controller, now)
+        assert (np.abs(command) <= fastest + 1e-12).all()
+        assert (np.abs(command - before) <= hardest * step + 1e-9).all()
+        before = command
+
+
+def test_declared_defaults_pass_their_own_checks() -> None:
+    checked = check_all(FormationSettings, vars(FormationSettings()), "formation")
+    assert FormationSettings(**checked) == FormationSettings()
+
+
+def test_a_stand_off_of_the_wrong_sign_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"formation\.stand_off_m: -6\.0 is out of bounds"):
+        check_all(FormationSettings, {"stand_off_m": -6.0}, "formation")

@@ -1,0 +1,132 @@
+"""From pose to reading: the lamp's power, the limits of the electronics and the noise."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import scene_from_settings
+
+ARRAYS = {
+    "planar": {"shape": "planar", "detectors_per_side": 5},
+    "planar, even": {"shape": "planar", "detectors_per_side": 4},
+    "curved": {"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32},
+    "curved, even": {"shape": "curved", "detectors_per_side": 4, "radius_m": 0.32},
+}
+WATER = {
+    "clear": {},
+    "dim": {"attenuation": {"k_per_m": 0.2}},
+    "blurred": {"forward_scatter": {"window_m": 0.5}},
+    "dim and blurred": {"attenuation": {"k_per_m": 0.2}, "forward_scatter": {"window_m": 0.5}},
+}
+ELECTRONICS = {"saturation": {"level_counts": 1023.0}, "adc": {"bits": 10}}
+NOISY = {"sensor_noise": {"sigma_counts": 1.5}, **ELECTRONICS}
+ASIDE = [-5.0, 0.2, -0.1, 0.05, 0.1]
+
+
+def make_model(array="curved", reference=(900.0, 4.0), **effects):
+    settings = {
+        "lamp": {
+            "beam_sigma_deg": 8.0,
+            "reference_counts": reference[0],
+            "reference_range_m": reference[1],
+        },
+        "array": ARRAYS[array],
+        "effects": effects,
+        "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
+    }
+    return ForwardModel(scene_from_settings(settings, "test"))
+
+
+@pytest.mark.parametrize("reference", [(900.0, 4.0), (12.5, 7.3)])
+@pytest.mark.parametrize("water", list(WATER))
+@pytest.mark.parametrize("array", list(ARRAYS))
+def test_the_aligned_array_reads_the_reference_at_the_reference_range(array, water, reference):
+    counts, range_m = reference
+    model = make_model(array, reference, **WATER[water])
+    image = model.expected([-range_m, 0, 0, 0, 0])
+    assert image.max() == pytest.approx(counts, rel=1e-12)
+    assert make_model(array, reference, **WATER[water], adc={"bits": 16}).expose(
+        [-range_m, 0, 0, 0, 0]
+    ).max() == pytest.approx(counts, abs=0.5)
+
+
+def test_the_lamp_does_not_know_the_limits_of_the_electronics():
+    bare = make_model(**WATER["dim"])
+    limited = make_model(
+        **WATER["dim"], saturation={"level_counts": 100.0}, sensor_noise={"sigma_counts": 5.0}
+    )
+    assert limited.power == bare.power
+    np.testing.assert_array_equal(limited.light(ASIDE), bare.light(ASIDE))
+
+
+@pytest.mark.parametrize("range_m", [0.1, 0.3])
+def test_a_reference_with_the_lamp_behind_the_array_is_refused(range_m):
+    with pytest.raises(ValueError, match="reference_range_m") as refusal:
+        make_model("planar", (900.0, range_m))
+    assert f"{range_m} m gives the aligned array no light" in str(refusal.value)
+    assert "move it" in str(refusal.value)
+
+
+def test_the_expected_image_is_the_light_within_the_electronics_limits():
+    model = make_model(saturation={"level_counts": 500.0}, adc={"bits": 4})
+    light = model.light([-3.0, 0, 0, 0, 0])
+    assert light.max() > 500 > light.min()
+    expected = [[min(value, 500.0) for value in row] for row in light]
+    np.testing.assert_array_equal(model.expected([-3.0, 0, 0, 0, 0]), expected)
+
+
+def test_the_expected_image_never_changes_and_draws_nothing():
+    model = make_model(**NOISY)
+    first = model.expected(ASIDE).copy()
+    model.expose(ASIDE, np.random.default_rng(12))
+    np.testing.assert_array_equal(model.expected(ASIDE), first)
+    np.testing.assert_array_equal(make_model(**NOISY).expected(ASIDE), first)
+
+
+def test_readings_scatter_about_the_expected_image():
+    model = make_model(**NOISY)
+    number = 20_000
+    readings = model.expose(np.broadcast_to(ASIDE, (number, 5)), np.random.default_rng(13))
+    # Rounding adds a twelfth of a count squared and no bias (Sheppard).
+    deviation = np.sqrt(1.5**2 + 1 / 12)
+    error = readings.mean(axis=0) - model.expected(ASIDE)
+    assert np.abs(error).max() < 6 * deviation / np.sqrt(number)
+    np.testing.assert_allclose(readings.std(axis=0), deviation, rtol=6 / np.sqrt(2 * number))
+
+
+def test_noise_comes_before_saturation_so_that_no_reading_exceeds_the_level():
+    model = make_model(saturation={"level_counts": 600.0}, sensor_noise={"sigma_counts": 50.0})
+    readings = model.expose(np.broadcast_to([-4.0, 0, 0, 0, 0], (50, 5)), np.random.default_rng(17))
+    assert readings.max() == 600.0
+
+
+def test_every_reading_is_a_whole_count_in_the_converters_range():
+    model = make_model(sensor_noise={"sigma_counts": 300.0}, **ELECTRONICS)
+    readings = model.expose(np.broadcast_to(ASIDE, (200, 5)), np.random.default_rng(14))
+    np.testing.assert_array_equal(readings, np.round(readings))
+    assert (readings.min(), readings.max()) == (0, 1023)
+
+
+def test_the_same_seed_gives_the_same_readings_and_another_seed_others():
+    model = make_model(**NOISY)
+    first, again, other = (
+        model.expose(ASIDE, np.random.default_rng(seed)) for seed in (15, 15, 16)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_variance_is_of_the_noise_alone_in_the_shape_of_the_light():
+    model = make_model(**NOISY)
+    light = model.light(np.broadcast_to(ASIDE, (2, 3, 5)))
+    np.testing.assert_array_equal(model.variance(light), np.full((2, 3, 5, 5), 2.25))
+
+
+def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
+    model = make_model("planar")
+    pose, quarter = [-5.0, 0.4, 0, 0, 0], np.pi / 2
+    # Starboard goes down, so the spot at starboard ends at the top: anticlockwise.
+    rolled = model.light(pose, quarter)
+    np.testing.assert_allclose(rolled, np.rot90(model.light(pose)), rtol=1e-12)
+    np.testing.assert_array_equal(model.expected(pose, quarter), rolled)
+    np.testing.assert_array_equal(model.expose(pose, None, quarter), rolled)

@@ -1,0 +1,82 @@
+"""The launch file brings the graph up, its arguments and remaps work, and it ends cleanly."""
+
+import unittest
+
+import pytest
+
+for needed in ("launch_ros", "launch_testing", "launch_testing_ros"):
+    pytest.importorskip(needed, reason=f"{needed} is not installed, so no launch test")
+
+import launch_testing
+import rclpy
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from launch import LaunchDescription
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch_testing.actions import ReadyToTest
+from launch_testing_ros import WaitForTopics
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, PointCloud2
+
+try:
+    SHARE = get_package_share_directory("uuv_optical_array")
+except PackageNotFoundError:
+    pytest.skip("the package is in no ROS workspace, so no launch test", allow_module_level=True)
+
+
+@pytest.mark.launch_test
+def generate_test_description():
+    follow = IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(f"{SHARE}/launch/follow.launch.py"),
+        launch_arguments={
+            "namespace": "chaser",
+            "leader_odometry": "/boss/odometry",
+            "scene": "reference",
+        }.items(),
+    )
+    return LaunchDescription([follow, ReadyToTest()])
+
+
+class TestGraph(unittest.TestCase):
+    def test_every_topic_speaks_where_the_arguments_put_it(self):
+        topics = [
+            ("/boss/odometry", Odometry),
+            ("/chaser/follower/odometry", Odometry),
+            ("/chaser/array/image", Image),
+            ("/chaser/array/features", PointCloud2),
+            ("/chaser/relative_pose", PoseWithCovarianceStamped),
+            ("/chaser/cmd_vel", TwistStamped),
+            ("/diagnostics", DiagnosticArray),
+        ]
+        with WaitForTopics(topics, timeout=30.0) as awaited:
+            pose = awaited.received_messages("/chaser/relative_pose")[0]
+        # config/follow.yaml reached the node inside the namespace.
+        self.assertEqual(pose.header.frame_id, "leader/beacon")
+        self.assertLess(abs(pose.pose.pose.position.x + 6.5), 2.0)
+
+    def test_nodes_are_in_the_namespace(self):
+        rclpy.init()
+        try:
+            node = rclpy.create_node("onlooker")
+            wanted = {
+                f"/chaser/{name}_node"
+                for name in ("simulator", "feature", "estimator", "formation", "vehicles")
+            }
+            for _ in range(100):
+                names = {f"{space.rstrip('/')}/{name}" for name, space in
+                         node.get_node_names_and_namespaces()}
+                if wanted <= names:
+                    break
+                rclpy.spin_once(node, timeout_sec=0.1)
+            self.assertLessEqual(wanted, names)
+        finally:
+            rclpy.try_shutdown()
+
+
+@launch_testing.post_shutdown_test()
+class TestEnd(unittest.TestCase):
+    def test_every_process_ends_with_exit_code_0(self, proc_info):
+        launch_testing.asserts.assertExitCodes(proc_info)
+        self.assertEqual(len(list(proc_info.processes())), 5)

@@ -1,0 +1,227 @@
+"""The spectral angle against closed forms, and the nearest rows against an exact brute force."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uuv_optical_array.features import key_parameters, lifted
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.sam import SpectralIndex, spectral_angle, unit_vectors
+from uuv_optical_array.scene import load_scene, scene_from_settings
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident except underflow, which is a correct zero."""
+    with np.errstate(over="raise", divide="raise", invalid="raise"):
+        yield
+
+
+def exact_angle(u, v):
+    """Angle between vectors of whole numbers: one rounding each in two roots and one atan2."""
+    dot = sum(a * b for a, b in zip(u, v, strict=True))
+    cross_squared = sum(a * a for a in u) * sum(b * b for b in v) - dot * dot
+    return math.atan2(math.sqrt(cross_squared), dot)
+
+
+def arccos_angle(u, v):
+    """The angle as the paper writes it (eq. 13)."""
+    cos = np.dot(u, v) / (np.linalg.norm(u) * np.linalg.norm(v))
+    return float(np.arccos(np.clip(cos, -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("angle", [1e-12, 1e-9, 1e-6, 1.0])
+def test_an_angle_is_right_to_twelve_digits_near_zero_and_near_pi(angle):
+    cos, sin = math.cos(angle), math.sin(angle)
+    u, v = np.array([5.0, 0.0, 0.0]), np.array([3 * cos, 0.0, 3 * sin])
+    assert spectral_angle(u, v) == pytest.approx(angle, rel=1e-12, abs=0)
+    assert spectral_angle(u, -v) == pytest.approx(math.pi - angle, rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize("angle", [1e-12, 1e-9])
+def test_the_arccos_of_the_paper_loses_small_angles_which_the_stable_form_keeps(angle):
+    u, v = np.array([1.0, 0.0]), np.array([math.cos(angle), math.sin(angle)])
+    assert arccos_angle(u, v) == 0.0
+    assert math.pi - arccos_angle(u, -v) == 0.0
+    assert spectral_angle(u, v) == pytest.approx(angle, rel=1e-12)
+    assert math.pi - spectral_angle(u, -v) == pytest.approx(angle, abs=5e-16)
+    # The control: at one radian both are right.
+    assert arccos_angle(u, [math.cos(1), math.sin(1)]) == pytest.approx(1.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-6, 0.1, 1.0, 2.0, math.pi - 1e-9])
+def test_an_angle_in_a_random_plane_of_five_dimensions_is_right_to_rounding(angle):
+    rng = np.random.default_rng(11)
+    for _ in range(50):
+        plane, _ = np.linalg.qr(rng.standard_normal((5, 2)))
+        v = math.cos(angle) * plane[:, 0] + math.sin(angle) * plane[:, 1]
+        assert spectral_angle(plane[:, 0], v) == pytest.approx(angle, abs=2e-15)
+
+
+@given(st.lists(st.integers(-9, 9), min_size=4, max_size=4).filter(any), st.data())
+def test_the_angle_is_symmetric_and_does_not_see_the_scale(u, data):
+    v = data.draw(st.lists(st.integers(-9, 9), min_size=4, max_size=4).filter(any))
+    scale = st.sampled_from([1e-300, 1e-160, 1e-7, 1.0, 1e7, 1e160, 1e300])
+    a, b = data.draw(scale), data.draw(scale)
+    angle = spectral_angle(np.array(u) * a, np.array(v) * b)
+    assert angle == pytest.approx(exact_angle(u, v), abs=2e-15)
+    assert angle == spectral_angle(np.array(v) * b, np.array(u) * a)
+
+
+def test_angles_broadcast_as_their_vectors_do():
+    u, v = np.random.default_rng(2).integers(-9, 9, (2, 4, 1, 3)) * 2 + 1
+    angles = spectral_angle(u, v.reshape(1, 4, 3))
+    assert angles.shape == (4, 4)
+    for i, j in np.ndindex(4, 4):
+        expected = exact_angle(u[i, 0].tolist(), v[j, 0].tolist())
+        assert angles[i, j] == pytest.approx(expected, abs=2e-15)
+
+
+@pytest.mark.parametrize("magnitude", [5e-324, 1e-300, 1e300, 1.7e308])
+def test_a_vector_of_any_magnitude_becomes_a_unit_vector(magnitude):
+    np.testing.assert_allclose(
+        unit_vectors(np.array([magnitude, -magnitude])), [math.sqrt(0.5), -math.sqrt(0.5)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ([0.0, 0.0, 0.0], "zero"),
+        ([1.0, math.nan, 0.0], "not finite"),
+        ([math.inf, 1.0, 0.0], "not finite"),
+        ([-math.inf, 1.0, math.nan], "not finite"),
+    ],
+)
+def test_a_vector_without_a_direction_is_refused_everywhere(bad, why):
+    good = [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match=why):
+        spectral_angle(bad, good)
+    with pytest.raises(ValueError, match=why):
+        spectral_angle([good, good], [good, bad])
+    with pytest.raises(ValueError, match=why):
+        SpectralIndex([good, bad, good])
+    with pytest.raises(ValueError, match=why):
+        SpectralIndex([good, good]).nearest(bad)
+
+
+@pytest.mark.parametrize("shape", [(0, 5), (5,), (2, 3, 4)])
+def test_a_table_without_rows_is_refused(shape):
+    with pytest.raises(ValueError, match="rows have shape"):
+        SpectralIndex(np.ones(shape))
+
+
+@st.composite
+def tables_and_queries(draw):
+    dimension = draw(st.integers(2, 6))
+    reach = draw(st.sampled_from([1, 3, 50]))
+    vector = st.lists(st.integers(-reach, reach), min_size=dimension, max_size=dimension)
+    vector = vector.filter(any)
+    rows = draw(st.lists(vector, min_size=1, max_size=30))
+    rows += draw(st.lists(st.sampled_from(rows), max_size=20))
+    rows = draw(st.permutations(rows))
+    query = draw(vector | st.sampled_from(rows))
+    return rows, query, draw(st.integers(1, 60))
+
+
+@settings(deadline=None, max_examples=300)
+@given(tables_and_queries())
+def test_the_nearest_rows_are_those_of_an_exact_brute_force(case):
+    rows, query, k = case
+    angles, found = SpectralIndex(np.array(rows, dtype=float)).nearest(query, k)
+    exact = [exact_angle(row, query) for row in rows]
+    size = min(k, len(rows))
+    assert angles.shape == found.shape == (size,)
+    assert len(set(found.tolist())) == size
+    np.testing.assert_allclose(angles, np.sort(exact)[:size], atol=2e-15)
+    np.testing.assert_allclose(angles, [exact[row] for row in found], atol=2e-15)
+    assert (np.diff(angles) >= 0).all()
+    # Equal rows tie exactly: the lower row numbers come, and come first.
+    for row in rows:
+        equal = [i for i, other in enumerate(rows) if other == row]
+        chosen = [i for i in found.tolist() if i in equal]
+        assert chosen == equal[: len(chosen)]
+
+
+def test_random_rows_come_in_the_order_of_a_dense_matrix_product():
+    rng = np.random.default_rng(23)
+    for dimension in range(2, 7):
+        rows = rng.standard_normal((2000, dimension)) * 10.0 ** rng.uniform(-200, 200, (2000, 1))
+        index = SpectralIndex(rows)
+        units = rows / np.abs(rows).max(axis=1, keepdims=True)
+        units /= np.sqrt((units**2).sum(axis=1, keepdims=True))
+        for query in rng.standard_normal((20, dimension)):
+            expected = np.argsort(-(units @ query), kind="stable")[:10]
+            np.testing.assert_array_equal(index.nearest(query, 10)[1], expected)
+
+
+def test_rows_a_billionth_of_a_radian_apart_are_told_apart():
+    rng = np.random.default_rng(1)
+    steps = rng.permutation(200)
+    rows = np.stack([np.cos(steps * 1e-9), np.sin(steps * 1e-9)], axis=-1)
+    query = np.array([math.cos(37.3e-9), math.sin(37.3e-9)])
+    # To arccos more than the nearest five lie at no angle at all.
+    assert sum(arccos_angle(query, row) == 0 for row in rows) > 15
+    angles, found = SpectralIndex(rows).nearest(query, 5)
+    np.testing.assert_array_equal(steps[found], [37, 38, 36, 39, 35])
+    np.testing.assert_allclose(angles, np.array([0.3, 0.7, 1.3, 1.7, 2.3]) * 1e-9, rtol=1e-6)
+
+
+@pytest.mark.parametrize("k", [1, 3, 16, 60])
+def test_a_tie_far_larger_than_k_still_gives_the_lowest_row_numbers(k):
+    # Rows of the same four numbers in other places and signs lie at one angle from the query.
+    rng = np.random.default_rng(k)
+    rows = np.concatenate([np.array([[0, 0, 0, -9]]), np.full((99, 4), 0), np.ones((1, 4))])
+    for row in rows[1:100]:
+        row[[rng.integers(0, 3), 3]] = rng.choice([-1, 1]), 1
+    angles, found = SpectralIndex(rows).nearest([0, 0, 0, 1], k)
+    np.testing.assert_array_equal(found, np.arange(1, k + 1))
+    np.testing.assert_allclose(angles, np.full(k, math.pi / 4), rtol=1e-15)
+
+
+def test_more_neighbours_than_rows_gives_every_row_once():
+    angles, found = SpectralIndex(np.eye(3)).nearest([3.0, 2.0, 1.0], 99)
+    np.testing.assert_array_equal(found, [0, 1, 2])
+    np.testing.assert_allclose(np.cos(angles), np.array([3, 2, 1]) / math.sqrt(14), rtol=1e-14)
+
+
+def test_single_precision_rows_are_matched_in_double_precision():
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((500, 5)).astype(np.float32)
+    query = rng.standard_normal(5).astype(np.float32)
+    angles, found = SpectralIndex(rows).nearest(query, 500)
+    assert angles.dtype == np.float64
+    # Every float32 is a whole number of 2^-149, so the brute force stays exact.
+    whole = [[int(float(x) * 2.0**149) for x in row] for row in [*rows, query]]
+    exact = np.array([exact_angle(row, whole[-1]) for row in whole[:-1]])
+    np.testing.assert_array_equal(found, np.argsort(exact, kind="stable"))
+    np.testing.assert_allclose(angles, exact[found], atol=2e-15)
+
+
+def test_plain_sam_cannot_tell_4_m_from_8_m_when_aligned_and_the_lift_can():
+    lifted_scene = load_scene("reference")
+    values = lifted_scene.settings()
+    values["signature"] = {
+        "peak_weight": 1.0,
+        "position_weight": 1.0,
+        "skewness_weight": 1.0,
+        "lift": 0.0,
+    }
+    plain_scene = scene_from_settings(values, "plain")
+    images = ForwardModel(plain_scene).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
+    near, far = key_parameters(images, plain_scene.full_scale_counts, "subdetector")
+    assert near[0] > 5 * far[0]
+    assert spectral_angle(near, far) < 1e-12
+    plain = [lifted(p, plain_scene.signature, 5) for p in (near, far)]
+    assert spectral_angle(*plain) < 1e-12
+    # Along (peak, 1) alone the lifted angle is a difference of two arctangents.
+    seen = [lifted(p, lifted_scene.signature, 5) for p in (near, far)]
+    weight = lifted_scene.signature.peak_weight / lifted_scene.signature.lift
+    expected = math.atan(weight * near[0]) - math.atan(weight * far[0])
+    assert expected > 0.5
+    assert spectral_angle(*seen) == pytest.approx(expected, abs=1e-12)

@@ -1,0 +1,104 @@
+"""Which way the bright spot moves for each degree of freedom, as geometry demands.
+
+Row 0 is the top and column 0 the port edge, seen from behind the array.
+"""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import scene_from_settings
+
+ARRAYS = {
+    "planar": {"shape": "planar", "detectors_per_side": 5},
+    "curved": {"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32},
+    "planar, even": {"shape": "planar", "detectors_per_side": 6},
+    "curved, even": {"shape": "curved", "detectors_per_side": 6, "radius_m": 0.32},
+}
+AHEAD = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
+OFFSET = {"y": (1, 0.5), "z": (2, 0.5), "pitch": (3, np.radians(15)), "yaw": (4, np.radians(15))}
+
+
+@pytest.fixture(params=list(ARRAYS))
+def model(request):
+    settings = {
+        "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},
+        "array": ARRAYS[request.param],
+        "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
+    }
+    return ForwardModel(scene_from_settings(settings, request.param))
+
+
+def at(dof, sign=1):
+    index, amount = OFFSET[dof]
+    pose = AHEAD.copy()
+    pose[index] = sign * amount
+    return pose
+
+
+def spot(model, pose, roll=0.0):
+    """Column and row of the brightness centroid, from the centre of the array."""
+    image = model.light(pose, roll)
+    offsets = np.arange(model.array.side) - (model.array.side - 1) / 2
+    return image.sum(axis=0) @ offsets / image.sum(), image.sum(axis=1) @ offsets / image.sum()
+
+
+def peak(model, pose):
+    """Column and row of the peak among the five key parameters."""
+    return key_parameters(model.light(pose), 900.0, "subdetector")[1:3]
+
+
+def assert_moves(model, dof, along, sign):
+    """Both the centroid and the peak move along one image axis, and only along that one."""
+    for where in (spot, peak):
+        plus, minus = where(model, at(dof)), where(model, at(dof, -1))
+        assert sign * plus[along] > 1e-3
+        assert minus[along] == pytest.approx(-plus[along], rel=1e-9), "mirrored pose"
+        assert plus[1 - along] == pytest.approx(0, abs=1e-9), "no other axis"
+
+
+def test_an_aligned_array_sees_the_spot_in_the_middle(model):
+    assert spot(model, AHEAD) == pytest.approx((0, 0), abs=1e-12)
+
+
+def test_a_follower_to_port_sees_the_spot_to_starboard_in_a_higher_column(model):
+    assert_moves(model, "y", along=0, sign=+1)
+
+
+def test_a_follower_above_sees_the_spot_lower_in_a_higher_row(model):
+    assert_moves(model, "z", along=1, sign=+1)
+
+
+def test_a_bow_turned_to_port_sees_the_spot_to_starboard_in_a_higher_column(model):
+    assert_moves(model, "yaw", along=0, sign=+1)
+
+
+def test_a_bow_turned_down_sees_the_spot_higher_towards_row_0(model):
+    assert_moves(model, "pitch", along=1, sign=-1)
+
+
+def test_a_step_closer_makes_the_peak_brighter(model):
+    closer = AHEAD + 0.5 * np.eye(5)[0]
+    assert model.light(closer).max() > model.light(AHEAD).max()
+
+
+def test_starboard_rolled_down_carries_a_spot_at_starboard_towards_row_0(model):
+    # The spot stays level while the starboard side of the array sinks below it.
+    _, level_row = spot(model, at("y"))
+    column, row = spot(model, at("y"), roll=np.radians(20))
+    assert row < level_row - 1e-3
+    assert column > 0
+
+
+def test_roll_alone_moves_no_spot_of_an_aligned_array(model):
+    assert spot(model, AHEAD, roll=0.3) == pytest.approx((0, 0), abs=1e-12)
+
+
+def test_a_bow_turned_towards_the_lamp_brings_the_spot_back_towards_the_middle(model):
+    pose = at("y")
+    column, _ = spot(model, pose)
+    pose[4] = np.arctan2(-0.5, 6.0)
+    turned_column, _ = spot(model, pose)
+    # The beam is still brighter on the side of its axis, to starboard.
+    assert 0 < turned_column < column

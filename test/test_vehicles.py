@@ -1,0 +1,212 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.pose import Array, relative_pose
+from uuv_optical_array.vehicles import Limits, Vehicle, leader_twist, start_behind
+
+# So quick that a commanded velocity is reached in the first step.
+FREE = Limits(speed=(10.0,) * 5, acceleration=(1e6,) * 5, pitch=1.5)
+DT = 0.02
+
+
+def under_way(linear: Array, angular: Array, limits: Limits = FREE, **attitude: float) -> Vehicle:
+    """Return a vehicle at the origin that already moves as commanded."""
+    vehicle = Vehicle(np.zeros(3), limits=limits, **attitude)
+    vehicle.step(linear, angular, 1e-3)
+    vehicle.position = np.zeros(3)
+    vehicle.pitch, vehicle.yaw = attitude.get("pitch", 0.0), attitude.get("yaw", 0.0)
+    return vehicle
+
+
+def run(vehicle: Vehicle, linear: Array, angular: Array, steps: int, dt: float = DT) -> None:
+    for _ in range(steps):
+        vehicle.step(linear, angular, dt)
+
+
+def scipy_rotation(pitch: float, yaw: float) -> Rotation:
+    return Rotation.from_euler("ZYX", [yaw, pitch, 0.0])
+
+
+def test_straight_line_along_the_bow() -> None:
+    linear, angular = np.array([0.5, 0.2, -0.1]), np.zeros(3)
+    vehicle = under_way(linear, angular, pitch=0.3, yaw=-0.7)
+    run(vehicle, linear, angular, 500)
+    assert vehicle.position == pytest.approx(scipy_rotation(0.3, -0.7).apply(10 * linear), abs=1e-9)
+    assert (vehicle.pitch, vehicle.yaw) == (0.3, -0.7)
+
+
+@pytest.mark.parametrize("rate", [0.1, -0.1])
+def test_level_turn_is_a_circle(rate: float) -> None:
+    linear, angular = np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, rate])
+    vehicle = under_way(linear, angular)
+    run(vehicle, linear, angular, 600)
+    angle, radius = rate * 12, 0.5 / rate
+    expected = radius * np.array([np.sin(angle), 1 - np.cos(angle), 0.0])
+    assert vehicle.position == pytest.approx(expected, abs=1e-5)
+    assert vehicle.yaw == pytest.approx(angle)
+
+
+def test_bow_down_goes_down() -> None:
+    linear, angular = np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.1, 0.0])
+    vehicle = under_way(linear, angular)
+    run(vehicle, linear, angular, 400)
+    expected = 5 * np.array([np.sin(0.8), 0.0, np.cos(0.8) - 1])
+    assert vehicle.position == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+def test_general_motion_agrees_with_an_integrator(dt: float) -> None:
+    linear, angular = np.array([0.5, 0.1, -0.2]), np.array([0.0, -0.04, 0.15])
+
+    def slope(_: float, state: Array) -> Array:
+        pitch, yaw = state[3:]
+        velocity = scipy_rotation(pitch, yaw).apply(linear)
+        return np.array([*velocity, angular[1], angular[2] / np.cos(pitch)])
+
+    vehicle = under_way(linear, angular, pitch=0.5)
+    run(vehicle, linear, angular, round(20 / dt), dt)
+    end = solve_ivp(slope, (0, 20), [0, 0, 0, 0.5, 0], rtol=1e-10, atol=1e-12).y[:, -1]
+    assert [*vehicle.position, vehicle.pitch, vehicle.yaw] == pytest.approx(end, abs=2e-4)
+
+
+def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
+    linear, angular, dt = np.zeros(3), np.array([0.7, 0.1, 0.3]), 1e-5
+    vehicle = under_way(linear, angular, pitch=0.6, yaw=1.0)
+    before = Rotation.from_matrix(vehicle.rotation)
+    vehicle.step(linear, angular, dt)
+    turn = (before.inv() * Rotation.from_matrix(vehicle.rotation)).as_rotvec()
+    assert vehicle.angular == pytest.approx(turn / dt, abs=1e-4)
+    assert Rotation.from_matrix(vehicle.rotation).as_euler("ZYX")[2] == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("axis", range(5))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_velocity_ramps_at_the_limit_of_acceleration_and_stops_at_that_of_speed(
+    axis: int, sign: float
+) -> None:
+    limits = Limits(
+        speed=(1.0, 0.9, 0.8, 0.3, 0.35), acceleration=(0.25, 0.15, 0.1, 0.05, 0.07), pitch=1.5
+    )
+    vehicle = Vehicle(np.zeros(3), limits=limits)
+    command = np.zeros(6)
+    entry = axis if axis < 3 else axis + 1
+    command[entry] = sign * 7.0
+    seconds = limits.speed[axis] / limits.acceleration[axis]
+
+    def velocity() -> float:
+        return float(np.concatenate([vehicle.linear, vehicle.angular])[entry])
+
+    run(vehicle, command[:3], command[3:], round(seconds / 2 / DT))
+    assert velocity() == pytest.approx(sign * limits.speed[axis] / 2, rel=0.02)
+    run(vehicle, command[:3], command[3:], round(seconds / 2 / DT) + 1)
+    assert velocity() == sign * limits.speed[axis]
+
+
+def test_distance_of_a_ramp() -> None:
+    vehicle = Vehicle(np.zeros(3), limits=Limits(acceleration=(0.25,) * 5))
+    run(vehicle, np.array([0.5, 0, 0]), np.zeros(3), 100)
+    assert vehicle.position == pytest.approx([0.5**2 / (2 * 0.25), 0, 0])
+
+
+@given(
+    commands=st.lists(
+        st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.5)), min_size=1, max_size=30
+    )
+)
+@settings(deadline=None)
+def test_limits_are_obeyed(commands: list[tuple[float, ...]]) -> None:
+    vehicle, limits = Vehicle(np.zeros(3)), Limits()
+    for *command, dt in commands:
+        before = np.concatenate([vehicle.linear, vehicle.angular[1:]])
+        vehicle.step(command[:3], command[3:], dt)
+        after = np.concatenate([vehicle.linear, vehicle.angular[1:]])
+        assert (np.abs(after) <= limits.speed).all()
+        slowest = np.array(limits.acceleration) * dt + 1e-12
+        # At the end of its travel the pitch stops at once.
+        stopped = np.array([False] * 3 + [abs(vehicle.pitch) == limits.pitch, False])
+        assert ((np.abs(after - before) <= slowest) | stopped).all()
+        assert abs(vehicle.pitch) <= limits.pitch
+        assert np.isfinite(vehicle.position).all()
+
+
+def test_pitch_stops_at_its_limit_and_comes_back() -> None:
+    vehicle = Vehicle(np.zeros(3))
+    run(vehicle, np.zeros(3), np.array([0, 1.0, 0]), 1000)
+    assert vehicle.pitch == Limits().pitch
+    assert vehicle.angular[1] == 0.0
+    vehicle.step(np.zeros(3), np.array([0, -1.0, 0]), DT)
+    assert vehicle.pitch < Limits().pitch
+
+
+@pytest.mark.parametrize(
+    ("linear", "angular", "dt", "message"),
+    [
+        ([np.nan, 0, 0], [0, 0, 0], 0.1, "nan"),
+        ([0, 0, 0], [0, 0, np.inf], 0.1, "inf"),
+        ([0, 0], [0, 0, 0], 0.1, "triples"),
+        ([0, 0, 0], [0, 0, 0], -0.1, "-0.1"),
+        ([0, 0, 0], [0, 0, 0], np.nan, "nan"),
+    ],
+)
+def test_bad_steps_are_refused_and_change_nothing(
+    linear: list[float], angular: list[float], dt: float, message: str
+) -> None:
+    vehicle = Vehicle([1, 2, 3])
+    with pytest.raises(ValueError, match=message):
+        vehicle.step(linear, angular, dt)
+    assert (vehicle.position == [1, 2, 3]).all()
+    assert (vehicle.linear == 0).all()
+
+
+def swim(seconds: float, dt: float = DT) -> tuple[Vehicle, Array]:
+    """Return the leader after a while, and its pitch and depth on the way."""
+    leader, track = Vehicle(np.zeros(3)), []
+    for step in range(round(seconds / dt)):
+        leader.step(*leader_twist(step * dt), dt)
+        track.append([leader.pitch, leader.position[2]])
+    return leader, np.array(track)
+
+
+def test_leader_turns_to_port_and_dives_in_the_first_minute() -> None:
+    leader, track = swim(60)
+    assert np.degrees(leader.yaw) == pytest.approx(35, abs=0.01)
+    assert leader.pitch == pytest.approx(0, abs=1e-6)
+    assert leader.position[2] == pytest.approx(-1.4, abs=0.02)
+    assert np.degrees(track[:, 0].max()) == pytest.approx(10, abs=0.01)
+    assert track[:, 0].min() > -1e-6
+
+
+def test_leader_is_back_on_its_heading_and_depth_every_two_minutes() -> None:
+    leader, _ = swim(360)
+    assert leader.yaw == pytest.approx(0, abs=1e-5)
+    assert leader.position[2] == pytest.approx(0, abs=1e-3)
+
+
+def test_leader_path_is_smooth_bounded_and_periodic() -> None:
+    times = np.arange(0, 240, 0.01)
+    linear, angular = (np.array(part) for part in zip(*map(leader_twist, times), strict=True))
+    assert (linear == [0.5, 0, 0]).all()
+    assert (angular[:, 0] == 0).all()
+    assert np.degrees(np.abs(angular).max(axis=0)) == pytest.approx([0, 2.0, 3.5], abs=1e-4)
+    # Never more than a vehicle with the default limits can follow.
+    assert np.abs(np.diff(angular, axis=0)).max() < 0.15 * 0.01
+    assert angular[12000:] == pytest.approx(angular[:12000], abs=1e-9)
+    assert (angular[times < 12] == 0).all()
+
+
+@pytest.mark.parametrize("offset", [(-0.5, -0.2, 0.0), (0.0, 0.3, -0.1)])
+def test_follower_starts_behind_the_leader_parallel_and_at_rest(
+    offset: tuple[float, float, float],
+) -> None:
+    leader = Vehicle([3.0, -2.0, -5.0], pitch=0.1, yaw=2.0)
+    follower = start_behind(leader, 6.0, offset)
+    pose, roll = relative_pose(
+        leader.position, leader.rotation, follower.position, follower.rotation
+    )
+    assert pose == pytest.approx([offset[0] - 6, offset[1], offset[2], 0, 0], abs=1e-12)
+    assert roll == pytest.approx(0, abs=1e-12)
+    assert (follower.linear == 0).all()

@@ -57,6 +57,10 @@ def test_the_lamp_does_not_know_the_limits_of_the_electronics():
     )
     assert limited.power == bare.power
     np.testing.assert_array_equal(limited.light(ASIDE), bare.light(ASIDE))
+    # Half a metre away even a lamp of unit power is above the lowest saturation level.
+    near = (900.0, 0.9)
+    low = make_model("planar", near, saturation={"level_counts": 1.0})
+    assert low.power == make_model("planar", near).power == pytest.approx(900 * 0.5**2)
 
 
 @pytest.mark.parametrize("range_m", [0.1, 0.3])
@@ -100,11 +104,14 @@ def test_noise_comes_before_saturation_so_that_no_reading_exceeds_the_level():
     assert readings.max() == 600.0
 
 
-def test_every_reading_is_a_whole_count_in_the_converters_range():
-    model = make_model(sensor_noise={"sigma_counts": 300.0}, **ELECTRONICS)
+@pytest.mark.parametrize(("level", "largest"), [(2000.0, 1023), (700.4, 700)])
+def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, largest):
+    model = make_model(
+        sensor_noise={"sigma_counts": 300.0}, saturation={"level_counts": level}, adc={"bits": 10}
+    )
     readings = model.expose(np.broadcast_to(ASIDE, (200, 5)), np.random.default_rng(14))
     np.testing.assert_array_equal(readings, np.round(readings))
-    assert (readings.min(), readings.max()) == (0, 1023)
+    assert (readings.min(), readings.max()) == (0, largest)
 
 
 def test_the_same_seed_gives_the_same_readings_and_another_seed_others():

@@ -91,7 +91,7 @@ def test_twice_the_range_gives_a_quarter_of_the_light():
 
 
 @given(
-    eta=st.floats(0, math.radians(80)),
+    eta=st.floats(0, math.pi),
     around=st.floats(-math.pi, math.pi),
     r=st.floats(0.5, 50),
     sigma=st.floats(math.radians(3), math.radians(60)),
@@ -101,7 +101,7 @@ def test_the_beam_is_gaussian_in_the_off_axis_angle_and_round(eta, around, r, si
     across = r * math.sin(eta)
     place = (-r * math.cos(eta), across * math.cos(around), across * math.sin(around))
     expected = math.exp(-(eta**2) / (2 * sigma**2)) / r**2
-    assert one_detector(facing(place), sigma) == pytest.approx(expected, rel=1e-12, abs=1e-300)
+    assert one_detector(facing(place), sigma) == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
 
 def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():

@@ -146,9 +146,19 @@ def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
     return np.array([*position, pitch, yaw])
 
 
-def odometry_pose(message: Odometry) -> tuple[Array, Array]:
-    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``."""
-    return _checked_pose(message.pose.pose)
+def odometry_pose(message: Odometry, axes: str = "flu") -> tuple[Array, Array]:
+    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``.
+
+    ``axes`` names those of the message: ``flu`` is REP 103 (body forward, left, up in a world
+    whose z is up), ``frd`` the aerospace axes (forward, right, down in NED). The answer is in
+    REP 103's.
+    """
+    position, quaternion = _checked_pose(message.pose.pose)
+    if axes == "frd":
+        # Half a turn about x, of the world and of the body.
+        position = position * [1, -1, -1]
+        quaternion = quaternion * [1, -1, -1, 1]
+    return position, quaternion
 
 
 def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:

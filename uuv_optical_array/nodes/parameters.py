@@ -29,17 +29,22 @@ class Parameter:
         Meaning, unit and bounds.
     read_only
         Whether it is fixed once the node runs.
+    choices
+        The words that a str may be; empty for any.
     """
 
     default: Any
     quantity: Quantity
     read_only: bool = False
+    choices: tuple[str, ...] = ()
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""
         unit = f" [{self.quantity.unit}]" if self.quantity.unit else ""
         descriptor = ParameterDescriptor(
-            description=self.quantity.text + unit, read_only=self.read_only
+            description=self.quantity.text + unit,
+            read_only=self.read_only,
+            additional_constraints=" or ".join(self.choices),
         )
         bounds = self.quantity.low, self.quantity.high
         if isinstance(self.default, float):
@@ -54,6 +59,8 @@ class Parameter:
 
     def check(self, name: str, value: Any) -> None:
         """Raise ValueError where a value is of the wrong type or out of bounds."""
+        if self.choices and value not in self.choices:
+            raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(self.choices)}")
         if isinstance(self.default, bool | str):
             return
         if isinstance(self.default, list):
@@ -122,7 +129,8 @@ def markdown_table(declared: Mapping[str, Parameter]) -> str:
     for name, parameter in declared.items():
         default, quantity = parameter.default, parameter.quantity
         shown = f"`{json.dumps(default)}`"
-        bounds = "" if isinstance(default, bool | str) else quantity.bounds()
+        words = " or ".join(f"`{choice}`" for choice in parameter.choices)
+        bounds = words if isinstance(default, bool | str) else quantity.bounds()
         changes = "fixed" if parameter.read_only else "can change"
         rows.append(f"| `{name}` | {shown} | {bounds} | {changes} | {quantity.text} |")
     return "\n".join(rows)

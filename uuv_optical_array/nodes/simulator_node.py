@@ -20,7 +20,7 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
-from uuv_optical_array.pose import relative_pose
+from uuv_optical_array.pose import Array, relative_pose
 from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene
 from uuv_optical_array.trajectory import TooEarly, Trajectory
@@ -29,6 +29,12 @@ PARAMETERS = {
     "scene": SCENE,
     "seed": Parameter(
         -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
+    ),
+    "odometry_axes": Parameter(
+        "flu",
+        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
+        True,
+        ("flu", "frd"),
     ),
     "beacon_position_m": Parameter(
         [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
@@ -69,10 +75,14 @@ class SimulatorNode(Node):
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
 
+    def pose(self, message: Odometry) -> tuple[Array, Array]:
+        """Return position and quaternion of an odometry, in REP 103 axes."""
+        return odometry_pose(message, self.parameters["odometry_axes"])
+
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's pose and serve the follower poses that waited for it."""
         try:
-            self.leader.add(stamp_ns(message.header), *odometry_pose(message))
+            self.leader.add(stamp_ns(message.header), *self.pose(message))
         except Refused as reason:
             self.diagnostics.refuse(f"leader/odometry, {reason}")
             return
@@ -83,7 +93,7 @@ class SimulatorNode(Node):
         """Queue the follower's pose."""
         try:
             self.order.check(message.header)
-            odometry_pose(message)
+            self.pose(message)
         except Refused as reason:
             self.diagnostics.refuse(f"follower/odometry, {reason}")
             # Where the clock was set back, poses of the old time would wait for ever.
@@ -120,7 +130,7 @@ class SimulatorNode(Node):
                 f"follower/odometry in {follower.header.frame_id!r}; both must share one"
             )
         beacon = leader_position + leader_rotation @ np.array(self.parameters["beacon_position_m"])
-        position, quaternion = odometry_pose(follower)
+        position, quaternion = self.pose(follower)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
         image = self.model.expose(pose, self.rng, roll)

@@ -36,7 +36,6 @@ setup(
     extras_require={
         # ROS 2 Kilted for a machine without ROS; a ROS workspace has these by package.xml.
         "ros": [
-            "ros-ament-index-python",
             "ros-diagnostic-msgs",
             "ros-geometry-msgs",
             "ros-nav-msgs",

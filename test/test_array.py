@@ -89,7 +89,6 @@ def test_a_radius_that_does_not_fit_is_refused_by_name(given_settings, words):
         assert word in str(refusal.value)
 
 
-@pytest.mark.xfail(strict=True, reason="corner depth sqrt(R^2 - y^2 - z^2) can round below zero")
 def test_a_radius_just_large_enough_still_gives_finite_corners():
     width, radius = 5.085561325595337, 3.5960348994685103
     with np.errstate(all="raise"):

@@ -132,9 +132,7 @@ def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes)
         turned = Rotation.from_quat([attitude.x, attitude.y, attitude.z, attitude.w])
         found_yaw, found_pitch, found_roll = turned.as_euler("ZYX")
         assert abs(found_roll) < 1e-9
-        errors.append(
-            [place.x - x, place.y - y, place.z - z, found_pitch - pitch, found_yaw - yaw]
-        )
+        errors.append([place.x - x, place.y - y, place.z - z, found_pitch - pitch, found_yaw - yaw])
         covariance = np.reshape(message.pose.covariance, (6, 6))
         np.linalg.cholesky(covariance)
         std = np.sqrt(covariance.diagonal()[[0, 1, 2, 4, 5]])

@@ -64,10 +64,10 @@ def slow_key_parameters(image, full_scale, peak):
     vertical = [line[column] for line in image]
     if peak == "detector":
         at_row, at_column = row, column
-    elif len(top) > 1:
-        at_row, at_column = middle_row, middle_column
     else:
-        at_row, at_column = slow_vertex(vertical, row), slow_vertex(horizontal, column)
+        flat_down, flat_across = len({r for r, _ in top}) > 1, len({c for _, c in top}) > 1
+        at_row = middle_row if flat_down else slow_vertex(vertical, row)
+        at_column = middle_column if flat_across else slow_vertex(horizontal, column)
     centre = (side - 1) / 2
     return [
         brightest / full_scale,
@@ -190,11 +190,6 @@ def test_a_saturated_top_has_its_peak_at_the_centroid(saturated, middle, whole):
     np.testing.assert_allclose(sub[3:], expected, atol=1e-12)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="a tie of two moves the other axis to a whole detector",
-)
 def test_two_equal_neighbours_in_a_row_leave_the_vertex_of_the_column():
     index = np.arange(5)
     image = 900 - 4 * (index[:, None] - 2.3) ** 2 - 4 * (index - 1.5) ** 2
@@ -276,7 +271,6 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
     np.testing.assert_array_equal(images, kept)
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="the reshape of an empty batch fails")
 @pytest.mark.parametrize("shape", [(0,), (3, 0)])
 def test_a_batch_of_no_images_has_no_parameters(shape):
     assert key_parameters(np.empty((*shape, 5, 5)), FULL_SCALE, "detector").shape == (*shape, 5)

@@ -30,8 +30,8 @@ def sam_noise(seed: int) -> Callable[[Array], Array]:
     spread = np.linalg.cholesky(correlation * np.outer(std, std))
 
     def measure(pose: Array) -> Array:
-        noisy = pose + spread @ rng.standard_normal(5)
-        return np.asarray(np.round(noisy / GRID) * GRID)
+        noisy: Array = pose + spread @ rng.standard_normal(5)
+        return np.rint(noisy / GRID) * GRID
 
     return measure
 
@@ -186,6 +186,13 @@ def test_late_poses_are_brought_up_to_date(latency_ticks: int) -> None:
     assert (np.abs(errors[400:, :3]).max(axis=0) < 0.6).all()
 
 
+def test_late_poses_cause_no_overshoot() -> None:
+    at_rest = steady([0, 0, 0], [0, 0, 0])
+    errors, _ = follow(30, twist=at_rest, offset=(-1.0, 0, 0), latency_ticks=18)
+    assert errors[:, 0].max() < 0.05
+    assert errors[-1] == pytest.approx(np.zeros(5), abs=1e-2)
+
+
 def test_a_leader_too_fast_to_follow_winds_nothing_up() -> None:
     def dash(now: float) -> tuple[Array, Array]:
         return np.array([1.4 if now < 15 else 0.5, 0, 0]), np.zeros(3)
@@ -257,11 +264,19 @@ def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: flo
         assert command == pytest.approx(np.zeros(6), abs=1e-9)
 
 
-def test_a_stale_pose_after_a_stop_does_not_bring_the_old_speed_back() -> None:
+@pytest.mark.parametrize("later", [0.9, 18.0])
+def test_a_stale_pose_after_a_stop_does_not_bring_the_old_speed_back(later: float) -> None:
     controller, stamp, _ = under_way()
     assert (command_at(controller, stamp + 20) == 0).all()
-    controller.update(stamp + 18, off_station([-1.0, 0, 0, 0, 0]))
+    controller.update(stamp + later, off_station([-1.0, 0, 0, 0, 0]))
     assert (command_at(controller, stamp + 20.05) == 0).all()
+
+
+def test_poses_of_a_clock_that_is_set_back_are_taken_at_once() -> None:
+    controller, _, cruise = under_way()
+    controller.update(-100.0, STATION)
+    assert command_at(controller, -100.0) == pytest.approx(cruise)
+    assert command_at(controller, -99.0)[0] < cruise[0]
 
 
 def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> None:
@@ -271,6 +286,13 @@ def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> Non
     for tick in range(10):
         command = command_at(controller, -99.9 + tick * TICK_S)
     assert 0 < command[0] < 0.2
+
+
+def test_a_command_is_the_callers_to_change() -> None:
+    controller, stamp, cruise = under_way()
+    for part in controller.command(stamp + 1.0) or ():
+        part[:] = 99.0
+    assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 
 @pytest.mark.parametrize("back", [0.0, 0.05, 0.9])

@@ -88,7 +88,6 @@ def test_roll_pitch_yaw_recovers_the_angles_of_a_scipy_rotation(pitch, yaw, roll
     np.testing.assert_allclose(np.sin(difference / 2), 0, atol=1e-14)
 
 
-@pytest.mark.xfail(strict=True, reason="roll and yaw are read from entries that vanish there")
 @given(
     near=st.sampled_from([-1, 1]),
     distance=st.one_of(st.just(0.0), st.floats(1e-16, 1e-3)),

@@ -16,7 +16,7 @@ if shutil.which("ros2") is None:
 if subprocess.run(
     ["ros2", "pkg", "prefix", "uuv_optical_array"], capture_output=True, check=False
 ).returncode:
-    pytest.skip("the package is in no ROS workspace, so ros2 cannot find it", allow_module_level=True)
+    pytest.skip("the package is in no ROS workspace: ros2 cannot find it", allow_module_level=True)
 
 PATIENCE_S = 60.0
 

@@ -145,7 +145,6 @@ def test_a_stamp_that_goes_back_starts_the_record_anew():
         trajectory.at(40)
 
 
-@pytest.mark.xfail(strict=True, raises=LookupError, reason="an equal stamp counts as going back")
 def test_a_repeated_message_does_not_lose_the_record():
     trajectory = record((100, [1, 0, 0], LEVEL), (200, [2, 0, 0], LEVEL), (200, [2, 0, 0], LEVEL))
     assert trajectory.at(150)[0][0] == pytest.approx(1.5)

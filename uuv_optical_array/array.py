@@ -82,7 +82,9 @@ def build_array(settings: ArraySettings) -> DetectorArray:
         positions = bow + np.stack([np.zeros_like(y), y, z], axis=-1)
         normals = np.broadcast_to([1.0, 0.0, 0.0], positions.shape).copy()
     else:
-        normals = np.stack([np.sqrt(settings.radius_m**2 - y**2 - z**2), y, z], axis=-1)
+        # Rounding may leave a corner just outside the sphere.
+        depth = np.sqrt(np.maximum(settings.radius_m**2 - y**2 - z**2, 0.0))
+        normals = np.stack([depth, y, z], axis=-1)
         positions = bow + normals
         normals /= settings.radius_m
     return DetectorArray(positions, normals, side, settings.width_m / (side - 1))

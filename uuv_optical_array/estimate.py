@@ -56,7 +56,7 @@ class Estimator:
     Raises
     ------
     ValueError
-        For a table of fewer than two rows.
+        For a table of fewer than two rows, or fewer than two neighbours.
     """
 
     def __init__(
@@ -64,6 +64,8 @@ class Estimator:
     ) -> None:
         if len(table.poses) < 2:
             raise ValueError(f"table: {len(table.poses)} row; a match needs at least two")
+        if neighbours < 2:
+            raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
         self.table = table
         self.max_angle_rad = max_angle_rad
         self.neighbours = neighbours
@@ -97,8 +99,9 @@ class Estimator:
             farther than ``max_angle_rad``.
         """
         parameters = np.asarray(parameters, dtype=float)
-        if parameters.shape != (5,) or not np.isfinite(parameters).all():
-            raise NoPose(f"key parameters {parameters.tolist()} are not five finite numbers")
+        # Far beyond any image's, and yet safe to weigh.
+        if parameters.shape != (5,) or not (np.abs(parameters) < 1e100).all():
+            raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         angles, rows = self._index.nearest(self._vectors(parameters), self.neighbours)

@@ -72,7 +72,8 @@ def key_parameters(
     """Compute the five key parameters of images.
 
     The peak is the brightest detector; of several equally bright ones (a saturated top, a
-    tie) the one nearest their centroid. Both profiles run through it.
+    tie) the one nearest their centroid, of several nearest the first in reading order. Both
+    profiles run through it.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def key_parameters(
         Largest reading of the array (I_max), counts, > 0.
     peak
         ``detector`` places the peak at a whole detector, as the paper does; ``subdetector``
-        at the vertex of a parabola through its neighbours, or at the centroid of a flat top.
+        at the vertex of a parabola through its neighbours, or along an axis on which the top
+        is flat at its centroid.
 
     Returns
     -------
@@ -102,24 +104,28 @@ def key_parameters(
     if not np.isfinite(images).all():
         raise ValueError("images: not finite; drop frames that hold NaN or infinity")
     side = images.shape[-1]
-    stack = images.reshape(-1, side, side)
+    count = int(np.prod(images.shape[:-2]))
+    stack = images.reshape(count, side, side)
     frames = np.arange(len(stack))
     brightest = stack.max(axis=(1, 2))
     top = stack == brightest[:, None, None]
     indices = np.arange(side)
-    size = top.sum(axis=(1, 2))
-    centroid_row = (top.sum(axis=2) @ indices) / size
-    centroid_column = (top.sum(axis=1) @ indices) / size
+    lit_rows, lit_columns = top.sum(axis=2), top.sum(axis=1)
+    size = lit_rows.sum(axis=1)
+    centroid_row = (lit_rows @ indices) / size
+    centroid_column = (lit_columns @ indices) / size
     distance = (indices[:, None] - centroid_row[:, None, None]) ** 2 + (
         indices - centroid_column[:, None, None]
     ) ** 2
-    nearest = np.where(top, distance, np.inf).reshape(len(stack), -1).argmin(axis=1)
+    nearest = np.where(top, distance, np.inf).reshape(count, side * side).argmin(axis=1)
     row, column = np.divmod(nearest, side)
     horizontal, vertical = stack[frames, row], stack[frames, :, column]
     if peak == "subdetector":
-        single = size == 1
-        at_row = np.where(single, row + _vertex(vertical, row), centroid_row)
-        at_column = np.where(single, column + _vertex(horizontal, column), centroid_column)
+        # A top that is flat along one axis still has its vertex along the other.
+        one_row = np.count_nonzero(lit_rows, axis=1) == 1
+        one_column = np.count_nonzero(lit_columns, axis=1) == 1
+        at_row = np.where(one_row, row + _vertex(vertical, row), centroid_row)
+        at_column = np.where(one_column, column + _vertex(horizontal, column), centroid_column)
     else:
         at_row, at_column = row.astype(float), column.astype(float)
     centre = (side - 1) / 2
@@ -183,6 +189,8 @@ def no_pattern(image: Array, min_peak_counts: float) -> str | None:
         The reason, with the figure that decided.
     """
     brightest, darkest = float(np.max(image)), float(np.min(image))
+    if not np.isfinite(brightest):
+        return f"not finite: a detector reads {brightest}"
     if brightest < min_peak_counts:
         return f"no light: the peak of {brightest:g} counts is below {min_peak_counts:g}"
     if brightest == darkest:

@@ -58,8 +58,13 @@ def whole_directory(path: Path) -> Iterator[Path]:
         if path.exists():
             old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
             path.rename(old / path.name)
-            scratch.rename(path)
-            shutil.rmtree(old)
+            try:
+                scratch.rename(path)
+            except OSError:
+                (old / path.name).rename(path)
+                raise
+            finally:
+                shutil.rmtree(old, ignore_errors=True)
         else:
             scratch.rename(path)
     finally:

@@ -59,6 +59,16 @@ class FormationController:
     """
 
     def __init__(self, settings: FormationSettings) -> None:
+        self._state: Array | None = None  # pose and leader's twist, shape (10,)
+        self._covariance: Array = np.zeros((10, 10))
+        self._stamp_s = -np.inf
+        self._rate: Array = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
+        self._cruise: Array = np.zeros(5)  # the last rate commanded in the light
+        self._commanded_s: float | None = None
+        self.configure(settings)
+
+    def configure(self, settings: FormationSettings) -> None:
+        """Use other settings from now on; what was learnt of the leader stays."""
         self._settings = s = settings
         turn, turn_acceleration, attitude_std = np.radians(
             [s.max_turn_deg_per_s, s.max_acceleration_deg_per_s2, s.attitude_std_deg]
@@ -78,13 +88,6 @@ class FormationController:
         alike[Z, PITCH] = alike[PITCH, Z] = s.correlation
         alike[Y, YAW] = alike[YAW, Y] = -s.correlation
         self._noise = alike * np.outer(std, std)
-
-        self._state: Array | None = None  # pose and leader's twist, shape (10,)
-        self._covariance = np.zeros((10, 10))
-        self._stamp_s = -np.inf
-        self._rate = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
-        self._cruise = np.zeros(5)  # the last rate commanded in the light
-        self._commanded_s: float | None = None
 
     def update(self, stamp_s: float, pose: ArrayLike) -> None:
         """Take a relative pose.

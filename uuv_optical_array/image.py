@@ -37,8 +37,8 @@ class ForwardModel:
         unit_reading = float(self.light(aligned).max())
         if unit_reading < 1e-200:
             raise ValueError(
-                f"lamp.reference_range_m: {scene.lamp.reference_range_m:g} m gives the aligned "
-                "array no light; move it into the water in front of the array"
+                f"scene {scene.name}: lamp.reference_range_m: {scene.lamp.reference_range_m:g} m "
+                "gives the aligned array no light; move it into the water in front of the array"
             )
         self.power = scene.lamp.reference_counts / unit_reading
 
@@ -58,9 +58,9 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts, >= 0.
         """
-        rays = trace(self.array, poses, roll)
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
+            rays = trace(self.array, poses, roll)
             image = irradiance(rays, self._beam_sigma_rad, self.power)
             image = image.reshape(*image.shape[:-1], self.array.side, self.array.side)
             for step in self.plan.light:

@@ -60,9 +60,13 @@ def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:
         Roll, pitch and yaw in rad, shape ``(...)``; pitch in [-pi/2, pi/2].
     """
     m = np.asarray(matrix, dtype=float)
-    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
-    pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 2, 1], m[..., 2, 2]))
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    # What is left when the yaw is undone is a pitch and a roll, with the bow up or down too.
+    sin_y, cos_y = np.sin(yaw), np.cos(yaw)
+    pitch = np.arctan2(-m[..., 2, 0], cos_y * m[..., 0, 0] + sin_y * m[..., 1, 0])
+    roll = np.arctan2(
+        sin_y * m[..., 0, 2] - cos_y * m[..., 1, 2], cos_y * m[..., 1, 1] - sin_y * m[..., 0, 1]
+    )
     return roll, pitch, yaw
 
 
@@ -104,7 +108,8 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
     Parameters
     ----------
     pose
-        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``.
+        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
+        pitch and the beam have one axis.
     covariance
         Covariance of `pose`, shape ``(5, 5)``, m^2, m rad and rad^2.
     roll_std

@@ -57,9 +57,10 @@ def _number(value: Any, quantity: Quantity, name: str, whole: bool) -> float | i
         raise ValueError(
             f"{name}: {value!r} is not {kind}; give {kind} without a unit, {quantity.bounds()}"
         )
-    if not math.isfinite(value) or not quantity.low <= value <= quantity.high:
+    # A whole number may be too large for isfinite, so the bounds come first.
+    if not (quantity.low <= value <= quantity.high and abs(value) < math.inf):
         raise ValueError(f"{name}: {value!r} is out of bounds; it must be {quantity.bounds()}")
-    return int(value) if whole else float(value)
+    return int(value) if whole else float(value) + 0.0  # no -0.0, which prints otherwise
 
 
 def _span(value: Any, quantity: Quantity, name: str) -> Span:

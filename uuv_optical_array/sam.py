@@ -1,7 +1,7 @@
 """The Spectral Angle Mapper: the angle between vectors, and the rows nearest by it."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from uuv_optical_array.pose import Array
@@ -91,7 +91,7 @@ class SpectralIndex:
         # These options build five times faster than SciPy's defaults and search as fast.
         self._tree = cKDTree(self._units, leafsize=16, balanced_tree=False, compact_nodes=False)
 
-    def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, np.ndarray]:
+    def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the rows nearest to one vector, by angle and then by row number.
 
         Parameters

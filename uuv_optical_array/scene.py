@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -146,6 +147,24 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     return scene
 
 
+class _SceneLoader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+    """YAML as people mean it: 1e-3 is a number, and a key stands once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise ValueError(f"{key}: given twice; keep one")
+        return super().construct_mapping(node, deep)
+
+
+_SceneLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
+
+
 def load_scene(path: str | Path) -> Scene:
     """Read a scene from a YAML file.
 
@@ -177,7 +196,7 @@ def load_scene(path: str | Path) -> Scene:
     if not file.exists():
         raise FileNotFoundError(f"scene {file}: no such file")
     try:
-        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        settings = yaml.load(file.read_text(encoding="utf-8"), _SceneLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ValueError(f"scene {file}: not YAML: {error}") from None
     return scene_from_settings(settings, file.stem)

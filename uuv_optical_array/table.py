@@ -117,8 +117,8 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
     ValueError
         Where `path` exists and is no table.
     """
-    path = Path(path)
-    if path.exists() and not (path / "table.yaml").exists():
+    path = Path(path).expanduser()
+    if path.exists() and not _is_table(path):
         raise ValueError(f"table {path}: exists and is no table; name another folder")
     about = {
         "format": FORMAT,
@@ -131,6 +131,16 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
         np.save(scratch / "poses.npy", table.poses)
         np.save(scratch / "parameters.npy", table.parameters)
         (scratch / "table.yaml").write_text(yaml.safe_dump(about, sort_keys=False), "utf-8")
+
+
+def _is_table(path: Path) -> bool:
+    """Say whether a folder holds a table and nothing else."""
+    about = path / "table.yaml"
+    return (
+        about.is_file()
+        and about.read_bytes().startswith(b"format:")
+        and {file.name for file in path.iterdir()} <= {"poses.npy", "parameters.npy", about.name}
+    )
 
 
 def _read_about(path: Path) -> dict[str, Any]:
@@ -169,7 +179,12 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     path = Path(path).expanduser()
     about = _read_about(path)
     if about["fingerprint"] != scene.fingerprint:
-        theirs = scene_from_settings(about["scene"], about["name"])
+        try:
+            theirs = scene_from_settings(about["scene"], about["name"])
+        except ValueError as error:
+            raise ValueError(
+                f"table {path}: table.yaml is damaged ({error}); build it again"
+            ) from None
         why = "; ".join(scene.differences(theirs)) or "its fingerprint does not match its scene"
         raise ValueError(
             f"table {path}: built for another scene than {scene.name}: {why}; "
@@ -216,6 +231,6 @@ def cached_table(scene: Scene, progress: Progress = iter) -> SignatureTable:
     table = build_table(scene, progress=progress)
     try:
         save_table(table, path)
-    except OSError:
+    except (OSError, ValueError):
         return table
     return load_table(path, scene)

@@ -28,7 +28,9 @@ class Trajectory:
         self._samples: deque[tuple[int, Array, Array]] = deque(maxlen=length)
 
     def add(self, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> None:
-        """Record a pose; a stamp that goes back starts the record anew (a clock that was reset).
+        """Record a pose; of two with one stamp the later counts.
+
+        A stamp that goes back starts the record anew: the clock was reset.
 
         Parameters
         ----------
@@ -39,8 +41,10 @@ class Trajectory:
         quaternion_xyzw
             Attitude, shape ``(4,)``, not zero.
         """
-        if self._samples and stamp_ns <= self._samples[-1][0]:
+        if self._samples and stamp_ns < self._samples[-1][0]:
             self._samples.clear()
+        elif self._samples and stamp_ns == self._samples[-1][0]:
+            self._samples.pop()
         self._samples.append((stamp_ns, position, quaternion_xyzw))
 
     def at(self, stamp_ns: int) -> tuple[Array, Array]:

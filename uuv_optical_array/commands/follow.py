@@ -26,7 +26,7 @@ Ctrl-C ends the run early and reports what there is. While it runs, `ros2 topic 
 shows the estimates. The exit code is 1 when the follower lost the leader."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "follow",

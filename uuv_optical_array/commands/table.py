@@ -23,7 +23,7 @@ examples:
   uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice"""
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "table",

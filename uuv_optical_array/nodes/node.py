@@ -56,7 +56,7 @@ def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
     except (KeyboardInterrupt, ExternalShutdownException):
         # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except (ValueError, FileNotFoundError, ParameterException) as error:
+    except (ValueError, OSError, ParameterException) as error:
         sys.exit(str(error))
     finally:
         rclpy.try_shutdown()

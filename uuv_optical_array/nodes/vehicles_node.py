@@ -11,6 +11,7 @@ from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import Refused, twist_from_message
 from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.parameters import Parameter, Parameters
+from uuv_optical_array.pose import Array
 from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.vehicles import Vehicle, leader_twist, start_behind
 
@@ -39,7 +40,7 @@ class VehiclesNode(Node):
         self.follower = start_behind(self.leader, self.parameters["stand_off_m"])
         self.started: Time | None = None
         self.moved = self.commanded = self.get_clock().now()
-        self.command = np.zeros(3), np.zeros(3)
+        self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.diagnostics = Diagnostics(self)
         self.odometry = {
             name: publish(self, Odometry, f"{name}/odometry") for name in ("leader", "follower")

@@ -33,20 +33,37 @@ class FormationSettings:
     """Station, gains, limits and the noise to expect of the poses."""
 
     stand_off_m: Annotated[float, Quantity("station behind the lamp", "m", 0.5, 50)] = 6.0
-    position_gain_per_s: Annotated[float, Quantity("speed per m of error", "1/s", 0.01, 2)] = 0.4
-    attitude_gain_per_s: Annotated[float, Quantity("rate per rad of error", "1/s", 0.01, 2)] = 0.4
+    position_gain_per_s: Annotated[
+        float, Quantity("speed commanded per position error", "1/s", 0.01, 2)
+    ] = 0.4
+    attitude_gain_per_s: Annotated[
+        float, Quantity("turn rate commanded per attitude error", "1/s", 0.01, 2)
+    ] = 0.4
     smoothing_s: Annotated[float, Quantity("time constant of the command", "s", 0.01, 10)] = 0.7
     max_surge_m_per_s: Annotated[float, Quantity("fastest surge", "m/s", 0.01, 5)] = 1.0
     max_sway_m_per_s: Annotated[float, Quantity("fastest sway and heave", "m/s", 0.01, 5)] = 0.6
     max_turn_deg_per_s: Annotated[float, Quantity("fastest turn", "deg/s", 0.1, 90)] = 10.0
-    max_acceleration_m_per_s2: Annotated[float, Quantity("of the speed", "m/s^2", 0.01, 5)] = 0.2
-    max_acceleration_deg_per_s2: Annotated[float, Quantity("of turns", "deg/s^2", 0.1, 90)] = 3.0
-    light_timeout_s: Annotated[float, Quantity("dark for longer, it stops", "s", 0.1, 60)] = 1.0
-    stop_time_s: Annotated[float, Quantity("it takes to stop", "s", 0.1, 60)] = 3.0
-    range_std_m: Annotated[float, Quantity("error of x", "m", 1e-3, 10)] = 0.35
-    offset_std_m: Annotated[float, Quantity("error of y and z", "m", 1e-3, 10)] = 0.25
-    attitude_std_deg: Annotated[float, Quantity("error of pitch and yaw", "deg", 0.01, 90)] = 7.0
-    correlation: Annotated[float, Quantity("z with pitch, -y with yaw", "", -0.999, 0.999)] = 0.97
+    max_acceleration_m_per_s2: Annotated[
+        float, Quantity("largest change of the commanded speed", "m/s^2", 0.01, 5)
+    ] = 0.2
+    max_acceleration_deg_per_s2: Annotated[
+        float, Quantity("largest change of the commanded turn", "deg/s^2", 0.1, 90)
+    ] = 3.0
+    light_timeout_s: Annotated[
+        float, Quantity("without a pose for longer, the light is lost", "s", 0.1, 60)
+    ] = 1.0
+    stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
+    range_std_m: Annotated[
+        float, Quantity("expected error of x, standard deviation", "m", 1e-3, 10)
+    ] = 0.35
+    offset_std_m: Annotated[float, Quantity("expected error of y and z", "m", 1e-3, 10)] = 0.25
+    attitude_std_deg: Annotated[
+        float, Quantity("expected error of pitch and yaw", "deg", 0.01, 90)
+    ] = 7.0
+    correlation: Annotated[
+        float,
+        Quantity("correlation of the errors of z and pitch, of -y and yaw", "", -0.999, 0.999),
+    ] = 0.97
 
 
 class FormationController:

@@ -20,7 +20,10 @@ def _paths(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
     leader = np.array(list(record.leader_path.values()))
     follower = np.array(list(record.follower_path.values()))
     above, side = figure.subplots(1, 2)
-    for axes, vertical, title in ((above, 1, "from above"), (side, 2, "from the side")):
+    for axes, vertical, title in (
+        (above, 1, "from above"),
+        (side, 2, "from the side, not to scale"),
+    ):
         for moment in moments:
             pair = np.array([record.follower_path[moment], record.leader_path[moment]])
             axes.plot(pair[:, 0], pair[:, vertical], color="0.75", lw=0.8, zorder=0)
@@ -96,7 +99,7 @@ def draw_follow(record: FollowRecord, path: Path) -> None:
     _errors(middle, record)
     _images(bottom, record, moments)
     figure.suptitle("A follower keeps station behind a leader by light alone", fontsize=14)
-    bottom.supxlabel("images of the array; true x, y, z and pitch, yaw below each", fontsize=9)
+    bottom.suptitle("images of the array, and the true x, y, z, pitch and yaw", fontsize=10)
     scratch = path.with_name(f".{path.name}.part")
     figure.savefig(scratch, format="png", dpi=90)
     os.replace(scratch, path)

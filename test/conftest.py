@@ -1,0 +1,247 @@
+"""A test run has a ROS domain, cache and log of its own; a Lab holds nodes and a probe."""
+
+import functools
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+PATIENCE_S = 30.0
+SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
+
+# Before any test module starts ROS, and for every process that a test starts.
+os.environ.update(
+    ROS_DOMAIN_ID=str(1 + os.getpid() % 101),
+    ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+    ROS_LOG_DIR=f"{SCRATCH.name}/log",
+    XDG_CACHE_HOME=f"{SCRATCH.name}/cache",
+)
+
+
+def pytest_unconfigure():
+    SCRATCH.cleanup()
+
+
+class Lab:
+    """Nodes under test and a probe node in one executor; tests await events, they never sleep."""
+
+    def __init__(self):
+        self.nodes, self.statuses = [], []
+        self.publishers, self.subscriptions = [], []
+
+    def begin(self, parameters=None, *arguments):
+        """Start ROS with start parameters, such as ``{"feature_node:scene": "reference"}``."""
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.executors import SingleThreadedExecutor
+        from rosgraph_msgs.msg import Clock
+
+        given = [
+            word
+            for name, value in (parameters or {}).items()
+            for word in ("-p", f"{name}:={json.dumps(value)}")
+        ]
+        rclpy.init(args=["--ros-args", *map(str, arguments), *given])
+        self.executor = SingleThreadedExecutor()
+        self.probe = rclpy.create_node("probe", use_global_arguments=False)
+        self.executor.add_node(self.probe)
+        self.subscribe(
+            DiagnosticArray, "/diagnostics", lambda array: self.statuses.extend(array.status)
+        )
+        if (parameters or {}).get("use_sim_time"):
+            self.clock = self.talk(Clock, "/clock")
+
+    def end(self):
+        import rclpy
+
+        if hasattr(self, "executor"):
+            self.executor.shutdown()
+            for node in (*self.nodes, self.probe):
+                node.destroy_node()
+        rclpy.try_shutdown()
+
+    def start(self, node_type, namespace=None):
+        """Start a node, as ``__ns:=NAMESPACE`` does in a process of its own."""
+        from rclpy.node import Node
+
+        with pytest.MonkeyPatch.context() as patch:
+            if namespace:
+                inside = functools.partialmethod(Node.__init__, namespace=namespace)
+                patch.setattr(Node, "__init__", inside)
+            node = node_type()
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def subscribe(self, message_type, topic, callback):
+        self.subscriptions.append(
+            self.probe.create_subscription(message_type, topic, callback, 100)
+        )
+
+    def listen(self, message_type, topic):
+        """Return a list that grows by every message on a topic."""
+        heard = []
+        self.subscribe(message_type, topic, heard.append)
+        return heard
+
+    def talk(self, message_type, topic):
+        """Return a publisher."""
+        self.publishers.append(self.probe.create_publisher(message_type, topic, 100))
+        return self.publishers[-1]
+
+    def connect(self):
+        """Wait until the probe and the nodes under test hear each other on every topic."""
+        ours = {talker.topic_name for talker in self.publishers}
+        heard = {ear.topic_name for ear in self.subscriptions}
+
+        def connected():
+            nodes = [self.probe, *self.nodes]
+            talkers = [talker for node in nodes for talker in node.publishers]
+            ears = [ear for node in nodes for ear in node.subscriptions]
+            wanted_ears = [ear for ear in ears if ear.topic_name in ours | heard]
+            wanted_talkers = [talker for talker in talkers if talker.topic_name in ours | heard]
+            return all(
+                talker.get_subscription_count()
+                >= sum(ear.topic_name == talker.topic_name for ear in ears)
+                for talker in wanted_talkers
+            ) and all(
+                ear.handle.get_publisher_count()
+                >= max(1, sum(talker.topic_name == ear.topic_name for talker in talkers))
+                for ear in wanted_ears
+            )
+
+        self.until(connected, "probe and nodes to find each other")
+
+    def until(self, condition, what):
+        """Spin until a condition holds and return what it returned."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not (result := condition()):
+            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def answer(self, heard, stamp, what="an answer"):
+        """Wait for the message with a stamp, whatever was heard before."""
+        return self.until(
+            lambda: next((message for message in heard if message.header.stamp == stamp), None),
+            f"{what} with {stamp}",
+        )
+
+    def report(self, node, level, *words):
+        """Wait for a diagnostic status of a node, without waiting for its period to end."""
+        name = node.get_fully_qualified_name().lstrip("/")
+        node.diagnostics.publish()
+        found = self.until(
+            lambda: next(
+                (
+                    status
+                    for status in self.statuses
+                    if status.name == name
+                    and status.level == level
+                    and all(word in status.message for word in words)
+                ),
+                None,
+            ),
+            f"{name} to report {level!r} with {words}; it said {self.statuses}",
+        )
+        self.statuses.clear()
+        return found
+
+    def tick(self, nanoseconds):
+        """Set the simulated time and wait until every node has it."""
+        from builtin_interfaces.msg import Time
+        from rosgraph_msgs.msg import Clock
+
+        seconds, rest = divmod(nanoseconds, 10**9)
+        self.clock.publish(Clock(clock=Time(sec=seconds, nanosec=rest)))
+        self.until(
+            lambda: all(node.get_clock().now().nanoseconds == nanoseconds for node in self.nodes),
+            f"the clock to show {nanoseconds} ns",
+        )
+
+    def call(self, service_type, name, **request):
+        """Call a service of a node under test."""
+        client = self.probe.create_client(service_type, name)
+        self.until(client.service_is_ready, f"service {name}")
+        future = client.call_async(service_type.Request(**request))
+        self.until(future.done, f"the answer of {name}")
+        return future.result()
+
+    def set(self, node, name, value):
+        """Set a parameter as ``ros2 param set`` does; return the result."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        service = f"{node.get_fully_qualified_name()}/set_parameters"
+        change = Parameter(name, value=value).to_parameter_msg()
+        return self.call(SetParameters, service, parameters=[change]).results[0]
+
+
+@pytest.fixture
+def lab():
+    lab = Lab()
+    yield lab
+    lab.end()
+
+
+def write_scene(folder, name, changes=()):
+    """Write the reference scene with a table of 5^5 rows, and changes ``(group, key, value)``."""
+    from uuv_optical_array.scene import load_scene
+
+    settings = load_scene("reference").settings()
+    settings["table"] = {key: [*span[:2], 5] for key, span in settings["table"].items()}
+    for *groups, key, value in changes:
+        functools.reduce(lambda inner, group: inner[group], groups, settings)[key] = value
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def scene_file(tmp_path_factory):
+    """A scene whose table is small."""
+    return str(write_scene(tmp_path_factory.mktemp("scene"), "small"))
+
+
+@pytest.fixture(scope="session")
+def scene(scene_file):
+    from uuv_optical_array.scene import load_scene
+
+    return load_scene(scene_file)
+
+
+@pytest.fixture(scope="session")
+def table(scene):
+    from uuv_optical_array.table import build_table
+
+    return build_table(scene)
+
+
+@pytest.fixture(scope="session")
+def murky_scene_file(tmp_path_factory):
+    """The small scene in water that attenuates twice as much."""
+    change = ("effects", "attenuation", "k_per_m", 0.2)
+    return str(write_scene(tmp_path_factory.mktemp("scene"), "murky", [change]))
+
+
+@pytest.fixture(scope="session")
+def murky_table_folder(murky_scene_file):
+    from uuv_optical_array.scene import load_scene
+    from uuv_optical_array.table import build_table, save_table
+
+    folder = Path(murky_scene_file).parent / "table"
+    save_table(build_table(load_scene(murky_scene_file)), folder)
+    return str(folder)
+
+
+@pytest.fixture(scope="session")
+def table_folder(table, tmp_path_factory):
+    from uuv_optical_array.table import save_table
+
+    folder = tmp_path_factory.mktemp("tables") / "small"
+    save_table(table, folder)
+    return str(folder)

@@ -1,0 +1,256 @@
+"""Arrays become messages and back, and a message that must not be used is refused by its kind."""
+
+import struct
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from uuv_optical_array.nodes.messages import (
+    Refused,
+    StampOrder,
+    features_from_message,
+    features_to_message,
+    image_from_message,
+    image_to_message,
+    odometry_pose,
+    pose_from_message,
+    pose_to_message,
+    stamp_ns,
+    twist_from_message,
+    twist_to_message,
+)
+
+SIDE = 5
+COUNTS = np.arange(SIDE * SIDE, dtype=float).reshape(SIDE, SIDE) * 2621
+NAMES = ["peak", "column", "row", "skewness_horizontal", "skewness_vertical"]
+finite = st.floats(allow_nan=False, allow_infinity=False)
+BAD_NUMBERS = [np.nan, np.inf, -np.inf]
+
+
+def header(seconds=3, nanoseconds=4):
+    message = Header(frame_id="array")
+    message.stamp.sec, message.stamp.nanosec = seconds, nanoseconds
+    return message
+
+
+@given(arrays(np.uint16, (SIDE, SIDE)))
+def test_an_image_survives_the_message_and_lies_in_it_row_by_row(counts):
+    message = image_to_message(counts.astype(float), header())
+    assert message.header == header()
+    assert (message.encoding, message.height, message.width) == ("mono16", SIDE, SIDE)
+    assert (message.step, message.is_bigendian) == (2 * SIDE, 0)
+    assert struct.unpack("<25H", bytes(message.data)) == tuple(counts.ravel())
+    np.testing.assert_array_equal(image_from_message(message, SIDE), counts)
+
+
+@pytest.mark.parametrize(("order", "is_bigendian"), [(">", 1), ("<", 0)])
+@pytest.mark.parametrize("padding", [0, 2, 6])
+@pytest.mark.parametrize("encoding", ["mono16", "16UC1"])
+def test_an_image_of_any_byte_order_and_padding_is_read(order, is_bigendian, padding, encoding):
+    message = image_to_message(COUNTS, header())
+    rows = [struct.pack(f"{order}5H", *row.astype(int)) + b"\xff" * padding for row in COUNTS]
+    message.data, message.step = b"".join(rows), 2 * SIDE + padding
+    message.is_bigendian, message.encoding = is_bigendian, encoding
+    np.testing.assert_array_equal(image_from_message(message, SIDE), COUNTS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "words"),
+    [
+        ({"encoding": "mono8"}, "wrong encoding", "mono8"),
+        ({"encoding": ""}, "wrong encoding", "mono16"),
+        ({"height": 4}, "wrong size", "4 x 5"),
+        ({"width": 6}, "wrong size", "5 x 6"),
+        ({"step": 11, "data": b"\0" * 55}, "wrong step", "11"),
+        ({"step": 8, "data": b"\0" * 40}, "wrong step", "8"),
+        ({"data": b"\0" * 49}, "truncated", "49"),
+        ({"data": b""}, "truncated", "0 bytes"),
+        ({"data": b"\0" * 52}, "truncated", "52"),
+    ],
+)
+def test_an_image_that_is_not_the_arrays_is_refused(changes, kind, words):
+    message = image_to_message(COUNTS, header())
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(Refused, match=f"^{kind}: .*{words}"):
+        image_from_message(message, SIDE)
+
+
+@given(arrays(float, 5, elements=finite))
+def test_key_parameters_survive_the_cloud_to_the_last_bit(parameters):
+    message = features_to_message(parameters, header())
+    assert message.header == header()
+    assert struct.unpack("<5d", bytes(message.data)) == tuple(parameters)
+    np.testing.assert_array_equal(features_from_message(message), parameters)
+
+
+def test_the_cloud_is_one_point_that_other_readers_of_clouds_understand():
+    message = features_to_message(np.arange(5.0), header())
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    assert fields == [(name, 8 * i, PointField.FLOAT64, 1) for i, name in enumerate(NAMES)]
+    assert (message.height, message.width) == (1, 1)
+    assert (message.point_step, message.row_step, len(message.data)) == (40, 40, 40)
+    assert not message.is_bigendian
+
+
+def test_no_light_is_a_cloud_without_a_point():
+    message = features_to_message(None, header())
+    assert (message.width * message.height, len(message.data)) == (0, 0)
+    assert [field.name for field in message.fields] == NAMES
+    assert features_from_message(message) is None
+
+
+def test_a_big_endian_cloud_is_read():
+    message = features_to_message(np.arange(5.0), header())
+    message.data, message.is_bigendian = struct.pack(">5d", 1, 2, 3, 4, 5), True
+    np.testing.assert_array_equal(features_from_message(message), [1, 2, 3, 4, 5])
+
+
+def field(i, **changes):
+    values = {"name": NAMES[i], "offset": 8 * i, "datatype": PointField.FLOAT64, "count": 1}
+    return PointField(**{**values, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind"),
+    [
+        ({"fields": []}, "wrong fields"),
+        ({"fields": [field(i) for i in range(4)]}, "wrong fields"),
+        ({"fields": [field(i) for i in (0, 2, 1, 3, 4)]}, "wrong fields"),
+        ({"fields": [*(field(i) for i in range(4)), field(4, name="z")]}, "wrong fields"),
+        (
+            {"fields": [field(i, datatype=PointField.FLOAT32) for i in range(5)]},
+            "wrong field type",
+        ),
+        ({"fields": [field(0, count=2), *(field(i) for i in range(1, 5))]}, "wrong field type"),
+        ({"fields": [field(i, offset=4 * i) for i in range(5)]}, "wrong field offsets"),
+        ({"width": 2, "data": b"\0" * 80}, "wrong size"),
+        ({"data": b"\0" * 39}, "truncated"),
+        ({"data": b""}, "truncated"),
+        *(({"data": struct.pack("<5d", 1, 2, x, 4, 5)}, "not finite") for x in BAD_NUMBERS),
+    ],
+)
+def test_a_cloud_that_is_no_signature_is_refused(changes, kind):
+    message = features_to_message(np.arange(1.0, 6.0), header())
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(Refused, match=f"^{kind}: "):
+        features_from_message(message)
+
+
+def test_a_cloud_of_nothing_at_all_is_refused_and_not_taken_for_darkness():
+    with pytest.raises(Refused, match="^wrong fields: "):
+        features_from_message(PointCloud2())
+
+
+half_turn = st.floats(-1.5, 1.5)
+
+
+@given(arrays(float, 3, elements=st.floats(-1e6, 1e6)), half_turn, st.floats(-3.1, 3.1))
+def test_a_pose_survives_the_message_and_is_the_turn_of_scipy(position, pitch, yaw):
+    pose = np.array([*position, pitch, yaw])
+    covariance = np.arange(36.0).reshape(6, 6)
+    message = pose_to_message(pose, covariance, header())
+    assert message.header == header()
+    place, q = message.pose.pose.position, message.pose.pose.orientation
+    np.testing.assert_array_equal([place.x, place.y, place.z], position)
+    np.testing.assert_allclose(
+        Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(),
+        Rotation.from_euler("ZYX", [yaw, pitch, 0.0]).as_matrix(),
+        atol=1e-12,
+    )
+    np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), covariance)
+    np.testing.assert_allclose(pose_from_message(message), pose, atol=1e-9)
+
+
+def fill(message, position=(1.0, 2.0, 3.0), quaternion=(0.0, 0.0, 0.0, 1.0)):
+    pose = message.pose.pose
+    pose.position.x, pose.position.y, pose.position.z = position
+    q = pose.orientation
+    q.x, q.y, q.z, q.w = quaternion
+    return message
+
+
+READERS = [(PoseWithCovarianceStamped, pose_from_message), (Odometry, odometry_pose)]
+
+
+@pytest.mark.parametrize(("message_type", "read"), READERS)
+@pytest.mark.parametrize("bad", BAD_NUMBERS)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_position_that_is_not_finite_is_refused(message_type, read, bad, axis):
+    position = [1.0, 2.0, 3.0]
+    position[axis] = bad
+    with pytest.raises(Refused, match="^not finite: position"):
+        read(fill(message_type(), position=position))
+
+
+@pytest.mark.parametrize(("message_type", "read"), READERS)
+@pytest.mark.parametrize(
+    "bad",
+    [(0.0,) * 4, (0.0, 0.0, 0.0, 2.0), (0.5, 0.0, 0.0, 0.5)]
+    + [(0.0, number, 0.0, 1.0) for number in BAD_NUMBERS],
+)
+def test_an_attitude_that_is_no_turn_is_refused(message_type, read, bad):
+    with pytest.raises(Refused, match="^bad attitude: "):
+        read(fill(message_type(), quaternion=bad))
+
+
+def test_an_attitude_off_unit_length_by_rounding_is_normalised():
+    turn = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).as_quat()
+    _, quaternion = odometry_pose(fill(Odometry(), quaternion=(turn * 1.005).tolist()))
+    np.testing.assert_allclose(quaternion, turn, atol=1e-15)
+
+
+def test_an_odometry_in_ned_axes_is_turned_into_those_of_rep_103():
+    turn, position = Rotation.from_euler("ZYX", [0.9, -0.4, 0.2]), np.array([1.0, 2.0, 3.0])
+    message = fill(Odometry(), position=position.tolist(), quaternion=turn.as_quat().tolist())
+    found, quaternion = odometry_pose(message, "frd")
+    flip = Rotation.from_euler("X", np.pi)  # from NED to z up, and from z down to z up
+    np.testing.assert_allclose(found, flip.apply(position), atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_quat(quaternion).as_matrix(), (flip * turn * flip).as_matrix(), atol=1e-12
+    )
+    np.testing.assert_array_equal(odometry_pose(message)[0], position)
+
+
+@given(arrays(float, 6, elements=finite))
+def test_a_twist_survives_the_message(values):
+    message = twist_to_message(values[:3], values[3:], header())
+    assert message.header == header()
+    np.testing.assert_array_equal(np.concatenate(twist_from_message(message)), values)
+    assert message.twist.linear.z == values[2]
+    assert message.twist.angular.z == values[5]
+
+
+@pytest.mark.parametrize("bad", BAD_NUMBERS)
+@pytest.mark.parametrize("part", ["linear", "angular"])
+@pytest.mark.parametrize("axis", "xyz")
+def test_a_twist_that_is_not_finite_is_refused(bad, part, axis):
+    message = TwistStamped()
+    setattr(getattr(message.twist, part), axis, bad)
+    with pytest.raises(Refused, match="^not finite: twist"):
+        twist_from_message(message)
+
+
+def test_a_stamp_counts_nanoseconds_without_rounding():
+    assert stamp_ns(header(1_700_000_000, 999_999_999)) == 1_700_000_000_999_999_999
+
+
+def test_a_late_stamp_costs_one_message_and_so_does_a_clock_that_was_set_back():
+    order, passed = StampOrder(), []
+    for seconds in (10, 11, 11, 12, 3, 4, 5, 4, 6):
+        try:
+            order.check(header(seconds, 0))
+            passed.append(seconds)
+        except Refused as reason:
+            assert str(reason).startswith("stamp not later: ")
+            passed.append(-seconds)
+    assert passed == [10, 11, -11, 12, -3, 4, 5, -4, 6]

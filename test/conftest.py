@@ -134,22 +134,18 @@ class Lab:
     def report(self, node, level, *words):
         """Wait for a diagnostic status of a node, without waiting for its period to end."""
         name = node.get_fully_qualified_name().lstrip("/")
-        node.diagnostics.publish()
-        found = self.until(
-            lambda: next(
-                (
-                    status
-                    for status in self.statuses
-                    if status.name == name
-                    and status.level == level
-                    and all(word in status.message for word in words)
-                ),
-                None,
-            ),
-            f"{name} to report {level!r} with {words}; it said {self.statuses}",
-        )
+
+        def found():
+            for status in self.statuses:
+                wanted = status.name == name and status.level == level
+                if wanted and all(word in status.message for word in words):
+                    return status
+            node.diagnostics.publish()
+            return None
+
+        status = self.until(found, f"{name} to report {level!r} with {words}")
         self.statuses.clear()
-        return found
+        return status
 
     def tick(self, nanoseconds):
         """Set the simulated time and wait until every node has it."""

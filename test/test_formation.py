@@ -186,11 +186,12 @@ def test_late_poses_are_brought_up_to_date(latency_ticks: int) -> None:
     assert (np.abs(errors[400:, :3]).max(axis=0) < 0.6).all()
 
 
-def test_late_poses_cause_no_overshoot() -> None:
+def test_late_poses_cause_little_overshoot() -> None:
     at_rest = steady([0, 0, 0], [0, 0, 0])
-    errors, _ = follow(30, twist=at_rest, offset=(-1.0, 0, 0), latency_ticks=18)
+    errors, _ = follow(20, twist=at_rest, offset=(-1.0, 0, 0), latency_ticks=6)
+    # It would be 0.09 m, were the command not for the pose expected by now.
     assert errors[:, 0].max() < 0.05
-    assert errors[-1] == pytest.approx(np.zeros(5), abs=1e-2)
+    assert errors[-1] == pytest.approx(np.zeros(5), abs=3e-3)
 
 
 def test_a_leader_too_fast_to_follow_winds_nothing_up() -> None:
@@ -264,12 +265,13 @@ def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: flo
         assert command == pytest.approx(np.zeros(6), abs=1e-9)
 
 
-@pytest.mark.parametrize("later", [0.9, 18.0])
-def test_a_stale_pose_after_a_stop_does_not_bring_the_old_speed_back(later: float) -> None:
-    controller, stamp, _ = under_way()
-    assert (command_at(controller, stamp + 20) == 0).all()
-    controller.update(stamp + later, off_station([-1.0, 0, 0, 0, 0]))
-    assert (command_at(controller, stamp + 20.05) == 0).all()
+@pytest.mark.parametrize(("dark", "stamp_later"), [(2.0, 0.9), (19.0, 18.0)])
+def test_a_stale_pose_does_not_bring_the_old_speed_back(dark: float, stamp_later: float) -> None:
+    controller, stamp, cruise = under_way()
+    slowed = command_at(controller, stamp + 1.0 + dark)
+    assert slowed == pytest.approx(cruise * max(0.0, 1 - dark / 4))
+    controller.update(stamp + stamp_later, off_station([-1.0, 0, 0, 0, 0]))
+    assert (np.abs(command_at(controller, stamp + 1.05 + dark)) <= np.abs(slowed)).all()
 
 
 def test_poses_of_a_clock_that_is_set_back_are_taken_at_once() -> None:

@@ -147,7 +147,7 @@ def test_a_cloud_that_is_no_signature_is_refused(changes, kind):
 
 
 def test_a_cloud_of_nothing_at_all_is_refused_and_not_taken_for_darkness():
-    with pytest.raises(Refused, match="^wrong fields: "):
+    with pytest.raises(Refused, match=r"^wrong fields: "):
         features_from_message(PointCloud2())
 
 
@@ -188,7 +188,7 @@ READERS = [(PoseWithCovarianceStamped, pose_from_message), (Odometry, odometry_p
 def test_a_position_that_is_not_finite_is_refused(message_type, read, bad, axis):
     position = [1.0, 2.0, 3.0]
     position[axis] = bad
-    with pytest.raises(Refused, match="^not finite: position"):
+    with pytest.raises(Refused, match=r"^not finite: position"):
         read(fill(message_type(), position=position))
 
 
@@ -199,7 +199,7 @@ def test_a_position_that_is_not_finite_is_refused(message_type, read, bad, axis)
     + [(0.0, number, 0.0, 1.0) for number in BAD_NUMBERS],
 )
 def test_an_attitude_that_is_no_turn_is_refused(message_type, read, bad):
-    with pytest.raises(Refused, match="^bad attitude: "):
+    with pytest.raises(Refused, match=r"^bad attitude: "):
         read(fill(message_type(), quaternion=bad))
 
 
@@ -236,7 +236,7 @@ def test_a_twist_survives_the_message(values):
 def test_a_twist_that_is_not_finite_is_refused(bad, part, axis):
     message = TwistStamped()
     setattr(getattr(message.twist, part), axis, bad)
-    with pytest.raises(Refused, match="^not finite: twist"):
+    with pytest.raises(Refused, match=r"^not finite: twist"):
         twist_from_message(message)
 
 
@@ -250,7 +250,8 @@ def test_a_late_stamp_costs_one_message_and_so_does_a_clock_that_was_set_back():
         try:
             order.check(header(seconds, 0))
             passed.append(seconds)
-        except Refused as reason:
-            assert str(reason).startswith("stamp not later: ")
+        except Refused:
             passed.append(-seconds)
     assert passed == [10, 11, -11, 12, -3, 4, 5, -4, 6]
+    with pytest.raises(Refused, match=r"^stamp not later: 6\.0+ s came after 6\.0+ s"):
+        order.check(header(6, 0))

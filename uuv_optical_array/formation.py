@@ -176,7 +176,7 @@ class FormationController:
             self._state = None
             self._rate = self._cruise * max(0.0, 1.0 - dark_s / s.stop_time_s)
         elif self._state is not None:
-            state = self._ahead(self._state, max(age_s, 0.0))
+            state = self._ahead(self._state, age_s)
             pose, leader = state[:5], state[5:]
             wanted = self._carry @ leader + self._gain * (self._station - pose)
             wanted[:3] = rotation_matrix(pose[PITCH], pose[YAW]).T @ wanted[:3]

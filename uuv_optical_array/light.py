@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.array import DetectorArray
-from uuv_optical_array.pose import Array, rotation_matrix
+from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.quantity import Quantity
 
 # A lamp is no point: nearer than its own size the inverse square does not hold.
@@ -29,7 +29,7 @@ class LampSettings:
 
 @dataclass(frozen=True)
 class Rays:
-    """The straight paths from the lamp to each detector.
+    """The straight paths from the lamp to each detector, seen from the follower's ``base_link``.
 
     Parameters
     ----------
@@ -38,13 +38,19 @@ class Rays:
     off_axis_rad
         Angle between the beam axis and the path, in [0, pi] rad, shape ``(..., n)``.
     cos_incidence
-        Cosine between the detector's normal and the direction back to the lamp,
-        in [-1, 1], shape ``(..., n)``.
+        Cosine between the detector's normal and the direction back to the lamp, at most 1,
+        shape ``(..., n)``.
+    to_lamp
+        From the detector to the lamp, m, shape ``(..., 3, n)``.
+    beam_axis
+        Unit vector along the beam, shape ``(..., 3, 1)``.
     """
 
     range_m: Array
     off_axis_rad: Array
     cos_incidence: Array
+    to_lamp: Array
+    beam_axis: Array
 
 
 def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays:
@@ -65,20 +71,20 @@ def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays
         Ranges and angles, shape ``(..., n)``; ranges are at least `MIN_RANGE_M`.
     """
     poses = np.asarray(poses, dtype=float)
-    rotation = rotation_matrix(poses[..., 3], poses[..., 4], roll)
-    # Component-wise keeps every temporary at shape (..., n).
-    x, y, z = (
-        poses[..., axis, None] + rotation[..., axis, :] @ array.positions.T for axis in range(3)
+    rotation = rotation_matrix(poses[..., PITCH], poses[..., YAW], roll)
+    detectors = rotation @ array.positions.T + poses[..., :3, None]
+    to_lamp = -(np.swapaxes(rotation, -1, -2) @ detectors)
+    range_m = np.maximum(np.sqrt((detectors * detectors).sum(axis=-2)), MIN_RANGE_M)
+    # arctan2 of the components in beacon keeps the small angles that arccos loses.
+    across = np.hypot(detectors[..., 1, :], detectors[..., 2, :])
+    cos_incidence = (to_lamp * array.normals.T).sum(axis=-2) / range_m
+    return Rays(
+        range_m,
+        np.arctan2(across, -detectors[..., 0, :]),
+        np.minimum(cos_incidence, 1.0),
+        to_lamp,
+        -rotation[..., 0, :, None],
     )
-    facing = sum(
-        (rotation[..., axis, :] @ array.normals.T) * component
-        for axis, component in enumerate((x, y, z))
-    )
-    radial = np.hypot(y, z)
-    range_m = np.maximum(np.hypot(x, radial), MIN_RANGE_M)
-    cos_incidence = -facing / range_m
-    # arctan2 keeps the small angles that arccos loses.
-    return Rays(range_m, np.arctan2(radial, -x), np.clip(cos_incidence, -1.0, 1.0))
 
 
 def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
@@ -102,7 +108,7 @@ def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
     Array
         Light in counts, shape ``(..., n)``, >= 0; 0 for a detector that faces away.
     """
-    light = np.exp(-0.5 * (rays.off_axis_rad / beam_sigma_rad) ** 2)
+    light = np.exp(rays.off_axis_rad**2 * (-0.5 / beam_sigma_rad**2))
     light *= np.maximum(rays.cos_incidence, 0.0)
     light *= power / rays.range_m**2
     return light

@@ -29,17 +29,17 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
     Array
         ``Rz(yaw) Ry(pitch) Rx(roll)``, shape ``(..., 3, 3)``.
     """
-    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
     sin_r, cos_r = np.sin(roll), np.cos(roll)
     sin_p, cos_p = np.sin(pitch), np.cos(pitch)
     sin_y, cos_y = np.sin(yaw), np.cos(yaw)
-    matrix = np.empty((*yaw.shape, 3, 3))
+    sin_p_sin_r, sin_p_cos_r = sin_p * sin_r, sin_p * cos_r
+    matrix = np.empty((*np.broadcast(roll, pitch, yaw).shape, 3, 3))
     matrix[..., 0, 0] = cos_y * cos_p
-    matrix[..., 0, 1] = cos_y * sin_p * sin_r - sin_y * cos_r
-    matrix[..., 0, 2] = cos_y * sin_p * cos_r + sin_y * sin_r
+    matrix[..., 0, 1] = cos_y * sin_p_sin_r - sin_y * cos_r
+    matrix[..., 0, 2] = cos_y * sin_p_cos_r + sin_y * sin_r
     matrix[..., 1, 0] = sin_y * cos_p
-    matrix[..., 1, 1] = sin_y * sin_p * sin_r + cos_y * cos_r
-    matrix[..., 1, 2] = sin_y * sin_p * cos_r - cos_y * sin_r
+    matrix[..., 1, 1] = sin_y * sin_p_sin_r + cos_y * cos_r
+    matrix[..., 1, 2] = sin_y * sin_p_cos_r - cos_y * sin_r
     matrix[..., 2, 0] = -sin_p
     matrix[..., 2, 1] = cos_p * sin_r
     matrix[..., 2, 2] = cos_p * cos_r

@@ -1,0 +1,279 @@
+"""The estimator node: the core's pose and its covariance for a signature, or the reason why not."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+import rclpy.logging
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from uuv_optical_array.estimate import Estimator
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.messages import features_to_message
+from uuv_optical_array.pose import covariance_6x6
+from uuv_optical_array.table import load_table, save_table
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@pytest.fixture(scope="module")
+def signatures(scene):
+    """Ten noisy signatures of poses between those of the table."""
+    rng = np.random.default_rng(8)
+    poses = rng.uniform([-7.5, -0.4, -0.4, -0.2, -0.2], [-4.5, 0.4, 0.4, 0.2, 0.2], (10, 5))
+    images = ForwardModel(scene).expose(poses, rng)
+    return key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+
+
+class Asker:
+    """Sends signatures to an estimator node over DDS and compares its poses with the core's."""
+
+    def __init__(self, lab, scene_file, **parameters):
+        self.lab = lab
+        given = {f"estimator_node:{name}": value for name, value in parameters.items()}
+        lab.begin({"scene": scene_file, **given})
+        self.node = lab.start(EstimatorNode)
+        self.clouds = lab.talk(PointCloud2, "array/features")
+        self.poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+        lab.connect()
+
+    def message(self, signature, seconds):
+        return features_to_message(
+            signature, Header(stamp=Time(sec=seconds, nanosec=9), frame_id="rov/array")
+        )
+
+    def ask(self, signature, seconds):
+        """Send a signature and return the answer to it."""
+        self.clouds.publish(self.message(signature, seconds))
+        return self.lab.answer(self.poses, Time(sec=seconds, nanosec=9), "a pose")
+
+    def seconds_answered(self):
+        return [pose.header.stamp.sec for pose in self.poses]
+
+
+def figures(status):
+    return [(pair.key, pair.value) for pair in status.values]
+
+
+def place_of(message):
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    return [position.x, position.y, position.z], [q.x, q.y, q.z, q.w]
+
+
+def assert_is(message, estimate, roll_std_rad=0.02):
+    """Compare a message with an estimate; its attitude by SciPy."""
+    position, quaternion = place_of(message)
+    np.testing.assert_array_equal(position, estimate.pose[:3])
+    _, _, _, pitch, yaw = estimate.pose
+    np.testing.assert_allclose(
+        Rotation.from_quat(quaternion).as_matrix(),
+        Rotation.from_euler("ZYX", [yaw, pitch, 0.0]).as_matrix(),
+        atol=1e-12,
+    )
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    np.linalg.cholesky(covariance)  # fails where it is not positive definite
+    expected = covariance_6x6(estimate.pose, estimate.covariance, roll_std_rad)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.fixture
+def asker(lab, scene_file, table_folder):
+    return Asker(lab, scene_file, table=table_folder)
+
+
+def test_each_signature_is_answered_with_the_cores_pose_and_covariance(asker, signatures, table):
+    estimator = Estimator(table)
+    for i, signature in enumerate(signatures, start=1):
+        message = asker.ask(signature, i)
+        assert message.header.frame_id == "beacon"
+        assert_is(message, estimator.estimate(signature))
+    assert len({tuple(place_of(pose)[0]) for pose in asker.poses}) > 3
+    status = asker.lab.report(asker.node, OK)
+    values = {key: float(value) for key, value in figures(status)}
+    assert values["answered"] == 10
+    assert 0 < values["angle_rad"] <= values["runner_up_angle_rad"] < 0.25
+
+
+def test_without_a_table_parameter_the_table_is_built_in_the_cache(
+    lab, scene_file, scene, signatures, table, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    asker = Asker(lab, scene_file)
+    assert_is(asker.ask(signatures[0], 1), Estimator(table).estimate(signatures[0]))
+    (folder,) = (tmp_path / "uuv_optical_array").iterdir()
+    np.testing.assert_array_equal(load_table(folder, scene).parameters, table.parameters)
+
+
+def with_nan(message):
+    message.data = np.array([0.5, 0.0, np.nan, 0.0, 0.0]).tobytes()
+
+
+def far_away(message):
+    message.data = np.array([0.01, 40.0, -40.0, 0.0, 0.0]).tobytes()
+
+
+def without_a_point(message):
+    message.width, message.data = 0, b""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (with_nan, ("not finite", "nan")),
+        (lambda message: setattr(message.fields[0], "name", "x"), ("wrong fields", "x, column")),
+        (lambda message: setattr(message, "data", message.data[:-8]), ("truncated", "32 bytes")),
+        (without_a_point, ("no light",)),
+        (far_away, ("no match", "0.25")),
+        (lambda message: setattr(message.header.stamp, "sec", 10), ("stamp not later",)),
+        (lambda message: setattr(message.header.stamp, "sec", 2), ("stamp not later",)),
+    ],
+    ids=["nan", "fields", "truncated", "empty", "far", "repeated stamp", "earlier stamp"],
+)
+def test_a_bad_signature_gives_no_pose_but_is_told_and_the_next_good_one_is_answered(
+    asker, signatures, table, spoil, words
+):
+    asker.ask(signatures[0], 10)
+    bad = asker.message(signatures[1], 11)
+    spoil(bad)
+    asker.clouds.publish(bad)
+    assert_is(asker.ask(signatures[2], 12), Estimator(table).estimate(signatures[2]))
+    assert asker.seconds_answered() == [10, 12]
+    asker.lab.report(asker.node, WARN, *words)
+    asker.ask(signatures[3], 13)
+    asker.lab.report(asker.node, OK)
+
+
+@pytest.fixture(params=["another scene", "missing", "damaged"])
+def bad_table(request, tmp_path, table_folder, murky_table_folder):
+    """A folder that is no table for the scene, and what must be said of it."""
+    folder = tmp_path / "bad"
+    if request.param == "another scene":
+        shutil.copytree(murky_table_folder, folder)
+        return str(folder), ("another scene", "effects.attenuation", "k_per_m", "0.2")
+    if request.param == "missing":
+        return str(folder), ("no table there",)
+    shutil.copytree(table_folder, folder)
+    with (folder / "parameters.npy").open("r+b") as file:
+        file.truncate(200)
+    return str(folder), ("parameters.npy is damaged",)
+
+
+def test_a_bad_table_at_the_start_is_an_error_that_a_good_one_mends_at_run_time(
+    lab, scene_file, bad_table, table_folder, table, signatures
+):
+    path, words = bad_table
+    asker = Asker(lab, scene_file, table=path)
+    asker.clouds.publish(asker.message(signatures[0], 1))
+    lab.report(asker.node, ERROR, path, *words)
+    lab.until(
+        lambda: ("refused", "1") in figures(lab.report(asker.node, ERROR, path)),
+        "the signature to be refused",
+    )
+    result = lab.set(asker.node, "table", table_folder)
+    assert result.successful, result.reason
+    assert_is(asker.ask(signatures[1], 2), Estimator(table).estimate(signatures[1]))
+    assert asker.seconds_answered() == [2]
+    lab.statuses.clear()
+    asker.ask(signatures[2], 3)
+    lab.report(asker.node, OK)
+
+
+def test_a_bad_table_is_refused_at_run_time_with_the_reason_and_the_old_one_works_on(
+    asker, bad_table, table_folder, table, signatures
+):
+    path, words = bad_table
+    result = asker.lab.set(asker.node, "table", path)
+    assert not result.successful
+    for word in (path, *words):
+        assert word in result.reason
+    assert asker.node.get_parameter("table").value == table_folder
+    assert_is(asker.ask(signatures[0], 1), Estimator(table).estimate(signatures[0]))
+    asker.lab.report(asker.node, OK)
+
+
+def test_another_table_of_the_scene_can_take_over_at_run_time(
+    asker, table, signatures, tmp_path
+):
+    estimate = Estimator(table).estimate(signatures[0])
+    assert_is(asker.ask(signatures[0], 1), estimate)
+    keep = (table.poses != estimate.pose).any(axis=1)
+    thinner = type(table)(table.scene, table.poses[keep], table.parameters[keep])
+    save_table(thinner, tmp_path / "thinner")
+    assert asker.lab.set(asker.node, "table", str(tmp_path / "thinner")).successful
+    message = asker.ask(signatures[0], 2)
+    assert_is(message, Estimator(thinner).estimate(signatures[0]))
+    np.testing.assert_array_equal(place_of(message)[0], estimate.runner_up_pose[:3])
+
+
+def test_the_largest_angle_decides_whether_a_signature_is_answered(asker, table, signatures):
+    angle = Estimator(table).estimate(signatures[0]).angle_rad
+    assert asker.lab.set(asker.node, "max_angle_rad", angle * 0.999).successful
+    asker.clouds.publish(asker.message(signatures[0], 1))
+    asker.lab.report(asker.node, WARN, "no match", f"{angle:.3f} rad")
+    assert asker.lab.set(asker.node, "max_angle_rad", angle * 1.001).successful
+    asker.ask(signatures[0], 2)
+    assert asker.seconds_answered() == [2]
+
+
+def test_neighbours_and_roll_change_the_covariance_and_not_the_pose(asker, table, signatures):
+    covariances = []
+    for i, (neighbours, roll_std_rad) in enumerate([(64, 0.02), (8, 0.02), (8, 0.3)], start=1):
+        assert asker.lab.set(asker.node, "neighbours", neighbours).successful
+        assert asker.lab.set(asker.node, "roll_std_rad", roll_std_rad).successful
+        message = asker.ask(signatures[0], i)
+        estimate = Estimator(table, neighbours=neighbours).estimate(signatures[0])
+        assert_is(message, estimate, roll_std_rad)
+        covariances.append(np.reshape(message.pose.covariance, (6, 6)))
+    assert len({tuple(place_of(pose)[0]) for pose in asker.poses}) == 1
+    assert np.trace(covariances[0]) > np.trace(covariances[1])
+    assert covariances[2][3, 3] - covariances[1][3, 3] == pytest.approx(0.3**2 - 0.02**2)
+
+
+def test_the_pose_goes_to_tf_too_where_it_is_wanted(lab, scene_file, table_folder, signatures):
+    tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    asker = Asker(
+        lab,
+        scene_file,
+        table=table_folder,
+        publish_tf=True,
+        beacon_frame="leader/beacon",
+        tf_child_frame="rov/base_link_by_light",
+    )
+    heard = lab.listen(tf2_msgs.TFMessage, "/tf")
+    lab.connect()
+    pose = asker.ask(signatures[0], 5)
+    assert pose.header.frame_id == "leader/beacon"
+    lab.until(lambda: heard, "a transform")
+    (transform,) = heard[0].transforms
+    assert transform.header == pose.header
+    assert transform.child_frame_id == "rov/base_link_by_light"
+    t, q = transform.transform.translation, transform.transform.rotation
+    assert ([t.x, t.y, t.z], [q.x, q.y, q.z, q.w]) == place_of(pose)
+
+
+def test_without_tf2_msgs_the_node_warns_and_works(
+    lab, scene_file, table_folder, signatures, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)  # makes its import fail
+    asker = Asker(lab, scene_file, table=table_folder, publish_tf=True)
+    logs = []
+    lasting = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    lab.probe.create_subscription(Log, "/rosout", logs.append, lasting)
+    lab.until(
+        lambda: any(
+            log.level == rclpy.logging.LoggingSeverity.WARN and "tf2_msgs" in log.msg
+            for log in logs
+        ),
+        "a warning in the log",
+    )
+    asker.ask(signatures[0], 1)

@@ -1,0 +1,160 @@
+"""The feature node: an image is answered with its key parameters, or refused with the reason."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.messages import image_to_message
+
+OK, WARN, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.STALE
+
+
+@pytest.fixture
+def images(scene):
+    """Twenty different images of the scene."""
+    rng = np.random.default_rng(4)
+    poses = rng.uniform([-8, -0.5, -0.5, -0.3, -0.3], [-4, 0.5, 0.5, 0.3, 0.3], (20, 5))
+    return ForwardModel(scene).expose(poses, rng)
+
+
+class Feeder:
+    """Feeds a feature node over DDS and compares its answers with the core's."""
+
+    def __init__(self, lab, scene, scene_file, **parameters):
+        self.lab, self.scene = lab, scene
+        lab.begin({"scene": scene_file, **parameters})
+        self.node = lab.start(FeatureNode)
+        self.images = lab.talk(Image, "array/image")
+        self.clouds = lab.listen(PointCloud2, "array/features")
+        lab.connect()
+
+    def message(self, image, seconds):
+        header = Header(stamp=Time(sec=seconds, nanosec=7), frame_id="rov/array")
+        return image_to_message(image, header)
+
+    def send(self, image, seconds):
+        self.images.publish(self.message(image, seconds))
+
+    def cloud(self, seconds):
+        return self.lab.answer(self.clouds, Time(sec=seconds, nanosec=7))
+
+    def check_answer(self, image, seconds):
+        """Expect the core's key parameters of an image that was sent, bit by bit."""
+        cloud = self.cloud(seconds)
+        assert cloud.header.frame_id == "rov/array"
+        expected = key_parameters(image, self.scene.full_scale_counts, self.scene.signature.peak)
+        np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f8"), expected)
+
+    def seconds_answered(self):
+        return [cloud.header.stamp.sec for cloud in self.clouds]
+
+
+@pytest.fixture
+def feeder(lab, scene, scene_file):
+    return Feeder(lab, scene, scene_file)
+
+
+def test_every_image_is_answered_with_the_cores_key_parameters_and_its_own_header(feeder, images):
+    for i, image in enumerate(images, start=1):
+        feeder.send(image, i)
+        feeder.check_answer(image, i)
+    assert feeder.seconds_answered() == list(range(1, 21))
+    status = feeder.lab.report(feeder.node, OK, "answered")
+    values = {pair.key: pair.value for pair in status.values}
+    assert values["refused"] == "0"
+    assert float(values["peak_counts"]) in images.max(axis=(1, 2))
+
+
+def brighter_than_full_scale(message):
+    message.data[0], message.data[1] = (1024).to_bytes(2, "little")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda message: setattr(message, "encoding", "mono8"), ("wrong encoding", "mono8")),
+        (lambda message: setattr(message, "height", 4), ("wrong size", "4 x 5")),
+        (lambda message: setattr(message, "step", 11), ("wrong step", "11")),
+        (lambda message: setattr(message, "data", message.data[:-2]), ("truncated", "48 bytes")),
+        (brighter_than_full_scale, ("above full scale", "1024", "1023")),
+        (lambda message: setattr(message.header.stamp, "sec", 10), ("stamp not later", "10.0")),
+        (lambda message: setattr(message.header.stamp, "sec", 2), ("stamp not later", "2.0")),
+    ],
+    ids=["encoding", "size", "step", "truncated", "bright", "repeated stamp", "earlier stamp"],
+)
+def test_a_bad_image_is_not_answered_but_told_and_the_next_good_one_is(
+    feeder, images, spoil, words
+):
+    feeder.send(images[0], 10)
+    feeder.check_answer(images[0], 10)
+    bad = feeder.message(images[1], 11)
+    spoil(bad)
+    feeder.images.publish(bad)
+    feeder.send(images[2], 12)
+    feeder.check_answer(images[2], 12)
+    assert feeder.seconds_answered() == [10, 12]
+    status = feeder.lab.report(feeder.node, WARN, *words)
+    assert {pair.key: pair.value for pair in status.values}["refused"] == "1"
+    feeder.send(images[3], 13)
+    feeder.check_answer(images[3], 13)
+    feeder.lab.report(feeder.node, OK)
+
+
+def test_a_clock_that_was_set_back_costs_one_image(feeder, images):
+    for i, seconds in enumerate((100, 101, 3, 4, 5)):
+        feeder.send(images[i], seconds)
+    feeder.check_answer(images[4], 5)
+    assert feeder.seconds_answered() == [100, 101, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("counts", "reason"), [(0, "no light"), (4, "no light"), (1023, "no pattern")]
+)
+def test_an_image_without_a_pattern_is_an_empty_cloud_with_the_images_header(
+    feeder, images, counts, reason
+):
+    feeder.send(np.full((5, 5), counts), 1)
+    cloud = feeder.cloud(1)
+    assert (cloud.width * cloud.height, len(cloud.data)) == (0, 0)
+    assert cloud.header.frame_id == "rov/array"
+    feeder.lab.report(feeder.node, WARN, reason, f"{counts} counts")
+    feeder.send(images[0], 2)
+    feeder.check_answer(images[0], 2)
+    feeder.lab.report(feeder.node, OK)
+
+
+def test_the_least_peak_can_be_given_at_the_start_and_set_while_the_node_runs(
+    lab, scene, scene_file, images
+):
+    image, dim = images[0], images[0] // 100
+    peak = float(dim.max())
+    assert 2 <= peak < image.max()
+    feeder = Feeder(lab, scene, scene_file, **{"feature_node:min_peak_counts": peak})
+    feeder.send(dim, 1)
+    feeder.check_answer(dim, 1)
+    assert lab.set(feeder.node, "min_peak_counts", peak + 0.5).successful
+    feeder.send(dim, 2)
+    assert feeder.cloud(2).width == 0
+    feeder.send(image, 3)
+    feeder.check_answer(image, 3)
+
+
+def test_diagnostics_come_by_themselves_and_tell_of_their_own_period_only(feeder, images):
+    name = feeder.node.get_name()
+
+    def levels():
+        return [status.level for status in feeder.lab.statuses if status.name == name]
+
+    feeder.send(np.zeros((5, 5)), 1)
+    feeder.lab.until(lambda: WARN in levels(), "a warning")
+    feeder.send(images[0], 2)
+    feeder.lab.until(lambda: OK in levels(), "the node to be well again")
+    after_ok = len(levels())
+    feeder.lab.until(lambda: len(levels()) > after_ok, "one more report")
+    assert levels()[after_ok:] == [STALE]

@@ -12,14 +12,15 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimate import Estimator
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
-from uuv_optical_array.nodes.messages import features_to_message
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.messages import features_to_message, image_to_message
 from uuv_optical_array.pose import covariance_6x6
 from uuv_optical_array.table import load_table, save_table
 
@@ -201,9 +202,7 @@ def test_a_bad_table_is_refused_at_run_time_with_the_reason_and_the_old_one_work
     asker.lab.report(asker.node, OK)
 
 
-def test_another_table_of_the_scene_can_take_over_at_run_time(
-    asker, table, signatures, tmp_path
-):
+def test_another_table_of_the_scene_can_take_over_at_run_time(asker, table, signatures, tmp_path):
     estimate = Estimator(table).estimate(signatures[0])
     assert_is(asker.ask(signatures[0], 1), estimate)
     keep = (table.poses != estimate.pose).any(axis=1)
@@ -277,3 +276,31 @@ def test_without_tf2_msgs_the_node_warns_and_works(
         "a warning in the log",
     )
     asker.ask(signatures[0], 1)
+
+
+def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, scene, table):
+    lab.begin({"scene": scene_file})
+    model, sides = ForwardModel(scene), {}
+    for name, y in (("/a", 0.5), ("/b", -0.5)):
+        for node_type in (FeatureNode, EstimatorNode):
+            assert lab.start(node_type, name).get_namespace() == name
+        images = lab.talk(Image, f"{name}/array/image")
+        poses = lab.listen(PoseWithCovarianceStamped, f"{name}/relative_pose")
+        sides[name] = (
+            images,
+            poses,
+            model.expose([-5.0, y, 0.0, 0.0, 0.0], np.random.default_rng(1)),
+        )
+    lab.connect()
+    for images, poses, image in sides.values():
+        for seconds in (1, 2, 3):  # the same stamps on both sides
+            stamp = Time(sec=seconds)
+            images.publish(image_to_message(image, Header(stamp=stamp)))
+            message = lab.answer(poses, stamp, "a pose")
+            signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+            assert_is(message, Estimator(table).estimate(signature))
+    ys = [[pose.pose.pose.position.y for pose in poses] for _, poses, _ in sides.values()]
+    assert [len(y) for y in ys] == [3, 3]
+    assert min(ys[0]) > 0 > max(ys[1])
+    names = {f"{name[1:]}/{kind}_node" for name in sides for kind in ("feature", "estimator")}
+    lab.until(lambda: {status.name for status in lab.statuses} == names, "four diagnostics")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array import effects
 from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import irradiance, trace
+from uuv_optical_array.light import Light, irradiance, trace
 from uuv_optical_array.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
@@ -116,8 +116,9 @@ def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():
 @reproducible
 def test_beer_dims_along_the_slant_path(r_axial, eta, k):
     rays = trace(ONE, [-r_axial, r_axial * math.tan(eta), 0, 0, 0])
-    image = effects.attenuation(ONE, k_per_m=k)(np.ones((1, 1)), rays)
-    assert image[0, 0] == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
+    light = Light(np.ones((1, 1)))
+    effects.attenuation(ONE, k_per_m=k)(light, rays)
+    assert light.image[0, 0] == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
 
 
 @pytest.mark.parametrize("eta", [0.05, 0.1, 0.2])

@@ -11,13 +11,19 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 
-if shutil.which("ros2") is None:
-    pytest.skip("ros2 is not installed, so nothing to type", allow_module_level=True)
-if subprocess.run(
-    ["ros2", "pkg", "prefix", "uuv_optical_array"], capture_output=True, check=False
-).returncode:
-    pytest.skip("the package is in no ROS workspace: ros2 cannot find it", allow_module_level=True)
 
+def why_not():
+    """Say why ros2 cannot start the package here, or nothing where it can."""
+    if shutil.which("ros2") is None:
+        return "ros2 is not installed, so nothing to type"
+    found = subprocess.run(
+        ["ros2", "pkg", "prefix", "uuv_optical_array"], capture_output=True, check=False
+    )
+    return "the package is in no ROS workspace: ros2 cannot find it" if found.returncode else ""
+
+
+WHY_NOT = why_not()
+pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 PATIENCE_S = 60.0
 
 

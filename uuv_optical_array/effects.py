@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from uuv_optical_array.array import DetectorArray
-from uuv_optical_array.light import Rays
+from uuv_optical_array.light import Light, Rays
 from uuv_optical_array.pose import Array
 from uuv_optical_array.quantity import Quantity, check_all, unknown
 
@@ -22,11 +22,14 @@ from uuv_optical_array.quantity import Quantity, check_all, unknown
 class Stage(Enum):
     """Where an effect acts, in physical order, and the step that it returns."""
 
-    LIGHT = "step(image, rays) -> image: the light on its way and on the array"
-    NOISE = "step(image) -> variance in counts^2, independent of all other noise"
+    LIGHT = "step(light, rays): the light on its way and on the array, changed in place"
+    NOISE = "step(image) -> variance in counts^2 and its slope, independent of other noise"
     ANALOGUE = "step(image) -> image: electronics before the converter"
     DIGITAL = "step(image) -> image: the converter"
 
+
+# Variance in counts^2 and its derivative by the image, each a number or in the image's shape.
+Variance = tuple[float | Array, float | Array]
 
 EFFECTS: dict[str, tuple[Stage, Callable[..., Callable[..., Any]]]] = {}
 
@@ -46,15 +49,40 @@ def attenuation(
     array: DetectorArray,
     *,
     k_per_m: Annotated[float, Quantity("diffuse attenuation coefficient K", "1/m", 0, 10)],
-) -> Callable[[Array, Rays], Array]:
+) -> Callable[[Light, Rays], None]:
     """Dim by Beer's law along the slant path, ``exp(-K r)`` (Eren et al. 2016, eq. 5).
 
     0.05 /m is clear ocean, 0.1 /m tropical coastal water (500 to 550 nm).
     """
 
-    def step(image: Array, rays: Rays) -> Array:
-        image *= np.exp(-k_per_m * rays.range_m).reshape(image.shape)
-        return image
+    def step(light: Light, rays: Rays) -> None:
+        path = rays.range_m.reshape(light.image.shape)
+        k = light.setting("attenuation.k_per_m", k_per_m)
+        light.dim(np.exp(-k * path))
+        light.slope_by("attenuation.k_per_m", lambda: -path * light.image)
+        light.slope_by_position(
+            lambda: (
+                (-k * light.image / path)[..., None, :, :]
+                * rays.to_lamp.reshape(*path.shape[:-2], 3, *path.shape[-2:])
+            )
+        )
+
+    return step
+
+
+@effect(Stage.LIGHT)
+def ambient(
+    array: DetectorArray,
+    *,
+    level_counts: Annotated[
+        float, Quantity("reading of the sea without the lamp", "counts", 0, 1e6)
+    ],
+) -> Callable[[Light, Rays], None]:
+    """Add daylight that reaches every detector alike (L_b of Eren et al. 2016, eq. 5)."""
+
+    def step(light: Light, rays: Rays) -> None:
+        light.image += light.setting("ambient.level_counts", level_counts)
+        light.slope_by("ambient.level_counts", lambda: 1.0)
 
     return step
 
@@ -96,15 +124,15 @@ def forward_scatter(
     array: DetectorArray,
     *,
     window_m: Annotated[float, Quantity("full width of the window on the array", "m", 1e-3, 10)],
-) -> Callable[[Array, Rays], Array]:
+) -> Callable[[Light, Rays], None]:
     """Blur the image with a two-dimensional Hanning window (Eren et al. 2016, eq. 6).
 
     The paper's window of 11 samples, its end points zero, at 0.02 m is 0.2 m wide.
     """
     blur = hanning_blur(array.side, array.spacing_m, window_m)
 
-    def step(image: Array, rays: Rays) -> Array:
-        return blur @ image @ blur.T
+    def step(light: Light, rays: Rays) -> None:
+        light.change(lambda image: blur @ image @ blur.T)
 
     return step
 
@@ -114,12 +142,29 @@ def sensor_noise(
     array: DetectorArray,
     *,
     sigma_counts: Annotated[float, Quantity("standard deviation of a reading", "counts", 0, 1e6)],
-) -> Callable[[Array], float]:
+) -> Callable[[Array], Variance]:
     """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7)."""
     variance = sigma_counts**2
 
-    def step(image: Array) -> float:
-        return variance
+    def step(image: Array) -> Variance:
+        return variance, 0.0
+
+    return step
+
+
+@effect(Stage.NOISE)
+def shot_noise(
+    array: DetectorArray,
+    *,
+    electrons_per_count: Annotated[float, Quantity("electrons of one count", "", 1e-3, 1e12)],
+) -> Callable[[Array], Variance]:
+    """Shot noise of the light, whose variance is its mean in electrons (Eren et al. 2016, eq. 7).
+
+    Gaussian, as the paper assumes; ``2 q I B`` in counts.
+    """
+
+    def step(image: Array) -> Variance:
+        return image / electrons_per_count, 1 / electrons_per_count
 
     return step
 
@@ -193,8 +238,8 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
 class Plan:
     """The steps that a scene names, and no others, by stage."""
 
-    light: tuple[Callable[[Array, Rays], Array], ...]
-    noise: tuple[Callable[[Array], float | Array], ...]
+    light: tuple[Callable[[Light, Rays], None], ...]
+    noise: tuple[Callable[[Array], Variance], ...]
     analogue: tuple[Callable[[Array], Array], ...]
     digital: tuple[Callable[[Array], Array], ...]
 

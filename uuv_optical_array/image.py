@@ -1,13 +1,33 @@
 """From pose to image: the forward model of a scene."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array import effects
 from uuv_optical_array.array import build_array
-from uuv_optical_array.light import irradiance, trace
+from uuv_optical_array.light import (
+    Light,
+    irradiance,
+    irradiance_derivatives,
+    lamp_derivatives,
+    trace,
+)
 from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene
+
+# Settings of a scene that may be off, and the unit of their offset; the power's is its logarithm.
+NUISANCES = {
+    "lamp.power": "",
+    "attenuation.k_per_m": "1/m",
+    "ambient.level_counts": "counts",
+    "follower.roll_rad": "rad",
+}
+ALWAYS_THERE = ("lamp", "follower")
+# A scene without noise is read as if to a thousandth of a count.
+MIN_VARIANCE = 1e-6
 
 
 class ForwardModel:
@@ -32,6 +52,8 @@ class ForwardModel:
         self.array = build_array(scene.array)
         self.plan = effects.plan(scene.effects, self.array)
         self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
+        # Rounding is uniform within a count.
+        self.rounding_variance = 1 / 12 if self.plan.digital else 0.0
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         unit_reading = float(self.light(aligned).max())
@@ -58,14 +80,81 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts, >= 0.
         """
+        return self._propagate(np.asarray(poses, dtype=float), roll, {}, False).image
+
+    def linearised(
+        self,
+        poses: ArrayLike,
+        roll: ArrayLike = 0.0,
+        offsets: Mapping[str, Array] = MappingProxyType({}),
+    ) -> tuple[Array, Array]:
+        """Light at given poses, with its analytic Jacobian.
+
+        Parameters
+        ----------
+        poses, roll
+            As in `light`.
+        offsets
+            Offsets of nuisance settings, by name, each of shape ``(...)``: see `NUISANCES`.
+
+        Returns
+        -------
+        image : Array
+            Light, shape ``(..., side * side)``, counts.
+        jacobian : Array
+            By x, y, z, pitch, yaw and each of `offsets`, in counts per m, rad and the
+            setting's unit, shape ``(..., side * side, 5 + len(offsets))``.
+
+        Raises
+        ------
+        ValueError
+            For an offset of a setting that the scene does not have.
+        """
+        for name in offsets:
+            if name not in NUISANCES or name.partition(".")[0] not in (
+                *ALWAYS_THERE,
+                *self.scene.effects,
+            ):
+                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
+        poses = np.asarray(poses, dtype=float)
+        if "follower.roll_rad" in offsets:
+            roll = np.asarray(roll) + offsets["follower.roll_rad"]
+        light = self._propagate(poses, roll, offsets, True)
+        derivatives = light.derivatives
+        assert derivatives is not None
+        pixels = self.array.side**2
+        derivatives = np.swapaxes(derivatives.reshape(*derivatives.shape[:-2], pixels), -1, -2)
+        by_pose = derivatives[..., :6] @ lamp_derivatives(poses, roll)
+        jacobian = by_pose[..., :5]
+        if offsets:
+            by_offset = derivatives[..., 6:].copy()
+            for column, name in enumerate(offsets):
+                if name == "follower.roll_rad":
+                    by_offset[..., column] = by_pose[..., 5]
+            jacobian = np.concatenate([jacobian, by_offset], axis=-1)
+        return light.image.reshape(*light.image.shape[:-2], pixels), jacobian
+
+    def _propagate(
+        self, poses: Array, roll: ArrayLike, offsets: Mapping[str, Array], differentiate: bool
+    ) -> Light:
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
             rays = trace(self.array, poses, roll)
-            image = irradiance(rays, self._beam_sigma_rad, self.power)
-            image = image.reshape(*image.shape[:-1], self.array.side, self.array.side)
+            flat = irradiance(rays, self._beam_sigma_rad, self.power)
+            if "lamp.power" in offsets:
+                flat *= np.exp(offsets["lamp.power"])[..., None]
+            shape = (*flat.shape[:-1], self.array.side, self.array.side)
+            light = Light(flat.reshape(shape), offsets=offsets)
+            if differentiate:
+                by_lamp = irradiance_derivatives(rays, self.array, self._beam_sigma_rad, flat)
+                if offsets:
+                    rows = np.zeros((*flat.shape[:-1], len(offsets), flat.shape[-1]))
+                    by_lamp = np.concatenate([by_lamp, rows], axis=-2)
+                light.derivatives = by_lamp.reshape(*by_lamp.shape[:-1], *shape[-2:])
+                light.slope_by("lamp.power", lambda: light.image)
             for step in self.plan.light:
-                image = step(image, rays)
-        return image
+                step(light, rays)
+        return light
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
@@ -74,23 +163,28 @@ class ForwardModel:
             image = step(image)
         return image
 
-    def variance(self, light: Array) -> Array:
-        """Variance of the noise on the light, the sum over its sources (eq. 7).
+    def variance(self, light: Array) -> tuple[Array, Array]:
+        """Variance of a reading, the sum over noise sources (eq. 7) and the rounding.
 
         Parameters
         ----------
         light
-            What `light` returned, counts, shape ``(..., side, side)``.
+            What `light` returned, counts, any shape.
 
         Returns
         -------
-        Array
-            counts^2, in the shape of `light`.
+        variance : Array
+            counts^2, in the shape of `light`, >= `MIN_VARIANCE`.
+        slope : Array
+            Its derivative by the light, counts.
         """
-        total = np.zeros(light.shape)
+        variance = np.full(light.shape, self.rounding_variance)
+        slope = np.zeros(light.shape)
         for step in self.plan.noise:
-            total += step(light)
-        return total
+            more, steeper = step(light)
+            variance += more
+            slope += steeper
+        return np.maximum(variance, MIN_VARIANCE), slope
 
     def expose(
         self, poses: ArrayLike, rng: np.random.Generator | None = None, roll: ArrayLike = 0.0
@@ -113,7 +207,8 @@ class ForwardModel:
         if self.plan.noise:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
-            image += np.sqrt(self.variance(image)) * rng.standard_normal(image.shape)
+            variance = sum(step(image)[0] for step in self.plan.noise)
+            image += np.sqrt(variance) * rng.standard_normal(image.shape)
         for step in (*self.plan.analogue, *self.plan.digital):
             image = step(image)
         return image

@@ -1,6 +1,7 @@
 """The ideal light of the lamp at each detector, in clear water and without electronics."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -112,3 +113,130 @@ def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
     light *= np.maximum(rays.cos_incidence, 0.0)
     light *= power / rays.range_m**2
     return light
+
+
+def irradiance_derivatives(
+    rays: Rays, array: DetectorArray, beam_sigma_rad: float, light: Array
+) -> Array:
+    """Differentiate `irradiance` by where the lamp is and by where it shines.
+
+    Parameters
+    ----------
+    rays
+        Paths from the lamp, shape ``(..., n)``.
+    array
+        The n detectors.
+    beam_sigma_rad
+        As in `irradiance`.
+    light
+        What `irradiance` returned for them.
+
+    Returns
+    -------
+    Array
+        By the three components of the lamp's position, per m, and by those of the beam axis,
+        both in ``base_link``, shape ``(..., 6, n)``; 0 for a detector that faces away.
+    """
+    facing = rays.cos_incidence > 0
+    # The light but for Lambert's cosine, whose own derivative is the normal's.
+    bare = np.divide(light, rays.cos_incidence, out=np.zeros_like(light), where=facing)
+    inverse = 1 / rays.range_m
+    squared = inverse * inverse
+    cos_axis = np.cos(rays.off_axis_rad)
+    # eta / sin(eta), 1 on the axis; behind the lamp there is no light to differentiate.
+    sine = np.sin(rays.off_axis_rad)
+    ratio = np.divide(rays.off_axis_rad, sine, out=np.ones_like(sine), where=sine > 1e-9)
+    bend = light * ratio * inverse / beam_sigma_rad**2
+    radial = -(3 * light * squared + bend * cos_axis * inverse)
+    derivatives = np.empty((*light.shape[:-1], 6, light.shape[-1]))
+    by_position = derivatives[..., :3, :]
+    np.multiply(radial[..., None, :], rays.to_lamp, out=by_position)
+    by_position += (bare * inverse)[..., None, :] * array.normals.T
+    by_position -= bend[..., None, :] * rays.beam_axis
+    np.multiply(-bend[..., None, :], rays.to_lamp, out=derivatives[..., 3:, :])
+    return derivatives
+
+
+def lamp_derivatives(poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
+    """Differentiate the lamp's position and beam axis, in ``base_link``, by the pose.
+
+    Parameters
+    ----------
+    poses
+        Poses of the follower in ``beacon``, m and rad, shape ``(..., 5)``.
+    roll
+        Roll of the follower, rad, broadcast to ``(...)``.
+
+    Returns
+    -------
+    Array
+        Position and axis, six rows, by x, y, z, pitch, yaw and roll, shape ``(..., 6, 6)``.
+    """
+    poses = np.asarray(poses, dtype=float)
+    rotation = rotation_matrix(poses[..., PITCH], poses[..., YAW], roll)
+    to_body = np.swapaxes(rotation, -1, -2)
+    lamp = -(to_body @ poses[..., :3, None])[..., 0]
+    axis = -rotation[..., 0, :]
+    derivatives = np.zeros((*lamp.shape[:-1], 6, 6))
+    derivatives[..., :3, :3] = -to_body
+    # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
+    sin_r, cos_r = np.sin(roll), np.cos(roll)
+    for rows, seen in ((slice(0, 3), lamp), (slice(3, 6), axis)):
+        block = derivatives[..., rows, :]
+        along, left, up = seen[..., 0], seen[..., 1], seen[..., 2]
+        block[..., 0, 3] = -(left * sin_r + up * cos_r)
+        block[..., 1, 3] = along * sin_r
+        block[..., 2, 3] = along * cos_r
+        block[..., 1, 5] = up
+        block[..., 2, 5] = -left
+    # Yaw turns about the beacon's z.
+    x, y = poses[..., 0, None], poses[..., 1, None]
+    derivatives[..., :3, 4] = to_body[..., :, 1] * x - to_body[..., :, 0] * y
+    derivatives[..., 3:, 4] = to_body[..., :, 1]
+    return derivatives
+
+
+@dataclass
+class Light:
+    """The light on the array as the effects change it, with its derivatives where asked for.
+
+    Parameters
+    ----------
+    image
+        Light in counts, shape ``(..., side, side)``.
+    derivatives
+        By the lamp's position and the beam axis, six rows, and by each of `offsets`, shape
+        ``(..., 6 + len(offsets), side, side)``; ``None`` where nobody asked.
+    offsets
+        What is added to settings of the scene, by dotted name, each of shape ``(...)``.
+    """
+
+    image: Array
+    derivatives: Array | None = None
+    offsets: Mapping[str, Array] = field(default_factory=dict)
+
+    def setting(self, name: str, value: float) -> float | Array:
+        """Return a setting with its offset, ready to be combined with images."""
+        return value + self.offsets[name][..., None, None] if name in self.offsets else value
+
+    def change(self, linear: Callable[[Array], Array]) -> None:
+        """Apply a linear change to the image and so to every derivative."""
+        self.image = linear(self.image)
+        if self.derivatives is not None:
+            self.derivatives = linear(self.derivatives)
+
+    def dim(self, transmission: Array) -> None:
+        """Multiply by a transmission, shape ``(..., side, side)``; see also `slope`."""
+        self.image *= transmission
+        if self.derivatives is not None:
+            self.derivatives *= transmission[..., None, :, :]
+
+    def slope_by_position(self, slope: Callable[[], Array]) -> None:
+        """Add a derivative by the lamp's position, shape ``(..., 3, side, side)``."""
+        if self.derivatives is not None:
+            self.derivatives[..., :3, :, :] += slope()
+
+    def slope_by(self, name: str, slope: Callable[[], float | Array]) -> None:
+        """Add a derivative by an offset, shape ``(..., side, side)``, where it is asked for."""
+        if self.derivatives is not None and name in self.offsets:
+            self.derivatives[..., 6 + list(self.offsets).index(name), :, :] += slope()

@@ -1,0 +1,277 @@
+"""The simulator node: the image that the core exposes, for poses composed with SciPy."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from conftest import write_scene
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.nodes.simulator_node import SimulatorNode, main
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+BEACON = [-0.7, 0.1, 0.2]
+SEED = 11
+ABREAST = np.zeros(3), Rotation.identity()
+BEHIND = np.array([-5.0, 0.0, 0.0]), Rotation.identity()
+
+
+def time_of(seconds):
+    whole, fraction = divmod(round(seconds * 10**9), 10**9)
+    return Time(sec=whole, nanosec=fraction)
+
+
+def odometry(seconds, place, child="rov/base_link", frame="odom"):
+    position, rotation = place
+    message = Odometry(child_frame_id=child)
+    message.header.stamp, message.header.frame_id = time_of(seconds), frame
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    p.x, p.y, p.z = map(float, position)
+    q.x, q.y, q.z, q.w = map(float, rotation.as_quat())
+    return message
+
+
+def random_places(rng):
+    """Return a leader somewhere and a rolled follower in the beam of its lamp."""
+    leader_turn = Rotation.from_euler("ZYX", rng.uniform(-1.0, 1.0, 3))
+    leader = rng.uniform(-50.0, 50.0, 3), leader_turn
+    relative = rng.uniform([-6.0, -0.4, -0.4], [-4.0, 0.4, 0.4])
+    turn = Rotation.from_euler("ZYX", rng.uniform(-0.25, 0.25, 3))
+    lamp = leader[0] + leader_turn.apply(BEACON)
+    return leader, (lamp + leader_turn.apply(relative), leader_turn * turn)
+
+
+def seen(leader, follower, beacon=BEACON):
+    """Return pose and roll of a follower in the beacon frame."""
+    (leader_position, leader_turn), (position, turn) = leader, follower
+    lamp = leader_position + leader_turn.apply(beacon)
+    relative = leader_turn.inv().apply(position - lamp)
+    yaw, pitch, roll = (leader_turn.inv() * turn).as_euler("ZYX")
+    return np.array([*relative, pitch, yaw]), roll
+
+
+class Sea:
+    """Publishes the odometry of both vehicles and collects the images."""
+
+    def __init__(self, lab, scene_file, **parameters):
+        self.lab = lab
+        given = {"seed": SEED, "beacon_position_m": BEACON, **parameters}
+        named = {f"simulator_node:{name}": value for name, value in given.items()}
+        lab.begin({"scene": scene_file, **named})
+        self.node = lab.start(SimulatorNode)
+        self.leader = lab.talk(Odometry, "leader/odometry")
+        self.follower = lab.talk(Odometry, "follower/odometry")
+        self.images = lab.listen(Image, "array/image")
+        lab.connect()
+
+    def image(self, seconds):
+        message = self.lab.answer(self.images, time_of(seconds), "an image")
+        assert (message.encoding, message.height, message.width) == ("mono16", 5, 5)
+        return np.frombuffer(message.data, "<u2").reshape(5, 5)
+
+    def lead(self, seconds, place=ABREAST, **names):
+        """Publish the leader's pose and wait until the node has it."""
+        self.leader.publish(odometry(seconds, place, **names))
+        self.lab.until(
+            lambda: self.node.leader._samples and self.stamps()[-1] == round(seconds * 10**9),
+            "the leader's odometry to arrive",
+        )
+
+    def stamps(self):
+        return [sample[0] for sample in self.node.leader._samples]
+
+    def look(self, seconds, leader=ABREAST, follower=BEHIND):
+        """Publish both poses of one instant and return the image of it."""
+        self.leader.publish(odometry(seconds, leader))
+        self.follower.publish(odometry(seconds, follower))
+        return self.image(seconds)
+
+    def seconds_answered(self):
+        return [image.header.stamp.sec for image in self.images]
+
+
+@pytest.fixture
+def sea(lab, scene_file):
+    return Sea(lab, scene_file)
+
+
+def test_an_image_is_what_the_core_exposes_at_the_relative_pose_with_the_same_seed(sea, scene):
+    model, noise, rng = ForwardModel(scene), np.random.default_rng(SEED), np.random.default_rng(5)
+    for seconds in range(1, 21):
+        leader, follower = random_places(rng)
+        pose, roll = seen(leader, follower)
+        expected = model.expose(pose, noise, roll)
+        assert expected.max() > 50  # enough light to tell poses apart
+        np.testing.assert_array_equal(sea.look(seconds, leader, follower), expected)
+    status = sea.lab.report(sea.node, OK, "answered")
+    values = {pair.key: float(pair.value) for pair in status.values}
+    assert values["refused"] == 0
+    assert 4 <= values["range_m"] <= 6
+
+
+def test_odometry_in_ned_axes_gives_the_same_images(lab, scene, scene_file):
+    sea = Sea(lab, scene_file, odometry_axes="frd")
+    flip = Rotation.from_euler("X", np.pi)
+    leader, follower = random_places(np.random.default_rng(6))
+    in_ned = [(flip.apply(position), flip * turn * flip) for position, turn in (leader, follower)]
+    pose, roll = seen(leader, follower)
+    expected = ForwardModel(scene).expose(pose, np.random.default_rng(SEED), roll)
+    np.testing.assert_array_equal(sea.look(1, *in_ned), expected)
+
+
+def test_between_two_leader_poses_the_lamp_is_interpolated(sea, scene):
+    old_turn = Rotation.from_euler("ZYX", [0.1, -0.1, 0.05])
+    turned_by = np.array([0.1, 0.15, -0.2])  # rotation vector
+    old = np.array([1.0, 2.0, 3.0]), old_turn
+    new = old[0] + [0.5, -0.2, 0.1], old_turn * Rotation.from_rotvec(turned_by)
+    between = old[0] + 0.3 * (new[0] - old[0]), old_turn * Rotation.from_rotvec(0.3 * turned_by)
+    follower = between[0] + between[1].apply([-5.5, 0.2, -0.2]), between[1]
+    sea.lead(10.0, old)
+    sea.lead(10.4, new)
+    sea.follower.publish(odometry(10.12, follower))
+    expected, without = (
+        ForwardModel(scene).expose(pose, np.random.default_rng(SEED), roll)
+        for pose, roll in (seen(between, follower), seen(old, follower))
+    )
+    assert np.abs(expected - without).max() > 20
+    np.testing.assert_array_equal(sea.image(10.12), expected)
+
+
+def test_followers_that_come_before_their_leader_wait_for_it(sea):
+    sea.lead(1.0)
+    for seconds in (1.1, 1.2, 1.3):
+        sea.follower.publish(odometry(seconds, BEHIND))
+    sea.lab.until(lambda: len(sea.node.waiting) == 3, "three poses to wait")
+    assert not sea.images
+    sea.lead(1.25)
+    sea.image(1.1)
+    sea.image(1.2)
+    sea.lead(1.35)
+    sea.image(1.3)
+    assert [image.header.stamp for image in sea.images] == [time_of(t) for t in (1.1, 1.2, 1.3)]
+
+
+def test_a_leader_that_never_speaks_is_told_of(sea):
+    for i in range(1, 52):
+        sea.follower.publish(odometry(i / 10, BEHIND))
+        sea.lab.until(lambda i=i: len(sea.node.waiting) == min(i, 50), "the pose to wait")
+    sea.lab.report(sea.node, WARN, "no leader", "50 poses")
+    assert not sea.images
+
+
+def bad(message, change):
+    change(message)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("leader", "follower", "words"),
+    [
+        (odometry(2, ABREAST, frame="map"), odometry(2, BEHIND), ("frames differ", "map", "odom")),
+        (
+            odometry(2, ABREAST),
+            odometry(2, (np.array([np.nan, 0, 0]), BEHIND[1])),
+            ("follower/odometry, not finite", "nan"),
+        ),
+        (
+            odometry(2, (np.array([0, np.inf, 0]), BEHIND[1])),
+            None,
+            ("leader/odometry, not finite", "inf"),
+        ),
+        (
+            odometry(2, ABREAST),
+            bad(odometry(2, BEHIND), lambda m: setattr(m.pose.pose.orientation, "w", 1.5)),
+            ("follower/odometry, bad attitude", "1.5"),
+        ),
+        (
+            bad(odometry(2, ABREAST), lambda m: setattr(m.pose.pose.orientation, "w", 0.0)),
+            None,
+            ("leader/odometry, bad attitude", "0"),
+        ),
+        (odometry(2, ABREAST), odometry(1.5, BEHIND), ("gap of 1 s", "0.5")),
+        (odometry(2, ABREAST), odometry(0.5, BEHIND), ("stamp not later",)),
+        (odometry(0.8, ABREAST), odometry(0.9, BEHIND), ("stamp not later",)),
+        (None, odometry(1, BEHIND), ("stamp not later",)),
+    ],
+    ids=[
+        "frames", "NaN", "leader inf", "not unit", "leader zero", "gap", "late", "both", "repeated"
+    ],
+)  # fmt: skip
+def test_a_bad_odometry_gives_no_image_but_is_told_and_the_next_good_ones_work(
+    sea, leader, follower, words
+):
+    sea.look(1)
+    if leader:
+        sea.leader.publish(leader)
+        if "leader/" not in words[0]:
+            stamp = round((leader.header.stamp.sec + leader.header.stamp.nanosec * 1e-9) * 1e9)
+            sea.lab.until(lambda: sea.stamps()[-1] == stamp, "the leader's odometry to arrive")
+    if follower:
+        sea.follower.publish(follower)
+    sea.lab.report(sea.node, WARN, *words)
+    sea.look(3)
+    assert sea.seconds_answered() == [1, 3]
+    sea.look(4)
+    sea.lab.report(sea.node, OK)
+
+
+def test_a_follower_older_than_the_leaders_record_gets_no_image(sea):
+    sea.lead(5)
+    sea.follower.publish(odometry(4, BEHIND))
+    sea.lab.report(sea.node, WARN, "older than every pose on record")
+    sea.look(6)
+    assert sea.seconds_answered() == [6]
+
+
+@pytest.mark.parametrize(
+    ("child", "given", "frame"),
+    [
+        ("rov/base_link", "", "rov/array"),
+        ("fleet/rov_2/base_link", "", "fleet/rov_2/array"),
+        ("base_link", "", "array"),
+        ("rov/base_link", "bow_eye", "bow_eye"),
+    ],
+)
+def test_the_images_frame_stands_beside_the_followers_base_link(
+    lab, scene_file, child, given, frame
+):
+    sea = Sea(lab, scene_file, array_frame=given)
+    sea.lead(1)
+    sea.follower.publish(odometry(1, BEHIND, child=child))
+    sea.image(1)
+    assert sea.images[0].header.frame_id == frame
+
+
+@pytest.mark.parametrize(("seed", "alike"), [(-1, False), (0, True), (SEED, True)])
+def test_a_seed_repeats_the_noise_and_minus_one_draws_a_new_one_at_each_start(
+    lab, scene_file, seed, alike
+):
+    lab.begin({"scene": scene_file, "simulator_node:seed": seed})
+    sides = []
+    for name in ("/a", "/b"):
+        lab.start(SimulatorNode, name)
+        talkers = [lab.talk(Odometry, f"{name}/{who}/odometry") for who in ("leader", "follower")]
+        sides.append((talkers, lab.listen(Image, f"{name}/array/image")))
+    lab.connect()
+    readings = []
+    for (leader, follower), images in sides:
+        leader.publish(odometry(1, ABREAST))
+        follower.publish(odometry(1, BEHIND))
+        readings.append(lab.answer(images, time_of(1)).data.tobytes())
+    assert (readings[0] == readings[1]) == alike
+
+
+def test_a_scene_without_a_converter_is_refused_at_the_start_in_one_line(tmp_path):
+    from uuv_optical_array.scene import load_scene
+
+    effects = load_scene("reference").settings()["effects"]
+    del effects["adc"]
+    path = write_scene(tmp_path, "analogue", [("effects", effects)])
+    with pytest.raises(SystemExit) as end:
+        main(["--ros-args", "-p", f"scene:={path}"])
+    assert "\n" not in end.value.code
+    for word in ("scene analogue", "effects.adc", "bits from 1 to 16"):
+        assert word in end.value.code

@@ -124,6 +124,13 @@ class Lab:
             self.executor.spin_once(timeout_sec=0.05)
         return result
 
+    def deliver(self, node, talker, message):
+        """Publish a message and wait until the node has answered or refused it."""
+        totals = node.diagnostics._totals
+        before = sum(totals.values())
+        talker.publish(message)
+        self.until(lambda: sum(totals.values()) > before, "the message to arrive")
+
     def answer(self, heard, stamp, what="an answer"):
         """Wait for the message with a stamp, whatever was heard before."""
         return self.until(

@@ -10,8 +10,9 @@ from uuv_optical_array import effects
 from uuv_optical_array.array import build_array
 from uuv_optical_array.light import (
     Light,
+    Rays,
     irradiance,
-    irradiance_derivatives,
+    irradiance_with_derivatives,
     lamp_derivatives,
     trace,
 )
@@ -80,7 +81,8 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts, >= 0.
         """
-        return self._propagate(np.asarray(poses, dtype=float), roll, {}, False).image
+        light, _ = self._propagate(np.asarray(poses, dtype=float), roll, {}, False)
+        return light.image
 
     def linearised(
         self,
@@ -119,12 +121,12 @@ class ForwardModel:
         poses = np.asarray(poses, dtype=float)
         if "follower.roll_rad" in offsets:
             roll = np.asarray(roll) + offsets["follower.roll_rad"]
-        light = self._propagate(poses, roll, offsets, True)
-        derivatives = light.derivatives
-        assert derivatives is not None
+        light, rays = self._propagate(poses, roll, offsets, True)
+        assert light.derivatives is not None
         pixels = self.array.side**2
-        derivatives = np.swapaxes(derivatives.reshape(*derivatives.shape[:-2], pixels), -1, -2)
-        by_pose = derivatives[..., :6] @ lamp_derivatives(poses, roll)
+        derivatives = light.derivatives.reshape(*light.derivatives.shape[:-2], pixels)
+        derivatives = np.swapaxes(derivatives, -1, -2)
+        by_pose = derivatives[..., :6] @ lamp_derivatives(poses, roll, rays.rotation)
         jacobian = by_pose[..., :5]
         if offsets:
             by_offset = derivatives[..., 6:].copy()
@@ -136,25 +138,29 @@ class ForwardModel:
 
     def _propagate(
         self, poses: Array, roll: ArrayLike, offsets: Mapping[str, Array], differentiate: bool
-    ) -> Light:
+    ) -> tuple[Light, Rays]:
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
             rays = trace(self.array, poses, roll)
-            flat = irradiance(rays, self._beam_sigma_rad, self.power)
-            if "lamp.power" in offsets:
-                flat *= np.exp(offsets["lamp.power"])[..., None]
-            shape = (*flat.shape[:-1], self.array.side, self.array.side)
-            light = Light(flat.reshape(shape), offsets=offsets)
+            shape = (*rays.range_m.shape[:-1], self.array.side, self.array.side)
             if differentiate:
-                by_lamp = irradiance_derivatives(rays, self.array, self._beam_sigma_rad, flat)
+                flat, derivatives = irradiance_with_derivatives(
+                    rays, self.array, self._beam_sigma_rad, self.power
+                )
                 if offsets:
                     rows = np.zeros((*flat.shape[:-1], len(offsets), flat.shape[-1]))
-                    by_lamp = np.concatenate([by_lamp, rows], axis=-2)
-                light.derivatives = by_lamp.reshape(*by_lamp.shape[:-1], *shape[-2:])
+                    derivatives = np.concatenate([derivatives, rows], axis=-2)
+                planes = derivatives.reshape(*derivatives.shape[:-1], *shape[-2:])
+                light = Light(flat.reshape(shape), planes, offsets)
+            else:
+                flat = irradiance(rays, self._beam_sigma_rad, self.power)
+                light = Light(flat.reshape(shape))
+            if "lamp.power" in offsets:
+                light.dim(np.exp(offsets["lamp.power"])[..., None, None])
                 light.slope_by("lamp.power", lambda: light.image)
             for step in self.plan.light:
                 step(light, rays)
-        return light
+        return light, rays
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""

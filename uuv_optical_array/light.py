@@ -30,7 +30,7 @@ class LampSettings:
 
 @dataclass(frozen=True)
 class Rays:
-    """The straight paths from the lamp to each detector, seen from the follower's ``base_link``.
+    """The straight paths from the lamp to each detector.
 
     Parameters
     ----------
@@ -41,17 +41,21 @@ class Rays:
     cos_incidence
         Cosine between the detector's normal and the direction back to the lamp, at most 1,
         shape ``(..., n)``.
+    along_m, across_m
+        Detector along the beam axis and off it, m, shape ``(..., n)``.
     to_lamp
-        From the detector to the lamp, m, shape ``(..., 3, n)``.
-    beam_axis
-        Unit vector along the beam, shape ``(..., 3, 1)``.
+        From the detector to the lamp, in ``base_link``, m, shape ``(..., 3, n)``.
+    rotation
+        From ``base_link`` to ``beacon``, shape ``(..., 3, 3)``.
     """
 
     range_m: Array
     off_axis_rad: Array
     cos_incidence: Array
+    along_m: Array
+    across_m: Array
     to_lamp: Array
-    beam_axis: Array
+    rotation: Array
 
 
 def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays:
@@ -77,15 +81,11 @@ def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays
     to_lamp = -(np.swapaxes(rotation, -1, -2) @ detectors)
     range_m = np.maximum(np.sqrt((detectors * detectors).sum(axis=-2)), MIN_RANGE_M)
     # arctan2 of the components in beacon keeps the small angles that arccos loses.
-    across = np.hypot(detectors[..., 1, :], detectors[..., 2, :])
-    cos_incidence = (to_lamp * array.normals.T).sum(axis=-2) / range_m
-    return Rays(
-        range_m,
-        np.arctan2(across, -detectors[..., 0, :]),
-        np.minimum(cos_incidence, 1.0),
-        to_lamp,
-        -rotation[..., 0, :, None],
-    )
+    along_m = -detectors[..., 0, :]
+    across_m = np.hypot(detectors[..., 1, :], detectors[..., 2, :])
+    cos_incidence = np.minimum((to_lamp * array.normals.T).sum(axis=-2) / range_m, 1.0)
+    off_axis_rad = np.arctan2(across_m, along_m)
+    return Rays(range_m, off_axis_rad, cos_incidence, along_m, across_m, to_lamp, rotation)
 
 
 def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
@@ -109,55 +109,54 @@ def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
     Array
         Light in counts, shape ``(..., n)``, >= 0; 0 for a detector that faces away.
     """
+    return _facing(rays, beam_sigma_rad, power) * np.maximum(rays.cos_incidence, 0.0)
+
+
+def _facing(rays: Rays, beam_sigma_rad: float, power: float) -> Array:
+    """Light on a detector that faces the lamp."""
     light = np.exp(rays.off_axis_rad**2 * (-0.5 / beam_sigma_rad**2))
-    light *= np.maximum(rays.cos_incidence, 0.0)
     light *= power / rays.range_m**2
     return light
 
 
-def irradiance_derivatives(
-    rays: Rays, array: DetectorArray, beam_sigma_rad: float, light: Array
-) -> Array:
-    """Differentiate `irradiance` by where the lamp is and by where it shines.
+def irradiance_with_derivatives(
+    rays: Rays, array: DetectorArray, beam_sigma_rad: float, power: float
+) -> tuple[Array, Array]:
+    """Return `irradiance` and its derivatives by where the lamp is and by where it shines.
 
     Parameters
     ----------
-    rays
-        Paths from the lamp, shape ``(..., n)``.
+    rays, beam_sigma_rad, power
+        As in `irradiance`.
     array
         The n detectors.
-    beam_sigma_rad
-        As in `irradiance`.
-    light
-        What `irradiance` returned for them.
 
     Returns
     -------
-    Array
+    light : Array
+        As `irradiance`, shape ``(..., n)``.
+    derivatives : Array
         By the three components of the lamp's position, per m, and by those of the beam axis,
         both in ``base_link``, shape ``(..., 6, n)``; 0 for a detector that faces away.
     """
-    facing = rays.cos_incidence > 0
-    # The light but for Lambert's cosine, whose own derivative is the normal's.
-    bare = np.divide(light, rays.cos_incidence, out=np.zeros_like(light), where=facing)
+    facing = _facing(rays, beam_sigma_rad, power)
+    facing *= rays.cos_incidence > 0
+    light = facing * rays.cos_incidence
     inverse = 1 / rays.range_m
-    squared = inverse * inverse
-    cos_axis = np.cos(rays.off_axis_rad)
-    # eta / sin(eta), 1 on the axis; behind the lamp there is no light to differentiate.
-    sine = np.sin(rays.off_axis_rad)
-    ratio = np.divide(rays.off_axis_rad, sine, out=np.ones_like(sine), where=sine > 1e-9)
-    bend = light * ratio * inverse / beam_sigma_rad**2
-    radial = -(3 * light * squared + bend * cos_axis * inverse)
+    # eta / sin(eta); on the axis itself it meets only zeros.
+    ratio = rays.off_axis_rad * rays.range_m / np.maximum(rays.across_m, 1e-9 * rays.range_m)
+    bend = light * ratio * inverse * (1 / beam_sigma_rad**2)
+    radial = (3 * light + bend * rays.along_m) * (-inverse * inverse)
     derivatives = np.empty((*light.shape[:-1], 6, light.shape[-1]))
-    by_position = derivatives[..., :3, :]
+    by_position, by_axis = derivatives[..., :3, :], derivatives[..., 3:, :]
     np.multiply(radial[..., None, :], rays.to_lamp, out=by_position)
-    by_position += (bare * inverse)[..., None, :] * array.normals.T
-    by_position -= bend[..., None, :] * rays.beam_axis
-    np.multiply(-bend[..., None, :], rays.to_lamp, out=derivatives[..., 3:, :])
-    return derivatives
+    by_position += (facing * inverse)[..., None, :] * array.normals.T
+    by_position += bend[..., None, :] * rays.rotation[..., 0, :, None]
+    np.multiply(-bend[..., None, :], rays.to_lamp, out=by_axis)
+    return light, derivatives
 
 
-def lamp_derivatives(poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
+def lamp_derivatives(poses: Array, roll: ArrayLike, rotation: Array) -> Array:
     """Differentiate the lamp's position and beam axis, in ``base_link``, by the pose.
 
     Parameters
@@ -166,33 +165,32 @@ def lamp_derivatives(poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         Poses of the follower in ``beacon``, m and rad, shape ``(..., 5)``.
     roll
         Roll of the follower, rad, broadcast to ``(...)``.
+    rotation
+        Their rotation matrices, shape ``(..., 3, 3)``.
 
     Returns
     -------
     Array
         Position and axis, six rows, by x, y, z, pitch, yaw and roll, shape ``(..., 6, 6)``.
     """
-    poses = np.asarray(poses, dtype=float)
-    rotation = rotation_matrix(poses[..., PITCH], poses[..., YAW], roll)
     to_body = np.swapaxes(rotation, -1, -2)
     lamp = -(to_body @ poses[..., :3, None])[..., 0]
-    axis = -rotation[..., 0, :]
+    axis = -to_body[..., 0]
     derivatives = np.zeros((*lamp.shape[:-1], 6, 6))
     derivatives[..., :3, :3] = -to_body
     # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
     sin_r, cos_r = np.sin(roll), np.cos(roll)
-    for rows, seen in ((slice(0, 3), lamp), (slice(3, 6), axis)):
-        block = derivatives[..., rows, :]
+    for first, seen in ((0, lamp), (3, axis)):
         along, left, up = seen[..., 0], seen[..., 1], seen[..., 2]
-        block[..., 0, 3] = -(left * sin_r + up * cos_r)
-        block[..., 1, 3] = along * sin_r
-        block[..., 2, 3] = along * cos_r
-        block[..., 1, 5] = up
-        block[..., 2, 5] = -left
+        derivatives[..., first, 3] = -(left * sin_r + up * cos_r)
+        derivatives[..., first + 1, 3] = along * sin_r
+        derivatives[..., first + 2, 3] = along * cos_r
+        derivatives[..., first + 1, 5] = up
+        derivatives[..., first + 2, 5] = -left
     # Yaw turns about the beacon's z.
     x, y = poses[..., 0, None], poses[..., 1, None]
-    derivatives[..., :3, 4] = to_body[..., :, 1] * x - to_body[..., :, 0] * y
-    derivatives[..., 3:, 4] = to_body[..., :, 1]
+    derivatives[..., :3, 4] = to_body[..., 1] * x - to_body[..., 0] * y
+    derivatives[..., 3:, 4] = to_body[..., 1]
     return derivatives
 
 

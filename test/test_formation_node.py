@@ -1,0 +1,169 @@
+"""The formation node in simulated time: the controller's command at every tick of the clock."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from std_msgs.msg import Header
+
+from uuv_optical_array.formation import FormationController, FormationSettings
+from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.messages import pose_to_message
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+START = 100 * 10**9
+STEP = 10**8
+STATION = [-6.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def time_of(nanoseconds):
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+class Helm:
+    """Ticks the clock of a formation node and collects its commands, one a tick."""
+
+    def __init__(self, lab, **parameters):
+        self.lab, self.now = lab, START
+        lab.begin({"use_sim_time": True, **parameters})
+        self.node = lab.start(FormationNode)
+        self.poses = lab.talk(PoseWithCovarianceStamped, "relative_pose")
+        self.commands = lab.listen(TwistStamped, "cmd_vel")
+        lab.connect()
+        lab.tick(self.now)
+
+    def see(self, pose, stamp=None):
+        """Tell the node a pose, of this instant unless a stamp is given."""
+        message = pose_to_message(pose, np.eye(6), Header())
+        message.header.stamp = time_of(self.now if stamp is None else stamp)
+        self.lab.deliver(self.node, self.poses, message)
+
+    def tick(self):
+        """Move on by a period of the commands."""
+        self.now += STEP
+        self.lab.tick(self.now)
+
+    def command(self):
+        """Move on by a period and return the command of it: surge, sway, heave, and turns."""
+        self.tick()
+        message = self.lab.answer(self.commands, time_of(self.now), "a command")
+        linear, angular = message.twist.linear, message.twist.angular
+        return np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+
+
+@pytest.fixture
+def helm(lab):
+    return Helm(lab)
+
+
+def test_nothing_is_commanded_before_the_first_pose(helm):
+    for _ in range(20):
+        helm.tick()
+    helm.see([-7.0, 0.3, 0.2, 0.05, 0.1])
+    helm.command()
+    assert [command.header.stamp for command in helm.commands] == [time_of(helm.now)]
+
+
+def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers_frame(lab):
+    helm = Helm(lab, base_frame="rov/base_link")
+    controller, rng = FormationController(FormationSettings()), np.random.default_rng(2)
+    for i in range(30):
+        if i % 3 != 1:  # the light flickers
+            pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
+            helm.see(pose)
+            controller.update(helm.now * 1e-9, pose)
+        found, expected = helm.command(), controller.command(helm.now * 1e-9)
+        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
+    assert np.abs(found).max() > 0.01
+    assert {command.header.frame_id for command in helm.commands} == {"rov/base_link"}
+
+
+def test_a_follower_too_far_behind_is_sent_ahead_and_one_too_near_is_held_back(helm):
+    for x, sign in ((-7.0, 1.0), (-5.0, -1.0)):
+        for _ in range(30):
+            helm.see([x, 0.0, 0.0, 0.0, 0.0])
+            command = helm.command()
+        assert command[0] * sign > 0.05
+        np.testing.assert_allclose(command[1:], 0.0, atol=1e-9)
+
+
+def test_without_light_the_command_falls_to_zero_within_timeout_and_stop_time(lab):
+    helm = Helm(lab, light_timeout_s=0.5, stop_time_s=2.0)
+    for _ in range(20):
+        helm.see([-8.0, 0.0, 0.0, 0.0, 0.0])
+        helm.command()
+    # The last command of the loop was one tick after its pose.
+    surges = [helm.command()[0] for _ in range(40)]
+    dark_s = np.arange(2, 42) / 10 - 0.5
+    cruise = surges[3]  # at the timeout
+    assert cruise > 0.1
+    expected = cruise * np.clip(1 - dark_s[3:] / 2.0, 0.0, 1.0)
+    np.testing.assert_allclose(surges[3:], expected, atol=1e-6)
+    assert surges[-1] == 0.0
+    helm.see([-8.0, 0.0, 0.0, 0.0, 0.0])
+    helm.command()
+    assert helm.command()[0] > 0  # light again
+
+
+def not_finite(message):
+    message.pose.pose.position.y = np.nan
+
+
+def not_unit(message):
+    message.pose.pose.orientation.w = 3.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (not_finite, ("not finite", "nan")),
+        (not_unit, ("bad attitude", "length")),
+        (lambda message: setattr(message.header, "stamp", time_of(START)), ("100.0", "not after")),
+    ],
+    ids=["not finite", "not unit", "repeated stamp"],
+)
+def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
+    controller = FormationController(FormationSettings())
+
+    def expect(pose):
+        controller.update(helm.now * 1e-9, pose)
+        helm.see(pose)
+
+    expect([-7.0, 0.0, 0.0, 0.0, 0.0])
+    message = pose_to_message([-4.0, 1.0, 1.0, 0.5, 0.5], np.eye(6), Header())
+    message.header.stamp = time_of(helm.now + STEP // 2)
+    spoil(message)
+    helm.lab.deliver(helm.node, helm.poses, message)
+    helm.lab.report(helm.node, WARN, *words)
+    for _ in range(3):
+        found, expected = helm.command(), controller.command(helm.now * 1e-9)
+        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
+    expect([-7.0, 0.0, 0.0, 0.0, 0.0])
+    helm.lab.report(helm.node, OK)
+
+
+@pytest.mark.parametrize(("stand_off_m", "sign"), [(5.0, 1.0), (8.0, -1.0)])
+def test_the_stand_off_can_change_while_the_node_runs(helm, stand_off_m, sign):
+    for _ in range(10):
+        helm.see(STATION)
+        np.testing.assert_allclose(helm.command(), 0.0, atol=1e-9)
+    result = helm.lab.set(helm.node, "stand_off_m", stand_off_m)
+    assert result.successful, result.reason
+    for _ in range(20):
+        helm.see(STATION)
+        command = helm.command()
+    assert command[0] * sign > 0.05
+
+
+def test_a_clock_that_is_set_back_stops_nothing(helm):
+    for _ in range(5):
+        helm.see(STATION)
+        helm.command()
+    helm.now = START // 2
+    helm.lab.tick(helm.now)
+    helm.see([-7.0, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(10):
+        helm.see([-7.0, 0.0, 0.0, 0.0, 0.0], helm.now + 1)
+        command = helm.command()
+    assert command[0] > 0

@@ -1,0 +1,269 @@
+"""Every parameter is declared in full, checked at the start and at run time, and set by file."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+import rclpy
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+from rclpy.parameter import Parameter
+
+from uuv_optical_array import files
+from uuv_optical_array.nodes import (
+    estimator_node,
+    feature_node,
+    formation_node,
+    simulator_node,
+    vehicles_node,
+)
+
+NODES = {
+    "simulator_node": (simulator_node, simulator_node.SimulatorNode),
+    "feature_node": (feature_node, feature_node.FeatureNode),
+    "estimator_node": (estimator_node, estimator_node.EstimatorNode),
+    "formation_node": (formation_node, formation_node.FormationNode),
+    "vehicles_node": (vehicles_node, vehicles_node.VehiclesNode),
+}
+ALL = pytest.mark.parametrize("name", NODES)
+FOLLOW = files.shared_file("config/follow.yaml")
+# What ROS itself declares on every node.
+OF_ROS = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+# A quantity's unit by how its name ends; the longest ending first.
+UNITS = {
+    "_m_per_s2": "m/s^2",
+    "_deg_per_s2": "deg/s^2",
+    "_m_per_s": "m/s",
+    "_deg_per_s": "deg/s",
+    "_per_s": "1/s",
+    "_counts": "counts",
+    "_rad": "rad",
+    "_deg": "deg",
+    "_hz": "Hz",
+    "_m": "m",
+    "_s": "s",
+    "neighbours": "rows",
+}
+NUMBERS = (ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_INTEGER)
+
+
+def begin(lab, name, scene_file, *arguments):
+    """Start one node on a small scene."""
+    lab.begin({"scene": scene_file}, *arguments)
+    return lab.start(NODES[name][1])
+
+
+def own_names(node):
+    """Return the parameters that the package declared."""
+    return [name for name in node.get_parameters_by_prefix("") if not OF_ROS.fullmatch(name)]
+
+
+def bounds_of(node, name):
+    """Return type and bounds of a number as `ros2 param describe` shows them."""
+    descriptor = node.describe_parameter(name)
+    (span,) = [*descriptor.floating_point_range, *descriptor.integer_range]
+    kind = float if descriptor.type == ParameterType.PARAMETER_DOUBLE else int
+    return kind, span.from_value, span.to_value
+
+
+def set_to(node, name, value):
+    (result,) = node.set_parameters([Parameter(name, value=value)])
+    return result
+
+
+@ALL
+def test_every_parameter_is_described_with_meaning_unit_and_bounds(lab, name, scene_file):
+    node = begin(lab, name, scene_file)
+    path = node.get_fully_qualified_name()
+    listed = lab.call(ListParameters, f"{path}/list_parameters").result.names
+    names = [given for given in listed if not OF_ROS.fullmatch(given)]
+    assert set(names) == set(NODES[name][0].PARAMETERS)
+    answer = lab.call(DescribeParameters, f"{path}/describe_parameters", names=names)
+    for descriptor in answer.descriptors:
+        words = descriptor.description.partition(" [")[0]
+        assert len(words.split()) >= 2, descriptor
+        unit = next((UNITS[end] for end in UNITS if descriptor.name.endswith(end)), None)
+        if unit:
+            assert descriptor.description.endswith(f" [{unit}]")
+        assert descriptor.type == node.get_parameter(descriptor.name).type_.value
+        if descriptor.type in NUMBERS:
+            kind, low, high = bounds_of(node, descriptor.name)
+            assert -math.inf < low < high < math.inf
+            assert low <= node.get_parameter(descriptor.name).value <= high
+            assert isinstance(node.get_parameter(descriptor.name).value, kind)
+
+
+@ALL
+def test_what_may_change_takes_both_bounds_and_refuses_all_beyond(lab, name, scene_file):
+    node, tried = begin(lab, name, scene_file), 0
+    for parameter in own_names(node):
+        descriptor = node.describe_parameter(parameter)
+        if descriptor.read_only or descriptor.type not in NUMBERS:
+            continue
+        tried += 1
+        kind, low, high = bounds_of(node, parameter)
+        for value in (low, high):
+            result = set_to(node, parameter, kind(value))
+            assert result.successful, (parameter, value, result.reason)
+            assert node.get_parameter(parameter).value == value
+        beyond = {float: [low - 1e-3, high + 1e-3, math.nan, math.inf], int: [low - 1, high + 1]}
+        for value in (*beyond[kind], "much", True, [1.0, 2.0]):
+            result = set_to(node, parameter, value)
+            assert not result.successful, (parameter, value)
+            assert parameter in result.reason, (parameter, value)
+            assert node.get_parameter(parameter).value == high
+    assert tried == {
+        "simulator_node": 0,
+        "feature_node": 1,
+        "estimator_node": 3,
+        "formation_node": 15,
+        "vehicles_node": 1,
+    }.get(name)
+
+
+@ALL
+def test_what_is_fixed_once_the_node_runs_is_refused_as_read_only(lab, name, scene_file):
+    node = begin(lab, name, scene_file)
+    fixed = [given for given in own_names(node) if node.describe_parameter(given).read_only]
+    assert fixed
+    for parameter in fixed:
+        value = node.get_parameter(parameter).value
+        result = set_to(node, parameter, value)
+        assert not result.successful
+        assert "read-only" in result.reason
+    changes = set(own_names(node)) - set(fixed)
+    assert not {"scene", "rate_hz", "seed", "base_frame"} & changes
+
+
+@pytest.mark.parametrize("value", [math.nan, -1.0, 65536.0, 5, "5", False])
+def test_ros2_param_set_shows_the_reason_of_a_refusal(lab, scene_file, value):
+    node = begin(lab, "feature_node", scene_file)
+    result = lab.set(node, "min_peak_counts", value)
+    assert not result.successful
+    assert "min_peak_counts" in result.reason
+    assert node.get_parameter("min_peak_counts").value == 5.0
+
+
+def test_one_bad_value_among_several_changes_none(lab, scene_file):
+    node = begin(lab, "formation_node", scene_file)
+    result = node.set_parameters_atomically(
+        [Parameter("stand_off_m", value=7.0), Parameter("range_std_m", value=math.nan)]
+    )
+    assert not result.successful
+    assert "range_std_m" in result.reason
+    assert node.get_parameter("stand_off_m").value == 6.0
+
+
+# Node, start parameter, and what the one line must name.
+BAD_STARTS = [
+    ("feature_node", "min_peak_counts:=-1.0", ("-1.0", "from 0 to 65535 counts")),
+    ("feature_node", "min_peak_counts:=.nan", ("nan", "from 0 to 65535 counts")),
+    ("feature_node", "min_peak_counts:=high", ("high", "DOUBLE")),
+    ("feature_node", "scene:=atlantis", ("atlantis", "follow, reference")),
+    ("feature_node", "scene:=/nowhere/sea.yaml", ("/nowhere/sea.yaml", "no such file")),
+    ("estimator_node", "neighbours:=1", ("1", "from 2 to 10000 rows")),
+    ("estimator_node", "max_angle_rad:=4.0", ("4.0", "from 0 to 3.14159 rad")),
+    ("estimator_node", "publish_tf:=maybe", ("maybe", "BOOL")),
+    ("simulator_node", "seed:=-2", ("-2", "from -1 to")),
+    ("simulator_node", "seed:=1.5", ("1.5", "INTEGER")),
+    ("simulator_node", "odometry_axes:=ned", ("ned", "flu or frd")),
+    ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
+    ("simulator_node", "beacon_position_m:=[0.0,0.0,-101.0]", ("[2]", "-101.0", "to 100 m")),
+    ("formation_node", "stand_off_m:=0.4", ("0.4", "from 0.5 to 50 m")),
+    ("formation_node", "correlation:=1.0", ("1.0", "from -0.999 to 0.999")),
+    ("formation_node", "rate_hz:=0.0", ("0.0", "from 0.1 to 1000 Hz")),
+    ("vehicles_node", "command_timeout_s:=.inf", ("inf", "from 0.05 to 60 s")),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "words"), BAD_STARTS)
+def test_a_bad_start_value_ends_the_node_with_one_line(monkeypatch, name, given, words):
+    monkeypatch.setattr(rclpy, "spin", lambda node: pytest.fail(f"{given} was accepted"))
+    with pytest.raises(SystemExit) as end:
+        NODES[name][0].main(["--ros-args", "-p", given])
+    line = end.value.code
+    assert isinstance(line, str)  # Python prints a text and exits with 1
+    assert "\n" not in line.strip()
+    for word in (given.partition(":=")[0], *words):
+        assert word in line
+    assert not rclpy.ok()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lamp: {beam_sigma_deg: [", ("not YAML",)),
+        ("lamp: {beam_sigma_deg: wide}", ("lamp.beam_sigma_deg", "wide")),
+        ("lamb: {}", ("lamb", "did you mean lamp?")),
+    ],
+)
+def test_a_bad_scene_file_ends_the_node_with_one_line(monkeypatch, tmp_path, text, words):
+    monkeypatch.setattr(rclpy, "spin", lambda node: pytest.fail("the scene was accepted"))
+    (tmp_path / "sea.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit) as end:
+        feature_node.main(["--ros-args", "-p", f"scene:={tmp_path / 'sea.yaml'}"])
+    for word in ("sea", *words):
+        assert word in end.value.code
+    assert "\n" not in end.value.code.strip()
+
+
+def sections(text):
+    """Return the values of a parameter file for every node: the common ones, then its own."""
+    given = {path: section["ros__parameters"] for path, section in yaml.safe_load(text).items()}
+    common = given.pop("/**")
+    assert set(given) == {f"/**/{name}" for name in NODES}
+    return {name: {**common, **given[f"/**/{name}"]} for name in NODES}
+
+
+@pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])
+@ALL
+def test_every_key_of_the_shipped_parameter_file_reaches_its_node(lab, name, namespace):
+    lab.begin({}, "--params-file", FOLLOW)
+    node = lab.start(NODES[name][1], namespace)
+    declared = own_names(node)
+    for key, value in sections(FOLLOW.read_text("utf-8"))[name].items():
+        if key != "scene":  # the common one, for those that have a scene
+            assert key in declared
+        if key in declared:
+            assert node.get_parameter(key).value == value
+
+
+def another(node, key, value):
+    """Return a value for a parameter that is good and not the one it has."""
+    words = {"scene": "reference", "odometry_axes": "frd"}
+    if key in words:
+        return words[key]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, str):
+        return f"{value}_2"
+    if isinstance(value, list):
+        return [number + 0.5 for number in value]
+    kind, low, high = bounds_of(node, key)
+    return kind(value + 1) if kind is int else np.clip(value * 1.25, low, high).item()
+
+
+@pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])
+@ALL
+def test_a_value_changed_in_a_copy_of_the_file_is_taken(lab, tmp_path, name, namespace):
+    text = FOLLOW.read_text("utf-8")
+    lab.begin()
+    model = lab.start(NODES[name][1])
+    keys = [key for key in sections(text)[name] if key in own_names(model)]
+    changed = {key: another(model, key, sections(text)[name][key]) for key in keys}
+    if "table" in changed:
+        changed["table"] = str(tmp_path)  # no table there, of which the node will tell
+    lab.end()
+    lab.__init__()
+
+    document = yaml.safe_load(text)
+    document[f"/**/{name}"]["ros__parameters"].update(changed)
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(yaml.safe_dump(document), encoding="utf-8")
+    lab.begin({}, "--params-file", copy)
+    node = lab.start(NODES[name][1], namespace)
+    for key, value in changed.items():
+        assert value != model.get_parameter(key).value
+        assert node.get_parameter(key).value == value

@@ -1,0 +1,172 @@
+"""The vehicles node in simulated time: odometry of one clock, a follower that obeys and stops."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+
+START = 100 * 10**9
+STEP = 10**8
+ACCELERATION = 0.3  # m/s^2, of the small hovering vehicle
+
+
+def time_of(nanoseconds):
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def position(odometry):
+    p = odometry.pose.pose.position
+    return np.array([p.x, p.y, p.z])
+
+
+def rotation(odometry):
+    q = odometry.pose.pose.orientation
+    return Rotation.from_quat([q.x, q.y, q.z, q.w])
+
+
+class Basin:
+    """Ticks the clock of a vehicles node and collects both odometries, one a tick."""
+
+    def __init__(self, lab, **parameters):
+        self.lab, self.now = lab, START - STEP
+        lab.begin({"use_sim_time": True, **parameters})
+        self.node = lab.start(VehiclesNode)
+        self.heard = {
+            name: lab.listen(Odometry, f"{name}/odometry") for name in ("leader", "follower")
+        }
+        self.commands = lab.talk(TwistStamped, "cmd_vel")
+        lab.connect()
+
+    def tick(self):
+        """Move on by a period; return the odometry of leader and follower at the new time."""
+        self.now += STEP
+        self.lab.tick(self.now)
+        return tuple(
+            self.lab.answer(heard, time_of(self.now), f"odometry of the {name}")
+            for name, heard in self.heard.items()
+        )
+
+    def order(self, surge=0.0, yaw_rate=0.0):
+        """Command the follower and wait until the node has it."""
+        message = TwistStamped()
+        message.twist.linear.x, message.twist.angular.z = surge, yaw_rate
+        self.lab.deliver(self.node, self.commands, message)
+
+
+@pytest.fixture
+def basin(lab):
+    return Basin(lab)
+
+
+def test_both_odometries_carry_every_tick_of_the_clock_in_one_world(lab):
+    basin = Basin(lab, world_frame="sea")
+    for _ in range(30):
+        basin.tick()
+    ticks = [time_of(START + i * STEP) for i in range(30)]
+    for name, heard in basin.heard.items():
+        assert [odometry.header.stamp for odometry in heard] == ticks
+        assert {odometry.header.frame_id for odometry in heard} == {"sea"}
+        assert {odometry.child_frame_id for odometry in heard} == {f"{name}/base_link"}
+
+
+@pytest.mark.parametrize("stand_off_m", [4.0, 8.0])
+def test_the_follower_starts_at_rest_behind_the_leader(lab, stand_off_m):
+    leader, follower = Basin(lab, stand_off_m=stand_off_m).tick()
+    gap = position(follower) - position(leader)
+    assert gap[0] == pytest.approx(-stand_off_m, abs=1.0)
+    assert np.hypot(*gap[1:]) < 0.5
+    assert (rotation(leader).inv() * rotation(follower)).magnitude() < 1e-9
+    assert follower.twist.twist == type(follower.twist.twist)()
+
+
+def test_the_leader_swims_ahead_by_what_its_odometry_says(basin):
+    messages = [basin.tick()[0] for _ in range(250)]  # into the turn, which begins at 12 s
+    moved = position(messages[-1]) - position(messages[0])
+    assert moved[0] > 8.0
+    assert rotation(messages[-1]).as_euler("ZYX")[0] > np.radians(5.0)
+    # Integrated by the trapezoidal rule, the velocities give the path.
+    velocities = np.array(
+        [
+            rotation(message).apply([getattr(message.twist.twist.linear, axis) for axis in "xyz"])
+            for message in messages
+        ]
+    )
+    way = (velocities[1:] + velocities[:-1]).sum(axis=0) / 2 * 0.1
+    np.testing.assert_allclose(way, moved, atol=0.01)
+
+
+def test_the_follower_obeys_and_stops_when_the_command_is_too_old(lab):
+    basin = Basin(lab, command_timeout_s=0.5)
+    _, before = basin.tick()
+    for _ in range(20):
+        basin.order(surge=0.3)
+        _, follower = basin.tick()
+    # Speeding up to 0.3 m/s takes 1 s; another second at that speed.
+    assert follower.twist.twist.linear.x == pytest.approx(0.3)
+    way = position(follower) - position(before)
+    np.testing.assert_allclose(way, [0.3**2 / 2 / ACCELERATION + 0.3, 0, 0], atol=1e-9)
+    # The last command came a tick ago; it holds for 0.5 s of age, then braking takes 1 s.
+    surges = [basin.tick()[1].twist.twist.linear.x for _ in range(20)]
+    expected = [0.3 - ACCELERATION * max(0.0, 0.1 * (i + 1) - 0.4) for i in range(20)]
+    np.testing.assert_allclose(surges, np.maximum(expected, 0.0), atol=1e-9)
+    basin.order(surge=0.3)
+    assert basin.tick()[1].twist.twist.linear.x == pytest.approx(0.03)
+
+
+def test_the_command_timeout_can_change_while_the_node_runs(basin):
+    basin.tick()
+    basin.order(surge=0.3)
+    result = basin.lab.set(basin.node, "command_timeout_s", 0.25)
+    assert result.successful, result.reason
+    surges = [basin.tick()[1].twist.twist.linear.x for _ in range(5)]
+    np.testing.assert_allclose(surges, [0.03, 0.06, 0.03, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_command_that_is_not_finite_is_told_and_changes_nothing(basin):
+    basin.tick()
+    basin.order(surge=0.3)
+    basin.tick()
+    basin.order(surge=np.nan)
+    basin.lab.report(basin.node, DiagnosticStatus.WARN, "cmd_vel, not finite", "nan")
+    assert basin.tick()[1].twist.twist.linear.x == pytest.approx(0.06)
+
+
+def test_a_turn_to_port_turns_to_port(basin):
+    basin.tick()
+    for _ in range(20):
+        basin.order(yaw_rate=0.1)
+        _, follower = basin.tick()
+    yaw, pitch, roll = rotation(follower).as_euler("ZYX")
+    assert yaw == pytest.approx(0.1 * 2 - 0.1**2 / 2 / 0.15, abs=0.01)
+    assert (pitch, roll) == pytest.approx((0, 0), abs=1e-9)
+
+
+def test_both_poses_go_to_tf_too_where_they_are_wanted(lab):
+    tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    basin = Basin(lab, publish_tf=True)
+    heard = lab.listen(tf2_msgs.TFMessage, "/tf")
+    lab.connect()
+    odometries = basin.tick()
+    lab.until(lambda: len(heard) == 2, "two transforms")
+    for message, odometry in zip(heard, odometries, strict=True):
+        (transform,) = message.transforms
+        assert transform.header == odometry.header
+        assert transform.child_frame_id == odometry.child_frame_id
+        t = transform.transform.translation
+        np.testing.assert_array_equal([t.x, t.y, t.z], position(odometry))
+        assert transform.transform.rotation == odometry.pose.pose.orientation
+
+
+@pytest.mark.xfail(raises=ValueError, reason="a step back in time ends the vehicles node")
+def test_a_clock_that_is_set_back_stops_nothing(basin):
+    for _ in range(5):
+        basin.tick()
+    basin.now = START // 2
+    basin.lab.tick(basin.now)
+    leader, follower = [basin.tick() for _ in range(3)][-1]
+    assert leader.header.stamp == follower.header.stamp == time_of(basin.now)

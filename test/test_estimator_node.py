@@ -202,6 +202,14 @@ def test_a_bad_table_is_refused_at_run_time_with_the_reason_and_the_old_one_work
     asker.lab.report(asker.node, OK)
 
 
+def test_a_table_that_the_system_cannot_read_is_refused_too(asker, tmp_path, signatures):
+    (tmp_path / "table.yaml").mkdir()
+    result = asker.lab.set(asker.node, "table", str(tmp_path))
+    assert not result.successful
+    assert str(tmp_path) in result.reason
+    asker.ask(signatures[0], 1)
+
+
 def test_another_table_of_the_scene_can_take_over_at_run_time(asker, table, signatures, tmp_path):
     estimate = Estimator(table).estimate(signatures[0])
     assert_is(asker.ask(signatures[0], 1), estimate)

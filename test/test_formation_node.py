@@ -71,8 +71,9 @@ def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers
     for i in range(30):
         if i % 3 != 1:  # the light flickers
             pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
-            helm.see(pose)
-            controller.update(helm.now * 1e-9, pose)
+            taken = helm.now - 30_000_000  # when the image was; the pose took its time
+            helm.see(pose, taken)
+            controller.update(taken * 1e-9, pose)
         found, expected = helm.command(), controller.command(helm.now * 1e-9)
         np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
     assert np.abs(found).max() > 0.01

@@ -128,7 +128,7 @@ def test_the_ready_scenes_differ_only_in_scatter_and_in_the_reach_of_the_table()
     lines = load_scene("follow").differences(load_scene("reference"))
     keys = [line.split()[0] for line in lines]
     assert keys == [
-        "effects.forward_scatter",
+        "effects.forward_scatter.window_m",
         "table.pitch_deg",
         "table.x_m",
         "table.y_m",
@@ -311,7 +311,7 @@ def test_any_changed_value_changes_the_fingerprint_and_is_the_only_difference(da
     scene, other = valid(FULL), valid(changed(path, value))
     assert other.fingerprint != scene.fingerprint
     (line,) = scene.differences(other)
-    assert line.startswith(f"{group}.{key} is ")
+    assert line.startswith(f"{path} is ")
     assert str(value) in line.split(" there and ")[0]
     assert str(before) in line.split(" there and ")[1]
 
@@ -321,9 +321,10 @@ def test_an_effect_left_out_changes_the_fingerprint_and_reads_absent(name):
     scene, other = valid(FULL), valid(changed(f"effects.{name}", MISSING))
     assert other.fingerprint != scene.fingerprint
     (line,) = scene.differences(other)
-    assert line == f"effects.{name} is absent there and {FULL['effects'][name]} here"
+    ((setting, value),) = FULL["effects"][name].items()
+    assert line == f"effects.{name}.{setting} is absent there and {value} here"
     (line,) = other.differences(scene)
-    assert line == f"effects.{name} is {FULL['effects'][name]} there and absent here"
+    assert line == f"effects.{name}.{setting} is {value} there and absent here"
 
 
 @given(data=st.data())

@@ -41,6 +41,14 @@ def cache_dir() -> Path:
     return Path(base) / PACKAGE
 
 
+def user_path(path: str | Path) -> Path:
+    """Return a path as a user writes it, ``~`` being the home; ValueError for an unknown user."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.

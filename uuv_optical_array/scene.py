@@ -92,14 +92,16 @@ class Scene:
     def differences(self, other: "Scene") -> list[str]:
         """List where two scenes differ, a line a key."""
 
-        def flat(scene: Scene) -> dict[str, Any]:
+        def flat(values: Any, name: str) -> dict[str, Any]:
+            if not isinstance(values, dict) or not values:
+                return {name: values}
             return {
-                f"{group}.{key}": value
-                for group, values in scene.settings().items()
+                full: leaf
                 for key, value in values.items()
+                for full, leaf in flat(value, f"{name}.{key}".lstrip(".")).items()
             }
 
-        ours, theirs = flat(self), flat(other)
+        ours, theirs = flat(self.settings(), ""), flat(other.settings(), "")
         return [
             f"{key} is {theirs.get(key, 'absent')} there and {ours.get(key, 'absent')} here"
             for key in sorted(ours.keys() | theirs.keys())
@@ -185,7 +187,7 @@ def load_scene(path: str | Path) -> Scene:
     FileNotFoundError
         Where neither a file nor a ready scene has that name.
     """
-    file = Path(path).expanduser()
+    file = files.user_path(path)
     if file.suffix not in (".yaml", ".yml"):
         ready = sorted(p.stem for p in files.shared_file("config/scenes").glob("*.yaml"))
         if str(path) not in ready:
@@ -193,10 +195,10 @@ def load_scene(path: str | Path) -> Scene:
                 f"scene {path}: neither a .yaml file nor a ready scene ({', '.join(ready)})"
             )
         file = files.shared_file(f"config/scenes/{path}.yaml")
-    if not file.exists():
+    if not file.is_file():
         raise FileNotFoundError(f"scene {file}: no such file")
     try:
         settings = yaml.load(file.read_text(encoding="utf-8"), _SceneLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"scene {file}: not YAML: {error}") from None
+        raise ValueError(f"scene {file}: not YAML: {' '.join(str(error).split())}") from None
     return scene_from_settings(settings, file.stem)

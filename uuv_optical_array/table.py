@@ -117,7 +117,7 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
     ValueError
         Where `path` exists and is no table.
     """
-    path = Path(path).expanduser()
+    path = files.user_path(path)
     if path.exists() and not _is_table(path):
         raise ValueError(f"table {path}: exists and is no table; name another folder")
     about = {
@@ -144,16 +144,20 @@ def _is_table(path: Path) -> bool:
 
 
 def _read_about(path: Path) -> dict[str, Any]:
-    about = path / "table.yaml"
-    if not about.exists():
-        raise ValueError(f"table {path}: no table there; build one with uuv_array table")
     try:
-        values = yaml.safe_load(about.read_text(encoding="utf-8"))
+        values = yaml.safe_load((path / "table.yaml").read_text(encoding="utf-8"))
         if values["format"] != FORMAT:
             raise ValueError(f"format {values['format']}, this version reads {FORMAT}")
         return {key: values[key] for key in ("fingerprint", "name", "rows", "scene")}
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError) as error:
-        raise ValueError(f"table {path}: table.yaml is damaged ({error}); build it again") from None
+    except FileNotFoundError:
+        raise ValueError(f"table {path}: no table there; build one with uuv_array table") from None
+    except (OSError, yaml.YAMLError, TypeError, KeyError, ValueError) as error:
+        raise _damaged(path, "table.yaml", error) from None
+
+
+def _damaged(path: Path, name: str, error: Exception) -> ValueError:
+    text = " ".join(str(error).split())
+    return ValueError(f"table {path}: {name} is damaged ({text}); build it again")
 
 
 def load_table(path: str | Path, scene: Scene) -> SignatureTable:
@@ -176,15 +180,13 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     ValueError
         For a table that is missing, damaged, or was built for another scene.
     """
-    path = Path(path).expanduser()
+    path = files.user_path(path)
     about = _read_about(path)
     if about["fingerprint"] != scene.fingerprint:
         try:
             theirs = scene_from_settings(about["scene"], about["name"])
         except ValueError as error:
-            raise ValueError(
-                f"table {path}: table.yaml is damaged ({error}); build it again"
-            ) from None
+            raise _damaged(path, "table.yaml", error) from None
         why = "; ".join(scene.differences(theirs)) or "its fingerprint does not match its scene"
         raise ValueError(
             f"table {path}: built for another scene than {scene.name}: {why}; "
@@ -195,9 +197,7 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
         try:
             array = np.load(path / f"{name}.npy", mmap_mode="r")
         except (OSError, ValueError, EOFError) as error:
-            raise ValueError(
-                f"table {path}: {name}.npy is damaged ({error}); build it again"
-            ) from None
+            raise _damaged(path, f"{name}.npy", error) from None
         if array.shape != (about["rows"], 5) or array.dtype != np.float64:
             raise ValueError(
                 f"table {path}: {name}.npy holds {array.dtype} {array.shape}, "

@@ -20,7 +20,7 @@ from uuv_optical_array.nodes.messages import (
     pose_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.node import subscribe
+from uuv_optical_array.nodes.node import start, subscribe
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.pose import relative_pose
@@ -103,7 +103,7 @@ def follow(
     ValueError
         For a parameter or a scene that a node refuses.
     """
-    rclpy.init(args=["--ros-args", *ros_args])
+    start(["--ros-args", *ros_args])
     try:
         formation, simulator = FormationNode(), SimulatorNode()
         record = FollowRecord(formation.parameters["stand_off_m"])

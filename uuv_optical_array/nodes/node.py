@@ -48,10 +48,18 @@ def transform_publisher(node: Node, wanted: bool) -> Callable[[Any], None]:
     return lambda transform: publisher.publish(TFMessage(transforms=[transform]))
 
 
+def start(args: list[str] | None) -> None:
+    """Start ROS; ValueError for arguments or a parameter file that it cannot read."""
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        raise ValueError(" ".join(str(error).split())) from None
+
+
 def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
     """Run a node until it is interrupted; a bad set-up ends it with one line and exit code 1."""
-    rclpy.init(args=args)
     try:
+        start(args)
         rclpy.spin(node_type())
     except (KeyboardInterrupt, ExternalShutdownException):
         # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.

@@ -134,8 +134,8 @@ class SimulatorNode(Node):
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
         image = self.model.expose(pose, self.rng, roll)
-        beside = follower.child_frame_id.removesuffix("base_link") + "array"
-        frame = self.parameters["array_frame"] or beside
+        place, slash, _ = follower.child_frame_id.rpartition("/")
+        frame = self.parameters["array_frame"] or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.images.publish(image_to_message(image, header))
         self.diagnostics.answer(peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}")

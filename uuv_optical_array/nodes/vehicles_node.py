@@ -62,8 +62,9 @@ class VehiclesNode(Node):
     def on_timer(self) -> None:
         """Move both vehicles to the present and publish their odometry."""
         now = self.get_clock().now()
-        if self.started is None:
-            self.started = self.moved = now
+        if self.started is None or now < self.moved:
+            # The first tick, or a clock that was set back: begin here.
+            self.started = self.moved = self.commanded = now
         step_s = (now - self.moved).nanoseconds * 1e-9
         path_s = (self.moved - self.started).nanoseconds * 1e-9
         self.moved = now

@@ -1,0 +1,215 @@
+"""``uuv_array`` as a user types it: help that teaches, one line for an error, a whole run."""
+
+import contextlib
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from uuv_optical_array import files
+from uuv_optical_array.commands import main
+from uuv_optical_array.table import load_table
+
+PATIENCE_S = 60.0
+PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
+
+
+def run(*words, code=0):
+    """Run ``uuv_array`` in this process and expect an exit code, or the line of an error."""
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    if isinstance(end.value.code, str):  # which Python prints before it exits with 1
+        assert code == 1, end.value.code
+        assert "\n" not in end.value.code.strip()
+        return end.value.code
+    assert (end.value.code or 0) == code
+    return ""
+
+
+@contextlib.contextmanager
+def follow(*words):
+    """Run ``uuv_array follow --headless`` in a process of its own."""
+    process = subprocess.Popen(
+        [*PROGRAM, "follow", "--headless", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def changed_parameters(path, node, **changes):
+    document = yaml.safe_load(files.shared_file("config/follow.yaml").read_text("utf-8"))
+    document[f"/**/{node}"]["ros__parameters"].update(changes)
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
+def assert_picture(path):
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert data[12:16] == b"IHDR"
+    width, height = struct.unpack(">II", data[16:24])
+    assert width >= 800
+    assert height >= 500
+    assert data[-8:-4] == b"IEND"
+
+
+def test_help_names_every_command(capsys):
+    run("--help")
+    text = capsys.readouterr().out
+    assert re.search(r"^\s+table\s+\w+", text, re.MULTILINE)
+    assert re.search(r"^\s+follow\s+\w+", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("table", ("--scene", "--output")),
+        ("follow", ("--duration", "--scene", "--seed", "--params-file", "--output", "--headless")),
+    ],
+)
+def test_help_of_a_command_explains_every_option_and_shows_examples(capsys, command, options):
+    run(command, "--help")
+    text = capsys.readouterr().out
+    for option in options:
+        assert re.search(rf"{option}\b.*?\s\w+ \w+", text, re.DOTALL)
+    examples = text.partition("examples:")[2]
+    assert len(re.findall(rf"^  uuv_array {command}\b", examples, re.MULTILINE)) >= 3
+
+
+@pytest.mark.parametrize("words", [(), ("fly",), ("table", "--colour", "red")])
+def test_what_is_no_command_is_refused_with_the_usage(capsys, words):
+    run(*words, code=2)
+    assert "usage: uuv_array" in capsys.readouterr().err
+
+
+def test_table_writes_a_table_that_loads_for_its_scene(capsys, tmp_path, scene_file, scene, table):
+    run("table", "--scene", scene_file, "-o", tmp_path / "deep" / "t")
+    loaded = load_table(tmp_path / "deep" / "t", scene)
+    np.testing.assert_array_equal(loaded.poses, table.poses)
+    np.testing.assert_array_equal(loaded.parameters, table.parameters)
+    out = capsys.readouterr().out
+    for word in (str(tmp_path / "deep" / "t"), f"{len(table.poses)} signatures", "small"):
+        assert word in out
+
+
+def test_table_is_written_beside_the_user_under_the_scenes_name(tmp_path, scene_file, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run("table", "--scene", scene_file)
+    assert [path.name for path in tmp_path.iterdir()] == ["small.table"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lamp: {beam_sigma_deg: -8}", ("scene sea", "lamp.beam_sigma_deg", "-8")),
+        ("", ("scene sea",)),
+        (None, ("sea.yaml", "no such file")),
+    ],
+)
+def test_table_refuses_a_bad_scene_in_one_line_and_writes_nothing(tmp_path, text, words):
+    scene = tmp_path / "sea.yaml"
+    if text is not None:
+        scene.write_text(text, encoding="utf-8")
+    error = run("table", "--scene", scene, "-o", tmp_path / "out" / "t", code=1)
+    assert error.startswith("uuv_array table: ")
+    for word in words:
+        assert word in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_table_replaces_no_folder_that_is_not_a_table(tmp_path, scene_file):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
+    error = run("table", "--scene", scene_file, "-o", tmp_path / "photos", code=1)
+    assert "is no table" in error
+    assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
+
+
+@pytest.mark.parametrize("duration", ["0", "-3", "nan", "inf", "soon"])
+def test_follow_refuses_a_duration_that_is_none(capsys, duration):
+    run("follow", "--duration", duration, code=2)
+    error = capsys.readouterr().err
+    assert "--duration" in error
+    assert duration in error
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--params-file", "/nowhere/p.yaml"), ("/nowhere/p.yaml", "no such file")),
+        (("--scene", "atlantis"), ("atlantis", "follow, reference")),
+        (("--seed", "-5"), ("seed", "-5", "from -1 to")),
+    ],
+)
+def test_follow_refuses_what_a_node_refuses_in_one_line(tmp_path, words, named):
+    error = run("follow", "--headless", "--output", tmp_path / "x.png", *words, code=1)
+    assert error.startswith("uuv_array follow: ")
+    for word in named:
+        assert word in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_follow_refuses_a_damaged_parameter_file_in_one_line(tmp_path):
+    (tmp_path / "p.yaml").write_text("/**: {", encoding="utf-8")
+    error = run("follow", "--headless", "--params-file", tmp_path / "p.yaml", code=1)
+    assert str(tmp_path / "p.yaml") in error
+
+
+def test_follow_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
+    picture = tmp_path / "run.png"
+    with follow("--duration", "4", "--seed", "1", "--output", picture) as process:
+        out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, out + error
+    assert "Traceback" not in error
+    poses, positions = map(int, re.search(r"(\d+) poses from (\d+) positions", out).groups())
+    assert 20 <= positions <= 45  # ten a second
+    assert positions - 5 <= poses <= positions + 1
+    rms = [float(number) for number in re.findall(r"([\d.]+) (?:m|deg)\b", out.splitlines()[1])]
+    assert len(rms) == 5
+    assert max(rms[:3]) < 1.0
+    assert max(rms[3:]) < 20
+    assert "followed the leader to the end" in out
+    assert f"picture: {picture}" in out
+    assert_picture(picture)
+
+
+def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
+    dark = changed_parameters(tmp_path / "dark.yaml", "feature_node", min_peak_counts=60000.0)
+    words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
+    with follow(*words) as process:
+        out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1, out + error
+    assert "lost the leader: not one pose was estimated" in out
+    assert "0 poses" in out
+    assert "Traceback" not in error
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
+    picture = tmp_path / "run.png"
+    lab.begin()
+    poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+    with follow("--duration", "600", "--output", picture) as process:
+        lab.until(lambda: len(poses) >= 5 or process.poll() is not None, "poses")
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, out + error
+    assert "Traceback" not in error
+    assert re.search(r"[1-9]\d* poses from [1-9]\d* positions", out)
+    assert "followed the leader to the end" in out
+    assert_picture(picture)

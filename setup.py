@@ -45,7 +45,7 @@ setup(
             "transforms3d",
         ],
         # colcon test runs pytest because this extra names it.
-        "test": ["hypothesis", "mypy", "pytest<9", "ruff"],
+        "test": ["hypothesis", "mypy", "pytest<9", "pytest-benchmark", "ruff"],
     },
     entry_points={
         "console_scripts": [

@@ -1,18 +1,37 @@
-"""From signature to pose: the nearest entry of the table by spectral angle."""
+"""From an image and its signature to the pose, by one of three methods.
 
-from dataclasses import dataclass
+- ``sam``: the nearest entry of the table by spectral angle, the paper's idea;
+- ``sam_interpolated``: the mean of the nearest entries;
+- ``least_squares``: the nearest entries, each refined on the whole image, and the best kept.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.features import lifted
-from uuv_optical_array.pose import Array
+from uuv_optical_array.fit import Fit, ImageFit, Prior
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.pose import DOF_NAMES, Array, turned_about_beam
+from uuv_optical_array.posterior import Posterior
 from uuv_optical_array.sam import SpectralIndex
 from uuv_optical_array.table import SignatureTable, grid_axes
 
+Method = Literal["sam", "sam_interpolated", "least_squares"]
+METHODS: tuple[Method, ...] = get_args(Method)
+# The pose's prior is Gaussian about the middle of the table, this many half extents wide: weak
+# enough not to be seen where the image says anything, and finite where it says nothing.
+PRIOR_HALF_EXTENTS = 5.0
+# A degree of freedom is unobservable where the image leaves more than this of the prior.
+UNOBSERVABLE = 0.5
+# Fits farther apart than this, in standard deviations, ended in different minima.
+DISTINCT = 3.0
+
 
 class NoPose(Exception):
-    """There is no honest pose for this signature; the message says why."""
+    """There is no honest pose for this image; the message says why, its kind before the colon."""
 
 
 @dataclass(frozen=True)
@@ -24,79 +43,124 @@ class Estimate:
     pose
         ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
     covariance
-        Of `pose`, m^2, m rad and rad^2, shape ``(5, 5)``, positive definite.
+        Of `pose`, m^2, m rad and rad^2, shape ``(5, 5)``, positive definite; the roll is taken
+        as given.
     angle_rad
-        Spectral angle to the signature of `pose`, in [0, pi].
+        Spectral angle to the nearest signature of the table, in [0, pi].
     runner_up_pose
-        The second nearest pose, shape ``(5,)``.
+        The second choice: the second nearest entry, or the next minimum of the fit; ``None``
+        where every start of the fit led to one.
     runner_up_angle_rad
-        Its spectral angle.
+        Spectral angle to the second nearest signature.
+    misfit
+        Mean squared residual in standard deviations, near 1 for an honest image; nan unless
+        the image was fitted.
+    runner_up_misfit
+        The same of the runner-up.
+    unobservable
+        Degrees of freedom of which the image says next to nothing.
     """
 
     pose: Array
     covariance: Array
     angle_rad: float
-    runner_up_pose: Array
+    runner_up_pose: Array | None
     runner_up_angle_rad: float
+    misfit: float = field(default=float("nan"))
+    runner_up_misfit: float = field(default=float("nan"))
+    unobservable: tuple[str, ...] = ()
 
 
 class Estimator:
-    """Match signatures against a table, by spectral angle on the lifted vectors.
+    """Estimate poses in the scene of a signature table.
 
     Parameters
     ----------
     table
         The signature table, of at least two rows.
+    method
+        One of `METHODS`.
     max_angle_rad
-        A match farther away than this is refused: the image belongs to no pose of the table.
+        A nearest signature farther away than this is no match; not asked by ``least_squares``,
+        whose `misfit` tells more.
     neighbours
-        Nearest rows whose spread about the best is the covariance. On a 13^5 table 64 give
-        a mean normalised squared error near its expectation of 5; fewer are overconfident.
+        Nearest rows whose spread is the covariance of ``sam``, and whose mean is the pose of
+        ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
+        expectation of 5; fewer are overconfident.
+    candidates
+        Nearest rows from which ``least_squares`` starts.
+    max_misfit
+        A fit with a larger misfit is no pose: the image is not of this scene.
 
     Raises
     ------
     ValueError
-        For a table of fewer than two rows, or fewer than two neighbours.
+        For an unknown method, a table of fewer than two rows, or fewer than two neighbours.
     """
 
     def __init__(
-        self, table: SignatureTable, max_angle_rad: float = 0.25, neighbours: int = 64
+        self,
+        table: SignatureTable,
+        method: Method = "sam",
+        max_angle_rad: float = 0.25,
+        neighbours: int = 64,
+        candidates: int = 4,
+        max_misfit: float = 4.0,
     ) -> None:
+        if method not in METHODS:
+            raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
         if len(table.poses) < 2:
             raise ValueError(f"table: {len(table.poses)} row; a match needs at least two")
         if neighbours < 2:
             raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
         self.table = table
+        self.method = method
         self.max_angle_rad = max_angle_rad
         self.neighbours = neighbours
+        self.candidates = candidates
+        self.max_misfit = max_misfit
         self._index = SpectralIndex(self._vectors(table.parameters))
-        # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         axes = grid_axes(table.scene.table)
+        # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
+        middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
+        half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
+        self._prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        self._fit = ImageFit(
+            ForwardModel(table.scene),
+            Prior(middle, self._prior_std, table.scene.prior.nuisance_std()),
+        )
+        self._posterior = Posterior(self._fit)
 
     def _vectors(self, parameters: ArrayLike) -> Array:
         scene = self.table.scene
         return lifted(parameters, scene.signature, scene.array.detectors_per_side)
 
-    def estimate(self, parameters: ArrayLike) -> Estimate:
-        """Estimate the pose from the key parameters of one image.
+    def estimate(
+        self, parameters: ArrayLike, image: ArrayLike | None = None, roll: float = 0.0
+    ) -> Estimate:
+        """Estimate the pose from one image.
 
         Parameters
         ----------
         parameters
-            Key parameters, shape ``(5,)``.
+            Key parameters of the image, shape ``(5,)``.
+        image
+            The image itself, counts, shape ``(side, side)``; ``least_squares`` needs it.
+        roll
+            Roll of the follower, as its own sensors know it, rad.
 
         Returns
         -------
         Estimate
-            The nearest entry of the table.
+            The pose, never without a covariance.
 
         Raises
         ------
         NoPose
-            For parameters that are not finite or hold no light, or when the nearest entry is
-            farther than ``max_angle_rad``.
+            For parameters that are not finite or hold no light, for a signature or an image that
+            belongs to no pose of the scene.
         """
         parameters = np.asarray(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
@@ -104,6 +168,8 @@ class Estimator:
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
+        if self.method == "least_squares":
+            return self._least_squares(parameters, image, roll)
         angles, rows = self._index.nearest(self._vectors(parameters), self.neighbours)
         if angles[0] > self.max_angle_rad:
             raise NoPose(
@@ -111,9 +177,61 @@ class Estimator:
                 f"more than {self.max_angle_rad:g}; the pose lies outside the table "
                 "or the scene differs from the sea"
             )
-        poses = self.table.poses[rows]
-        spread = poses - poses[0]
+        poses = turned_about_beam(self.table.poses[rows], roll)
+        pose = poses.mean(axis=0) if self.method == "sam_interpolated" else np.array(poses[0])
+        spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
+        return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
+
+    def _least_squares(self, parameters: Array, image: ArrayLike | None, roll: float) -> Estimate:
+        side = self.table.scene.array.detectors_per_side
+        readings = np.asarray(image, dtype=float)
+        if readings.shape != (side, side) or not np.isfinite(readings).all():
+            raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
+        readings = readings.ravel()
+        angles, rows = self._index.nearest(self._vectors(parameters), max(self.candidates, 2))
+        starts = turned_about_beam(self.table.poses[rows[: self.candidates]], roll)
+        try:
+            fits = self._fit.refine(readings, starts, roll)
+            if not fits:
+                raise NoPose("no fit: no start led to a finite likelihood")
+            best, misfit = fits[0], self._fit.misfit(readings, fits[0], roll)
+            if not misfit <= self.max_misfit:
+                raise NoPose(
+                    f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
+                    f"{self.max_misfit:g}; the image is not of this scene"
+                )
+            pose, covariance = self._posterior.moments(readings, best, roll)
+        except np.linalg.LinAlgError:
+            raise NoPose("no fit: the image leaves the pose without a covariance") from None
+        runner_up = self._other_minimum(fits)
+        runner_up_misfit = float("nan")
+        if runner_up is not None:
+            runner_up_misfit = self._fit.misfit(readings, runner_up, roll)
+            # Where both minima are probable, the pose may be either.
+            share = 1 / (1 + np.exp(np.clip(runner_up.cost - best.cost, 0.0, 700.0)))
+            apart = runner_up.pose - pose
+            covariance = covariance + share * np.outer(apart, apart)
+        covariance = (covariance + covariance.T) / 2
+        if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
+            raise NoPose("no fit: the pose is not finite")
+        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
         return Estimate(
-            np.array(poses[0]), covariance, float(angles[0]), np.array(poses[1]), float(angles[1])
+            pose,
+            covariance,
+            float(angles[0]),
+            None if runner_up is None else runner_up.pose,
+            float(angles[1]),
+            misfit,
+            runner_up_misfit,
+            tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
         )
+
+    @staticmethod
+    def _other_minimum(fits: list[Fit]) -> Fit | None:
+        best = fits[0]
+        for fit in fits[1:]:
+            apart = fit.coordinates - best.coordinates
+            if apart @ best.information @ apart > DISTINCT**2:
+                return fit
+        return None

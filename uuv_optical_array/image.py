@@ -24,9 +24,7 @@ NUISANCES = {
     "lamp.power": "",
     "attenuation.k_per_m": "1/m",
     "ambient.level_counts": "counts",
-    "follower.roll_rad": "rad",
 }
-ALWAYS_THERE = ("lamp", "follower")
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
 
@@ -65,7 +63,12 @@ class ForwardModel:
             )
         self.power = scene.lamp.reference_counts / unit_reading
 
-    def light(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
+    def light(
+        self,
+        poses: ArrayLike,
+        roll: ArrayLike = 0.0,
+        offsets: Mapping[str, Array] = MappingProxyType({}),
+    ) -> Array:
         """Light that arrives at the detectors, before any electronics.
 
         Parameters
@@ -75,13 +78,15 @@ class ForwardModel:
             shape ``(..., 5)``.
         roll
             Roll of the follower, rad, broadcast to ``(...)``.
+        offsets
+            Offsets of nuisance settings, by name, each of shape ``(...)``: see `NUISANCES`.
 
         Returns
         -------
         Array
             Shape ``(..., side, side)``, counts, >= 0.
         """
-        light, _ = self._propagate(np.asarray(poses, dtype=float), roll, {}, False)
+        light, _ = self._propagate(np.asarray(poses, dtype=float), roll, offsets, False)
         return light.image
 
     def linearised(
@@ -113,27 +118,16 @@ class ForwardModel:
             For an offset of a setting that the scene does not have.
         """
         for name in offsets:
-            if name not in NUISANCES or name.partition(".")[0] not in (
-                *ALWAYS_THERE,
-                *self.scene.effects,
-            ):
+            if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
         poses = np.asarray(poses, dtype=float)
-        if "follower.roll_rad" in offsets:
-            roll = np.asarray(roll) + offsets["follower.roll_rad"]
         light, rays = self._propagate(poses, roll, offsets, True)
         assert light.derivatives is not None
         pixels = self.array.side**2
         derivatives = light.derivatives.reshape(*light.derivatives.shape[:-2], pixels)
         derivatives = np.swapaxes(derivatives, -1, -2)
-        by_pose = derivatives[..., :6] @ lamp_derivatives(poses, roll, rays.rotation)
-        jacobian = by_pose[..., :5]
-        if offsets:
-            by_offset = derivatives[..., 6:].copy()
-            for column, name in enumerate(offsets):
-                if name == "follower.roll_rad":
-                    by_offset[..., column] = by_pose[..., 5]
-            jacobian = np.concatenate([jacobian, by_offset], axis=-1)
+        by_lamp = lamp_derivatives(poses, roll, rays.rotation)
+        jacobian = np.concatenate([derivatives[..., :6] @ by_lamp, derivatives[..., 6:]], axis=-1)
         return light.image.reshape(*light.image.shape[:-2], pixels), jacobian
 
     def _propagate(
@@ -154,7 +148,7 @@ class ForwardModel:
                 light = Light(flat.reshape(shape), planes, offsets)
             else:
                 flat = irradiance(rays, self._beam_sigma_rad, self.power)
-                light = Light(flat.reshape(shape))
+                light = Light(flat.reshape(shape), None, offsets)
             if "lamp.power" in offsets:
                 light.dim(np.exp(offsets["lamp.power"])[..., None, None])
                 light.slope_by("lamp.power", lambda: light.image)

@@ -171,12 +171,12 @@ def lamp_derivatives(poses: Array, roll: ArrayLike, rotation: Array) -> Array:
     Returns
     -------
     Array
-        Position and axis, six rows, by x, y, z, pitch, yaw and roll, shape ``(..., 6, 6)``.
+        Position and axis, six rows, by x, y, z, pitch and yaw, shape ``(..., 6, 5)``.
     """
     to_body = np.swapaxes(rotation, -1, -2)
     lamp = -(to_body @ poses[..., :3, None])[..., 0]
     axis = -to_body[..., 0]
-    derivatives = np.zeros((*lamp.shape[:-1], 6, 6))
+    derivatives = np.zeros((*lamp.shape[:-1], 6, 5))
     derivatives[..., :3, :3] = -to_body
     # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
     sin_r, cos_r = np.sin(roll), np.cos(roll)
@@ -185,8 +185,6 @@ def lamp_derivatives(poses: Array, roll: ArrayLike, rotation: Array) -> Array:
         derivatives[..., first, 3] = -(left * sin_r + up * cos_r)
         derivatives[..., first + 1, 3] = along * sin_r
         derivatives[..., first + 2, 3] = along * cos_r
-        derivatives[..., first + 1, 5] = up
-        derivatives[..., first + 2, 5] = -left
     # Yaw turns about the beacon's z.
     x, y = poses[..., 0, None], poses[..., 1, None]
     derivatives[..., :3, 4] = to_body[..., 1] * x - to_body[..., 0] * y

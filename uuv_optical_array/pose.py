@@ -98,6 +98,32 @@ def relative_pose(
     return np.array([*position, pitch, yaw]), float(roll)
 
 
+def turned_about_beam(poses: Array, roll: float) -> Array:
+    """Turn level followers about the beam axis until they roll: the light does not change.
+
+    Parameters
+    ----------
+    poses
+        Poses of level followers, m and rad, shape ``(..., 5)``.
+    roll
+        Angle about the beam, which for small pitch and yaw is the roll it gives, rad.
+
+    Returns
+    -------
+    Array
+        The turned poses, shape ``(..., 5)``.
+    """
+    if roll == 0:
+        return np.asarray(poses, dtype=float)
+    turn = rotation_matrix(0.0, 0.0, roll)
+    turned = np.empty(poses.shape)
+    turned[..., :3] = poses[..., :3] @ turn.T
+    _, turned[..., PITCH], turned[..., YAW] = roll_pitch_yaw(
+        turn @ rotation_matrix(poses[..., PITCH], poses[..., YAW])
+    )
+    return turned
+
+
 def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> Array:
     """Expand a 5-DOF covariance to the 6x6 of a ROS pose.
 

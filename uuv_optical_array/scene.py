@@ -1,4 +1,4 @@
-"""The scene: lamp, array, effects, signature and table, read from YAML and checked."""
+"""The scene: lamp, array, effects, signature, table and prior, read from YAML and checked."""
 
 import dataclasses
 import hashlib
@@ -29,11 +29,36 @@ class TableSettings:
     yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)]
 
 
+@dataclasses.dataclass(frozen=True)
+class PriorSettings:
+    """How well the scene itself is known; what is not known is estimated along with the pose."""
+
+    lamp_power_std: Annotated[
+        float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
+    ] = 0.0
+    k_std_per_m: Annotated[
+        float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
+    ] = 0.0
+    ambient_std_counts: Annotated[
+        float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
+    ] = 0.0
+
+    def nuisance_std(self) -> dict[str, float]:
+        """Return the standard deviation of each setting that is not known, by dotted name."""
+        stds = {
+            "lamp.power": self.lamp_power_std,
+            "attenuation.k_per_m": self.k_std_per_m,
+            "ambient.level_counts": self.ambient_std_counts,
+        }
+        return {name: std for name, std in stds.items() if std > 0}
+
+
 _GROUPS: dict[str, Any] = {
     "lamp": LampSettings,
     "array": ArraySettings,
     "signature": SignatureSettings,
     "table": TableSettings,
+    "prior": PriorSettings,
 }
 
 
@@ -45,7 +70,7 @@ class Scene:
     ----------
     name
         For messages; the file's stem when it was read from a file.
-    lamp, array, effects, signature, table
+    lamp, array, effects, signature, table, prior
         Settings by group; `effects` maps the name of each effect to its settings, in
         physical order.
     """
@@ -56,6 +81,7 @@ class Scene:
     effects: Mapping[str, Mapping[str, Any]]
     signature: SignatureSettings
     table: TableSettings
+    prior: PriorSettings
 
     @property
     def full_scale_counts(self) -> float:
@@ -115,7 +141,8 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     Parameters
     ----------
     settings
-        Mapping of the groups ``lamp``, ``array``, ``effects``, ``signature``, ``table``.
+        Mapping of the groups ``lamp``, ``array``, ``effects``, ``signature``, ``table`` and,
+        where something about the scene is uncertain, ``prior``.
     name
         Name of the scene, which starts every error.
 
@@ -144,6 +171,9 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=check_effects(settings.get("effects")), **groups)
+        for key, effect in (("k_std_per_m", "attenuation"), ("ambient_std_counts", "ambient")):
+            if getattr(scene.prior, key) > 0 and effect not in scene.effects:
+                raise ValueError(f"prior.{key}: the scene has no effects.{effect}; add it")
     except ValueError as error:
         raise ValueError(f"scene {name}: {error}") from None
     return scene

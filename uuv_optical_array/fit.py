@@ -1,0 +1,205 @@
+"""The pose that makes the whole image most probable, from several starts at once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.chart import Chart
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.likelihood import Limits, log_likelihood
+from uuv_optical_array.pose import Array
+
+MAX_STEP = 0.3  # in every coordinate of the chart: farther, the linear model is no guide
+MAX_ITERATIONS = 40
+# Newton decrement at which a fit has arrived: what is left is a hundredth of a standard deviation.
+ARRIVED = 1e-4
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior, independent by parameter.
+
+    Parameters
+    ----------
+    pose_mean, pose_std
+        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
+    nuisance_std
+        Of the offset of each setting that is estimated along, by name; the mean is 0.
+    """
+
+    pose_mean: Array
+    pose_std: Array
+    nuisance_std: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One refined start.
+
+    Parameters
+    ----------
+    pose
+        The most probable pose, m and rad, shape ``(5,)``.
+    coordinates
+        The same in the chart, then the offsets of the nuisances, shape ``(p,)``.
+    information
+        Of the coordinates, prior included, shape ``(p, p)``.
+    cost
+        Negative log-posterior, without constants.
+    """
+
+    pose: Array
+    coordinates: Array
+    information: Array
+    cost: float
+
+
+class ImageFit:
+    """Fit images by damped Gauss-Newton on the exact likelihood (Levenberg and Marquardt).
+
+    Parameters
+    ----------
+    model
+        The scene's forward model.
+    prior
+        What is known before the image: wide for the pose, as given for the nuisances.
+    """
+
+    def __init__(self, model: ForwardModel, prior: Prior) -> None:
+        self.model = model
+        self.prior = prior
+        self.names = tuple(prior.nuisance_std)
+        effects = model.scene.effects
+        self.chart = Chart(
+            model.array.positions.mean(axis=0),
+            float(np.radians(model.scene.lamp.beam_sigma_deg)),
+            effects.get("attenuation", {}).get("k_per_m", 0.0),
+        )
+        self._pose_precision = 1 / prior.pose_std**2
+        nuisance_std = np.array(list(prior.nuisance_std.values()))
+        self._nuisance_precision = 1 / nuisance_std**2
+        self._reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
+        self.limits = Limits(
+            0.0 if "adc" in effects else -np.inf,
+            model.scene.full_scale_counts if {"adc", "saturation"} & effects.keys() else np.inf,
+        )
+
+    def _evaluate(
+        self, readings: Array, coordinates: Array, roll: float
+    ) -> tuple[Array, Array, Array, Array]:
+        nuisances = coordinates[:, 5:]
+        offsets = {name: nuisances[:, i] for i, name in enumerate(self.names)}
+        poses, by_chart = self.chart.to_pose(coordinates[:, :5], roll)
+        light, jacobian = self.model.linearised(poses, roll, offsets)
+        variance, slope = self.model.variance(light)
+        value, score, curvature = log_likelihood(readings, light, variance, slope, self.limits)
+        jacobian = np.concatenate([jacobian[..., :5] @ by_chart, jacobian[..., 5:]], axis=-1)
+        transposed = np.swapaxes(jacobian, -1, -2)
+        gradient = (transposed @ score[..., None])[..., 0]
+        information = (transposed * curvature[:, None, :]) @ jacobian
+
+        off = poses - self.prior.pose_mean
+        weighted = np.swapaxes(by_chart, -1, -2) * self._pose_precision
+        gradient[:, :5] -= (weighted @ off[..., None])[..., 0]
+        information[:, :5, :5] += weighted @ by_chart
+        cost = 0.5 * (off * off) @ self._pose_precision - value
+        if self.names:
+            gradient[:, 5:] -= nuisances * self._nuisance_precision
+            diagonal = np.arange(5, coordinates.shape[1])
+            information[:, diagonal, diagonal] += self._nuisance_precision
+            cost += 0.5 * (nuisances * nuisances) @ self._nuisance_precision
+        return poses, cost, gradient, information
+
+    def refine(self, readings: Array, starts: Array, roll: float = 0.0) -> list[Fit]:
+        """Refine poses until each is the most probable nearby.
+
+        Parameters
+        ----------
+        readings
+            Counts, finite, shape ``(n,)``, row-major.
+        starts
+            Poses to start from, m and rad, shape ``(k, 5)``, k >= 1.
+        roll
+            Roll of the follower, rad.
+
+        Returns
+        -------
+        list of Fit
+            One for each start that arrived, best first; empty where none did.
+        """
+        count, size = len(starts), 5 + len(self.names)
+        coordinates: Array = np.zeros((count, size))
+        coordinates[:, :5] = self.chart.from_pose(starts, roll)
+        poses, cost, gradient, information = self._evaluate(readings, coordinates, roll)
+        damping: Array = np.full(count, 1e-3)
+        arrived: NDArray[np.bool_] = np.zeros(count, dtype=bool)
+        diagonal = np.arange(size)
+        for _ in range(MAX_ITERATIONS):
+            damped = information.copy()
+            damped[:, diagonal, diagonal] *= 1 + damping[:, None]
+            step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+            # A heavily damped step is short wherever it is taken, so it proves nothing.
+            arrived |= (0.5 * (gradient * step).sum(axis=1) < ARRIVED) & (damping < 1e-1)
+            if arrived.all():
+                break
+            excess = (np.abs(step) / self._reach).max(axis=1)
+            step /= np.maximum(excess, 1.0)[:, None]
+            trial = coordinates + step
+            new = self._evaluate(readings, trial, roll)
+            gain = np.where(arrived, 0.0, cost - new[1])
+            better = gain > 0
+            coordinates[better] = trial[better]
+            for mine, other in zip((poses, cost, gradient, information), new, strict=True):
+                mine[better] = other[better]
+            # On the edge where a detector turns away from the lamp the slope jumps, and a fit
+            # that sits there gains nothing either way.
+            arrived |= (better & (gain < ARRIVED)) | (damping > 1e4)
+            damping = np.where(better, damping * 0.1, damping * 10)
+        fits = [
+            Fit(poses[i], coordinates[i], information[i], float(cost[i]))
+            for i in np.flatnonzero(np.isfinite(cost))
+        ]
+        return sorted(fits, key=lambda fit: fit.cost)
+
+    def misfit(self, readings: Array, fit: Fit, roll: float) -> float:
+        """Return the mean squared residual of a fit, in standard deviations of a reading.
+
+        A censored reading counts by how far the light is from where it would not be censored.
+        """
+        offsets = {name: fit.coordinates[5 + i] for i, name in enumerate(self.names)}
+        light = self.model.light(fit.pose, roll, offsets).ravel()
+        variance, _ = self.model.variance(light)
+        expected = np.clip(light, self.limits.low, self.limits.high)
+        return float(np.mean((readings - expected) ** 2 / variance))
+
+    def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array]:
+        """Return the poses and negative log-posteriors at coordinates, without derivatives.
+
+        Parameters
+        ----------
+        readings
+            Counts, shape ``(n,)``.
+        coordinates
+            In the chart, then the nuisances, shape ``(k, p)``.
+        roll
+            Roll of the follower, rad.
+
+        Returns
+        -------
+        poses : Array
+            m and rad, shape ``(k, 5)``.
+        cost : Array
+            Without constants, shape ``(k,)``.
+        """
+        nuisances = coordinates[:, 5:]
+        offsets = {name: nuisances[:, i] for i, name in enumerate(self.names)}
+        poses, _ = self.chart.to_pose(coordinates[:, :5], roll)
+        light = self.model.light(poses, roll, offsets).reshape(len(poses), -1)
+        variance, slope = self.model.variance(light)
+        value, _, _ = log_likelihood(readings, light, variance, slope, self.limits)
+        off = poses - self.prior.pose_mean
+        squares = (off * off) @ self._pose_precision
+        squares += (nuisances * nuisances) @ self._nuisance_precision
+        return poses, 0.5 * squares - value

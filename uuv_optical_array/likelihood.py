@@ -1,0 +1,117 @@
+"""How likely readings are under expected light: Gaussian noise, censored at the array's limits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr
+
+from uuv_optical_array.pose import Array
+
+LOG_SQRT_2PI = 0.5 * np.log(2 * np.pi)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Readings that only bound the light.
+
+    Parameters
+    ----------
+    low
+        A reading at or below this says that the light was not above `low` + 0.5, counts.
+    high
+        A reading at or above this says that the light was not below `high` - 0.5, counts.
+    """
+
+    low: float = -np.inf
+    high: float = np.inf
+
+
+def _hazard(u: Array) -> Array:
+    """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
+    return np.exp(-0.5 * u * u - LOG_SQRT_2PI - log_ndtr(u))
+
+
+def log_likelihood(
+    readings: Array, light: Array, variance: Array, slope: Array, limits: Limits
+) -> tuple[Array, Array, Array]:
+    """Log-likelihood of readings, with its first two derivatives by the light.
+
+    A reading inside the limits is Gaussian about the light; one at a limit is censored and
+    counts by the probability of lying beyond (the Tobit model).
+
+    Parameters
+    ----------
+    readings
+        Counts, shape ``(n,)``.
+    light
+        Expected light, counts, shape ``(..., n)``.
+    variance, slope
+        Variance of a reading, counts^2, and its derivative by the light, in that shape.
+    limits
+        The array's.
+
+    Returns
+    -------
+    value : Array
+        Summed over the detectors, without the constant, shape ``(...)``.
+    score : Array
+        Derivative by the light, 1/counts, shape ``(..., n)``.
+    curvature : Array
+        What the second derivative is to be for Gauss-Newton, with its sign turned, >= 0,
+        1/counts^2, shape ``(..., n)``.
+    """
+    curvature = 1 / variance
+    residual = readings - light
+    score = residual * curvature
+    terms = -0.5 * residual * score
+    if slope.any():
+        relative = slope * curvature
+        score = score + 0.5 * relative * (residual * score - 1)
+        curvature = curvature + 0.5 * relative**2
+        terms -= 0.5 * np.log(variance)
+    for beyond, bound, sign in (
+        (readings >= limits.high, limits.high - 0.5, 1.0),
+        (readings <= limits.low, limits.low + 0.5, -1.0),
+    ):
+        if beyond.any():
+            inverse_std = 1 / np.sqrt(variance[..., beyond])
+            u = sign * (light[..., beyond] - bound) * inverse_std
+            hazard = _hazard(u)
+            terms[..., beyond] = log_ndtr(u)
+            score[..., beyond] = sign * hazard * inverse_std
+            curvature[..., beyond] = np.maximum(hazard * (hazard + u), 0.0) * inverse_std**2
+    return terms.sum(axis=-1), score, curvature
+
+
+def information(light: Array, variance: Array, slope: Array, limits: Limits) -> Array:
+    """Fisher information of a reading about its expected light.
+
+    ``1/v + v'^2 / (2 v^2)`` inside the limits (S. Kay, Estimation Theory, 1993, eq. 3.31),
+    with the share of the Gaussian that the limits cut off replaced by what a censored
+    reading still says.
+
+    Parameters
+    ----------
+    light, variance, slope, limits
+        As in `log_likelihood`, in one shape.
+
+    Returns
+    -------
+    Array
+        1/counts^2, in that shape, >= 0.
+    """
+    std = np.sqrt(variance)
+    whole = 1 / variance + 0.5 * (slope / variance) ** 2
+    low = (limits.low + 0.5 - light) / std
+    high = (limits.high - 0.5 - light) / std
+    if (low < -9).all() and (high > 9).all():
+        return whole
+    low, high = np.clip(low, -40, 40), np.clip(high, -40, 40)
+
+    def density(u: Array) -> Array:
+        return np.exp(-0.5 * u * u - LOG_SQRT_2PI)
+
+    inside = ndtr(high) - ndtr(low)
+    share = inside - high * density(high) + low * density(low)
+    share = share + density(low) * _hazard(low) + density(high) * _hazard(-high)
+    return whole * np.clip(share, 0.0, 1.0)

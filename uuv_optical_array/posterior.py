@@ -1,0 +1,82 @@
+"""What an image leaves possible: mean and covariance of the pose about its best fit."""
+
+import numpy as np
+from scipy.special import chdtri, ndtri
+from scipy.stats import qmc
+
+from uuv_optical_array.fit import Fit, ImageFit
+from uuv_optical_array.pose import Array
+
+# How far the log-posterior may be from the quadratic one at the cubature points.
+TOLERANCE = 0.5
+POINTS = 512
+FREEDOM = 5.0  # of the Student distribution that is sampled: tails heavier than the posterior's
+STRETCH = 1.2
+
+
+class Posterior:
+    """Moments of the pose given an image.
+
+    In the chart the posterior is nearly Gaussian, and the cubature points (I. Arasaratnam and
+    S. Haykin, 2009) carry it to the pose with the bend of the valley. Where the log-posterior at
+    these points is not the quadratic one, such as at the edge where a detector turns away from
+    the lamp, importance sampling on a fixed low-discrepancy set takes over.
+
+    Parameters
+    ----------
+    image_fit
+        What made the fits.
+    """
+
+    def __init__(self, image_fit: ImageFit) -> None:
+        self._fit = image_fit
+        size = 5 + len(image_fit.names)
+        self._cubature = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
+        # Centred in their cells, so that no point lies at infinity.
+        uniform = qmc.Sobol(size + 1, scramble=False).random(POINTS) + 0.5 / POINTS
+        scale = np.sqrt(chdtri(FREEDOM, uniform[:, -1]) / FREEDOM)
+        student = ndtri(uniform[:, :-1]) / scale[:, None]
+        self._student = STRETCH * student
+        self._log_density = -0.5 * (FREEDOM + size) * np.log1p((student**2).sum(axis=1) / FREEDOM)
+
+    def moments(self, readings: Array, fit: Fit, roll: float = 0.0) -> tuple[Array, Array]:
+        """Mean and covariance of the pose.
+
+        Parameters
+        ----------
+        readings
+            Counts, shape ``(n,)``.
+        fit
+            The best fit to them.
+        roll
+            Roll of the follower, rad.
+
+        Returns
+        -------
+        mean : Array
+            m and rad, shape ``(5,)``.
+        covariance : Array
+            Shape ``(5, 5)``, positive definite.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the information is not positive definite.
+        """
+        centre, covariance = fit.coordinates, np.linalg.inv(fit.information)
+        points = centre + self._cubature @ np.linalg.cholesky(covariance).T
+        poses, cost = self._fit.cost(readings, points, roll)
+        weights = np.full(len(points), 1 / len(points))
+        if np.abs(cost - fit.cost - 0.5 * len(centre)).max() > TOLERANCE:
+            for _ in range(2):  # the second time about the moments that the first one found
+                points = centre + self._student @ np.linalg.cholesky(covariance).T
+                poses, cost = self._fit.cost(readings, points, roll)
+                log_weights = -cost - self._log_density
+                weights = np.exp(log_weights - log_weights.max())
+                weights /= weights.sum()
+                centre = weights @ points
+                off = points - centre
+                covariance = (off.T * weights) @ off
+        mean = weights @ poses
+        off = poses - mean
+        return mean, (off.T * weights) @ off

@@ -101,9 +101,11 @@ def test_the_angle_that_is_refused_is_the_callers(small):
     parameters = small.table.parameters[123] + np.array([0, 0.2, 0, 0, 0])
     angle = small.estimate(parameters).angle_rad
     assert 0 < angle < 0.25
-    assert Estimator(small.table, angle * 1.001).estimate(parameters).angle_rad == angle
+    assert (
+        Estimator(small.table, max_angle_rad=angle * 1.001).estimate(parameters).angle_rad == angle
+    )
     with pytest.raises(NoPose, match="no match"):
-        Estimator(small.table, angle * 0.999).estimate(parameters)
+        Estimator(small.table, max_angle_rad=angle * 0.999).estimate(parameters)
 
 
 def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):

@@ -8,11 +8,11 @@ import pytest
 import rclpy.logging
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimate import Estimator
@@ -312,3 +312,118 @@ def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, 
     assert min(ys[0]) > 0 > max(ys[1])
     names = {f"{name[1:]}/{kind}_node" for name in sides for kind in ("feature", "estimator")}
     lab.until(lambda: {status.name for status in lab.statuses} == names, "four diagnostics")
+
+
+class Shower(Asker):
+    """Sends images too, and the roll of an IMU."""
+
+    def __init__(self, lab, scene_file, scene, **parameters):
+        super().__init__(lab, scene_file, **parameters)
+        self.scene = scene
+        self.images = lab.talk(Image, "array/image")
+        self.imu = lab.talk(Imu, "imu")
+        lab.connect()
+
+    def picture(self, image, seconds):
+        return image_to_message(image, Header(stamp=Time(sec=seconds, nanosec=9)))
+
+    def signature(self, image):
+        return key_parameters(image, self.scene.full_scale_counts, self.scene.signature.peak)
+
+    def show(self, image, seconds, image_first=True):
+        sends = [
+            lambda: self.images.publish(self.picture(image, seconds)),
+            lambda: self.clouds.publish(self.message(self.signature(image), seconds)),
+        ]
+        for send in sends if image_first else reversed(sends):
+            send()
+        return self.lab.answer(self.poses, Time(sec=seconds, nanosec=9), "a pose")
+
+    def tilt(self, roll, seconds):
+        """Send an IMU message and wait until the node has it."""
+        x, y, z, w = Rotation.from_euler("ZYX", [0.3, 0.1, roll]).as_quat()
+        message = Imu(header=Header(stamp=Time(sec=seconds, nanosec=9)))
+        message.orientation = Quaternion(x=x, y=y, z=z, w=w)
+        self.imu.publish(message)
+        self.lab.until(lambda: self.node.roll_ns == seconds * 10**9 + 9, "the roll")
+
+
+@pytest.fixture
+def shower(lab, scene_file, scene, table_folder):
+    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares")
+
+
+@pytest.fixture(scope="module")
+def images(scene):
+    rng = np.random.default_rng(9)
+    poses = rng.uniform([-7.5, -0.4, -0.4, -0.2, -0.2], [-4.5, 0.4, 0.4, 0.2, 0.2], (4, 5))
+    return ForwardModel(scene).expose(poses, rng)
+
+
+@pytest.mark.parametrize("image_first", [True, False])
+def test_least_squares_joins_image_and_signature_by_their_stamp(shower, images, table, image_first):
+    estimator = Estimator(table, method="least_squares")
+    for i, image in enumerate(images, start=1):
+        message = shower.show(image, i, image_first)
+        assert_is(message, estimator.estimate(shower.signature(image), image))
+    values = dict(figures(shower.lab.report(shower.node, OK)))
+    assert 0.2 < float(values["misfit"]) < 3.0
+
+
+def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(shower, images):
+    for seconds in range(1, 30):
+        shower.clouds.publish(shower.message(shower.signature(images[0]), seconds))
+        stamp = seconds * 10**9 + 9
+        shower.lab.until(lambda stamp=stamp: stamp in shower.node.pairs.waiting, "the signature")
+    status = shower.lab.report(shower.node, WARN, "no image")
+    assert not shower.poses
+    assert dict(figures(status))["answered"] == "0"
+    shower.show(images[1], 100)
+
+
+def test_an_image_of_another_size_is_refused_by_the_estimator_too(shower, images):
+    shower.images.publish(shower.picture(np.ones((4, 4)), 1))
+    shower.clouds.publish(shower.message(shower.signature(images[0]), 1))
+    shower.lab.report(shower.node, WARN, "wrong size: 4 x 4")
+    shower.show(images[1], 2)
+    assert shower.seconds_answered() == [2]
+
+
+def test_the_method_can_change_while_the_node_runs(shower, images, table):
+    shower.show(images[0], 1)
+    assert shower.lab.set(shower.node, "method", "sam").successful
+    signature = shower.signature(images[1])
+    assert_is(shower.ask(signature, 2), Estimator(table).estimate(signature))
+    answer = shower.lab.set(shower.node, "method", "magic")
+    assert not answer.successful
+    assert "choose sam or sam_interpolated or least_squares" in answer.reason
+
+
+def test_the_roll_of_the_imu_enters_the_pose(lab, scene_file, scene, table, table_folder):
+    shower = Shower(
+        lab, scene_file, scene, table=table_folder, method="least_squares", use_imu=True
+    )
+    pose, roll = np.array([-6.0, 0.3, -0.2, 0.1, -0.1]), 0.2
+    image = ForwardModel(scene).expose(pose, np.random.default_rng(3), roll)
+    shower.tilt(roll, 1)
+    message = shower.show(image, 1)
+    estimate = Estimator(table, method="least_squares").estimate(
+        shower.signature(image), image, roll
+    )
+    position, quaternion = place_of(message)
+    np.testing.assert_allclose(position, estimate.pose[:3], atol=1e-9)
+    assert Rotation.from_quat(quaternion).as_euler("ZYX")[2] == pytest.approx(roll, abs=1e-9)
+    std = np.sqrt(np.reshape(message.pose.covariance, (6, 6)).diagonal()[:3])
+    assert (np.abs(np.array(position) - pose[:3]) < 5 * std).all()
+
+
+def test_without_a_fresh_roll_there_is_no_pose(lab, scene_file, scene, table_folder, images):
+    shower = Shower(
+        lab, scene_file, scene, table=table_folder, method="least_squares", use_imu=True
+    )
+    shower.images.publish(shower.picture(images[0], 5))
+    shower.clouds.publish(shower.message(shower.signature(images[0]), 5))
+    shower.lab.report(shower.node, WARN, "no roll", "max_imu_age_s")
+    shower.tilt(0.0, 6)
+    shower.show(images[1], 6)
+    assert shower.seconds_answered() == [6]

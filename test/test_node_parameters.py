@@ -248,7 +248,9 @@ def another(node, key, value):
     if isinstance(value, bool):
         return not value
     if isinstance(value, str):
-        return f"{value}_2"
+        choices = node.describe_parameter(key).additional_constraints.split(" or ")
+        taken = ("", value, node.get_parameter(key).value)
+        return next((choice for choice in choices if choice not in taken), f"{value}_2")
     if isinstance(value, list):
         return [number + 0.5 for number in value]
     kind, low, high = bounds_of(node, key)

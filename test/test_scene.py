@@ -178,7 +178,11 @@ def test_full_scale_is_the_lowest_limit_or_else_the_reference_reading(effects, e
     [
         ("lamp.beam_sigma_rad", 8.0, ["lamp.beam_sigma_rad", "did you mean beam_sigma_deg?"]),
         ("lmap", {}, ["lmap: unknown key", "did you mean lamp?"]),
-        ("zzz", {}, ["zzz: unknown key", "known here: lamp, array, signature, table, effects"]),
+        (
+            "zzz",
+            {},
+            ["zzz: unknown key", "known here: lamp, array, signature, table, prior, effects"],
+        ),
         ("array.colour", "red", ["array.colour: unknown key", "known here: shape, detectors"]),
         ("signature.weights", 1, ["signature.weights: unknown key", "did you mean"]),
         ("lamp.beam_sigma_deg", "8 deg", ["'8 deg' is not a number", "without a unit", "90 deg"]),

@@ -1,20 +1,24 @@
-"""From key parameters to the follower's pose in the leader's beacon frame."""
+"""From key parameters, and the image, to the follower's pose in the leader's beacon frame."""
 
 import math
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.estimate import Estimator, NoPose
+from uuv_optical_array.estimate import METHODS, Estimate, Estimator, NoPose
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
     Refused,
     StampOrder,
+    StampPairs,
     features_from_message,
+    image_from_message,
+    imu_roll,
     pose_to_message,
+    stamp_ns,
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
@@ -25,6 +29,7 @@ from uuv_optical_array.table import cached_table, load_table
 
 PARAMETERS = {
     "scene": SCENE,
+    "method": Parameter("sam", Quantity("how the pose is found"), choices=METHODS),
     "table": Parameter(
         "", Quantity("folder of the signature table; empty: the cache, built at the first start")
     ),
@@ -32,11 +37,21 @@ PARAMETERS = {
         0.25, Quantity("spectral angle beyond which a match is no pose", "rad", 0, math.pi)
     ),
     "neighbours": Parameter(
-        64, Quantity("nearest table rows whose spread is the covariance", "rows", 2, 10_000)
+        64, Quantity("nearest table rows that the sam methods average", "rows", 2, 10_000)
+    ),
+    "candidates": Parameter(
+        4, Quantity("nearest table rows that least_squares starts from", "rows", 1, 64)
+    ),
+    "max_misfit": Parameter(
+        4.0, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
+    ),
+    "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu")),
+    "max_imu_age_s": Parameter(
+        0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
     ),
     "roll_std_rad": Parameter(
         0.02,
-        Quantity("standard deviation of the relative roll, which is taken as 0", "rad", 1e-6, 3),
+        Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
     ),
     "beacon_frame": Parameter("beacon", Quantity("frame of the pose: the lamp's"), True),
     "publish_tf": Parameter(
@@ -46,68 +61,110 @@ PARAMETERS = {
         "base_link_by_light", Quantity("frame that the pose places on /tf"), True
     ),
 }
+ESTIMATOR_SETTINGS = ("method", "max_angle_rad", "neighbours", "candidates", "max_misfit")
 
 
 class EstimatorNode(Node):
-    """Publish a pose for each signature that the table can answer, and nothing else."""
+    """Publish a pose for each signature that the scene can answer, and nothing else."""
 
     def __init__(self) -> None:
         super().__init__("estimator_node")
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
+        self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
+        self.roll_ns, self.roll_rad = 0, 0.0
         self.estimator: Estimator | None = None
         try:
-            self.open_table(self.parameters["table"])
+            self.on_change({"table": self.parameters["table"]})
         except ValueError as reason:
             self.diagnostics.fail(str(reason))
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         subscribe(self, PointCloud2, "array/features", self.on_features)
-
-    def open_table(self, path: str) -> None:
-        """Match against another table from now on; a ValueError leaves the present one."""
-        table = load_table(path, self.scene) if path else cached_table(self.scene)
-        self.estimator = Estimator(table)
-        self.diagnostics.fail("")
-        self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
+        subscribe(self, Image, "array/image", self.on_image)
+        subscribe(self, Imu, "imu", self.on_imu)
 
     def on_change(self, changes: dict[str, Any]) -> None:
-        """Take over a parameter that was set while the node runs."""
+        """Take over parameters; a ValueError leaves the present ones."""
         if "table" in changes:
-            self.open_table(changes["table"])
+            path = changes["table"]
+            table = load_table(path, self.scene) if path else cached_table(self.scene)
+            self.estimator = Estimator(table)
+            self.diagnostics.fail("")
+            self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
+        if self.estimator is not None:
+            for name in ESTIMATOR_SETTINGS:
+                setattr(self.estimator, name, changes.get(name, self.parameters[name]))
 
     def on_features(self, message: PointCloud2) -> None:
-        """Publish the pose of one signature."""
+        """Answer a signature, at once or when its image is there."""
+        if self.parameters["method"] != "least_squares":
+            self.answer(message, None)
+        else:
+            self.join(message.header, features=message)
+
+    def on_image(self, message: Image) -> None:
+        """Keep an image for its signature, where the method asks for it."""
+        if self.parameters["method"] == "least_squares":
+            self.join(message.header, image=message)
+
+    def join(self, header: Header, **message: Any) -> None:
+        """Answer when both the signature and the image of a stamp are there."""
+        pair, left = self.pairs.add(stamp_ns(header), **message)
+        if left is not None and "features" in left:
+            self.diagnostics.refuse("no image: array/image has none with the signature's stamp")
+        if pair is not None:
+            self.answer(pair["features"], pair["image"])
+
+    def on_imu(self, message: Imu) -> None:
+        """Keep the follower's roll, where it is asked for."""
+        if self.parameters["use_imu"]:
+            try:
+                self.roll_rad = imu_roll(message)
+                self.roll_ns = stamp_ns(message.header)
+            except Refused as reason:
+                self.diagnostics.refuse(f"imu, {reason}")
+
+    def roll_at(self, header: Header) -> float:
+        """Return the follower's roll when an image was taken, rad."""
+        if not self.parameters["use_imu"]:
+            return 0.0
+        age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
+        if age_s > self.parameters["max_imu_age_s"]:
+            raise Refused(
+                f"no roll: the nearest imu message is {age_s:.3g} s from the image, more than "
+                f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s"
+            )
+        return self.roll_rad
+
+    def answer(self, features: PointCloud2, image: Image | None) -> None:
+        """Publish the pose of one signature, or say why there is none."""
         try:
-            self.order.check(message.header)
+            self.order.check(features.header)
             if self.estimator is None:
                 raise Refused("no table: see the error")
-            parameters = features_from_message(message)
+            parameters = features_from_message(features)
             if parameters is None:
                 raise Refused("no light: the feature node found none to match")
-            self.estimator.max_angle_rad = self.parameters["max_angle_rad"]
-            self.estimator.neighbours = self.parameters["neighbours"]
-            estimate = self.estimator.estimate(parameters)
+            side = self.scene.array.detectors_per_side
+            readings = None if image is None else image_from_message(image, side)
+            roll = self.roll_at(features.header)
+            estimate = self.estimator.estimate(parameters, readings, roll)
         except (Refused, NoPose) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        header = Header(stamp=message.header.stamp, frame_id=self.parameters["beacon_frame"])
-        covariance = covariance_6x6(
-            estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]
+        header = Header(stamp=features.header.stamp, frame_id=self.parameters["beacon_frame"])
+        pose = pose_to_message(
+            estimate.pose,
+            covariance_6x6(estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]),
+            header,
+            roll,
         )
-        pose = pose_to_message(estimate.pose, covariance, header)
         self.poses.publish(pose)
         self.send_transform(self.transform(pose))
-        self.diagnostics.answer(
-            angle_rad=f"{estimate.angle_rad:.4f}",
-            runner_up_angle_rad=f"{estimate.runner_up_angle_rad:.4f}",
-            **{
-                f"std_{name}": f"{math.sqrt(variance):.3f}"
-                for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True)
-            },
-        )
+        self.diagnostics.answer(**figures(estimate))
 
     def transform(self, pose: PoseWithCovarianceStamped) -> TransformStamped:
         """Return the pose as a transform."""
@@ -119,6 +176,22 @@ class EstimatorNode(Node):
         translation.x, translation.y, translation.z = position.x, position.y, position.z
         transform.transform.rotation = pose.pose.pose.orientation
         return transform
+
+
+def figures(estimate: Estimate) -> dict[str, str]:
+    """Return what the diagnostics show of an estimate."""
+    shown = {
+        "angle_rad": f"{estimate.angle_rad:.4f}",
+        "runner_up_angle_rad": f"{estimate.runner_up_angle_rad:.4f}",
+    }
+    if estimate.unobservable:
+        shown["unobservable"] = ", ".join(estimate.unobservable)
+    if not math.isnan(estimate.misfit):
+        shown["misfit"] = f"{estimate.misfit:.3f}"
+        shown["runner_up_misfit"] = f"{estimate.runner_up_misfit:.3f}"
+    for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True):
+        shown[f"std_{name}"] = f"{math.sqrt(variance):.3f}"
+    return shown
 
 
 def main(args: list[str] | None = None) -> None:

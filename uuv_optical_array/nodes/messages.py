@@ -1,9 +1,11 @@
 """Between arrays and ROS messages; every message from outside is checked here."""
 
+from typing import Any
+
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Image, PointCloud2, PointField
+from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from uuv_optical_array.features import FEATURE_NAMES
@@ -41,6 +43,41 @@ class StampOrder:
                 f"stamp not later: {self._previous_ns * 1e-9:.9f} s came after "
                 f"{previous * 1e-9:.9f} s"
             )
+
+
+class StampPairs:
+    """Join messages of several topics by their stamp, and keep a few that wait.
+
+    Parameters
+    ----------
+    topics
+        How many messages make a whole.
+    length
+        Stamps kept waiting; the oldest leaves first.
+    """
+
+    def __init__(self, topics: int = 2, length: int = 20) -> None:
+        self._topics, self._length = topics, length
+        self.waiting: dict[int, dict[str, Any]] = {}
+
+    def add(
+        self, stamp: int, **message: Any
+    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+        """Add one message, by the name of its topic.
+
+        Returns
+        -------
+        whole : dict or None
+            The messages of this stamp by topic, once all are there.
+        left : dict or None
+            Those of the stamp that had to leave.
+        """
+        self.waiting.setdefault(stamp, {}).update(message)
+        if len(self.waiting[stamp]) == self._topics:
+            return self.waiting.pop(stamp), None
+        if len(self.waiting) > self._length:
+            return None, self.waiting.pop(next(iter(self.waiting)))
+        return None, None
 
 
 def image_to_message(image: Array, header: Header) -> Image:
@@ -117,26 +154,30 @@ def features_from_message(message: PointCloud2) -> Array | None:
     return values.astype(float)
 
 
-def pose_to_message(pose: Array, covariance: Array, header: Header) -> PoseWithCovarianceStamped:
-    """Pack a pose ``(x, y, z, pitch, yaw)``, roll 0, and its 6x6 covariance."""
+def pose_to_message(
+    pose: Array, covariance: Array, header: Header, roll: float = 0.0
+) -> PoseWithCovarianceStamped:
+    """Pack a pose ``(x, y, z, pitch, yaw)``, its roll, and its 6x6 covariance."""
     message = PoseWithCovarianceStamped(header=header)
     position, attitude = message.pose.pose.position, message.pose.pose.orientation
     position.x, position.y, position.z = map(float, pose[:3])
-    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(0.0, pose[3], pose[4])
+    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(roll, pose[3], pose[4])
     message.pose.covariance = covariance.ravel()
     return message
 
 
 def _checked_pose(pose) -> tuple[Array, Array]:
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
-    attitude = pose.orientation
     if not np.isfinite(position).all():
         raise Refused(f"not finite: position {position.tolist()}")
+    return position, _checked_quaternion(pose.orientation)
+
+
+def _checked_quaternion(attitude) -> Array:
     try:
-        quaternion = unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
+        return unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
     except ValueError as error:
         raise Refused(f"bad attitude: {error}") from None
-    return position, quaternion
 
 
 def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
@@ -144,6 +185,14 @@ def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
     position, quaternion = _checked_pose(message.pose.pose)
     _, pitch, yaw = roll_pitch_yaw(quaternion)
     return np.array([*position, pitch, yaw])
+
+
+def imu_roll(message: Imu) -> float:
+    """Unpack the roll of an IMU, rad."""
+    if message.orientation_covariance[0] == -1:
+        raise Refused("no orientation: the imu says that it has none")
+    roll, _, _ = roll_pitch_yaw(_checked_quaternion(message.orientation))
+    return roll
 
 
 def odometry_pose(message: Odometry, axes: str = "flu") -> tuple[Array, Array]:

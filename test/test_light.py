@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array import effects
 from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import Light, irradiance, trace
+from uuv_optical_array.light import Light, irradiance, lamp_in_body, trace
 from uuv_optical_array.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
@@ -32,9 +32,13 @@ planar = curved.map(lambda array: {**array, "shape": "planar", "radius_m": None}
 arrays = st.one_of(curved, planar)
 
 
+def seen(pose, roll=0.0):
+    return trace(ONE, *lamp_in_body(pose, roll))
+
+
 def one_detector(pose, sigma=SIGMA):
     """Light on a single detector at the follower's origin, of a lamp of unit power."""
-    return irradiance(trace(ONE, pose), sigma)[..., 0]
+    return irradiance(seen(pose), sigma)[..., 0]
 
 
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
@@ -115,7 +119,7 @@ def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():
 @given(r_axial=st.floats(0.5, 30), eta=st.floats(0.0, 1.2), k=st.floats(0, 1))
 @reproducible
 def test_beer_dims_along_the_slant_path(r_axial, eta, k):
-    rays = trace(ONE, [-r_axial, r_axial * math.tan(eta), 0, 0, 0])
+    rays = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])
     light = Light(np.ones((1, 1)))
     effects.attenuation(ONE, k_per_m=k)(light, rays)
     assert light.image[0, 0] == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
@@ -123,7 +127,7 @@ def test_beer_dims_along_the_slant_path(r_axial, eta, k):
 
 @pytest.mark.parametrize("eta", [0.05, 0.1, 0.2])
 def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
-    ours = trace(ONE, [-6.0, 6.0 * math.tan(eta), 0, 0, 0]).range_m[0]
+    ours = seen([-6.0, 6.0 * math.tan(eta), 0, 0, 0]).range_m[0]
     papers = 2 * 6.0 / (2 - eta**2)
     # 2 / (2 - eta^2) and 1 / cos(eta) part at fourth order, by eta^4 / 24.
     assert papers - ours == pytest.approx(6.0 * eta**4 / 24, rel=0.1)
@@ -132,7 +136,7 @@ def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
 @given(tilt=st.floats(-math.pi, math.pi), roll=st.floats(-3, 3))
 @reproducible
 def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, roll):
-    light = irradiance(trace(ONE, [-1, 0, 0, 0, tilt], roll), SIGMA)[0]
+    light = irradiance(seen([-1, 0, 0, 0, tilt], roll), SIGMA)[0]
     assert light == pytest.approx(max(0.0, math.cos(tilt)), abs=1e-15)
     if abs(tilt) > math.pi / 2 + 1e-12:
         assert light == 0.0
@@ -142,7 +146,7 @@ def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, r
 def test_a_small_off_axis_angle_is_not_lost(axis):
     pose = np.array([-1.0, 0, 0, 0, 0])
     pose[axis] = 1e-9
-    assert trace(ONE, pose).off_axis_rad[0] == pytest.approx(1e-9, rel=1e-12)
+    assert seen(pose).off_axis_rad[0] == pytest.approx(1e-9, rel=1e-12)
 
 
 @given(

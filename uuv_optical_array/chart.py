@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.light import lamp_in_body, pitched
+from uuv_optical_array.pose import Array, rotation_matrix
 
-AZIMUTH, ELEVATION, DIMNESS = range(3)
+AZIMUTH, ELEVATION, DIMNESS, PITCH, YAW = range(5)
 
 
 @dataclass(frozen=True)
@@ -40,29 +41,48 @@ class Chart:
 
     def from_pose(self, poses: Array, roll: ArrayLike) -> Array:
         """Return the coordinates of poses, shape ``(..., 5)``."""
-        rotation = rotation_matrix(poses[..., PITCH], poses[..., YAW], roll)
-        to_body = np.swapaxes(rotation, -1, -2)
-        sight = -(to_body @ poses[..., :3, None])[..., 0] - self.centre
-        array_in_beacon = -(rotation @ sight[..., None])[..., 0]
+        lamp, axis = lamp_in_body(poses, roll)
+        sight = lamp - self.centre
         level = np.hypot(sight[..., 0], sight[..., 1])
         range_m = np.hypot(level, sight[..., 2])
-        off_axis = np.arctan2(
-            np.hypot(array_in_beacon[..., 1], array_in_beacon[..., 2]), -array_in_beacon[..., 0]
-        )
-        dimness = np.log(range_m) + self.k_per_m / 2 * range_m
-        return np.stack(
-            [
-                np.arctan2(sight[..., 1], sight[..., 0]),
-                np.arctan2(sight[..., 2], level),
-                dimness + (off_axis / (2 * self.beam_sigma_rad)) ** 2,
-                poses[..., PITCH],
-                poses[..., YAW],
-            ],
-            axis=-1,
-        )
+        coordinates = np.empty(poses.shape)
+        coordinates[..., AZIMUTH] = np.arctan2(sight[..., 1], sight[..., 0])
+        coordinates[..., ELEVATION] = np.arctan2(sight[..., 2], level)
+        coordinates[..., DIMNESS] = np.log(range_m) + self.k_per_m / 2 * range_m
+        coordinates[..., DIMNESS] += self._beam_loss(sight / range_m[..., None], axis)[0]
+        coordinates[..., PITCH:] = poses[..., PITCH:]
+        return coordinates
 
-    def to_pose(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array]:
-        """Return the poses at coordinates, and how they change with them.
+    def to_pose(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return the poses at coordinates, and with them lamp and beam axis.
+
+        Parameters
+        ----------
+        coordinates
+            Shape ``(..., 5)``.
+        roll
+            Roll of the follower, rad, broadcast to ``(...)``.
+
+        Returns
+        -------
+        poses : Array
+            m and rad, shape ``(..., 5)``.
+        lamp, axis : Array
+            As `light.lamp_in_body`, shape ``(..., 3)`` each.
+        """
+        rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
+        sight, _ = self._sight(coordinates)
+        axis = -rotation[..., 0, :]
+        loss, _ = self._beam_loss(sight, axis)
+        range_m = self._range(coordinates[..., DIMNESS] - loss)
+        lamp = range_m[..., None] * sight + self.centre
+        poses = np.empty(coordinates.shape)
+        poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
+        poses[..., PITCH:] = coordinates[..., PITCH:]
+        return poses, lamp, axis
+
+    def to_lamp(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return lamp and beam axis in ``base_link``, and how they change with the coordinates.
 
         Parameters
         ----------
@@ -73,62 +93,61 @@ class Chart:
 
         Returns
         -------
-        poses : Array
-            m and rad, shape ``(..., 5)``.
+        lamp, axis : Array
+            As `light.lamp_in_body`, shape ``(..., 3)`` each.
         derivatives : Array
-            Of the poses by the coordinates, shape ``(..., 5, 5)``.
+            Of lamp and axis, six rows, by the coordinates, shape ``(..., 6, 5)``.
         """
-        azimuth, elevation, dimness, pitch, yaw = np.moveaxis(coordinates, -1, 0)
-        rotation = rotation_matrix(pitch, yaw, roll)
+        rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
+        axis = -rotation[..., 0, :]
+        sight, sight_turns = self._sight(coordinates)
+        loss, ratio = self._beam_loss(sight, axis)
+        range_m = self._range(coordinates[..., DIMNESS] - loss)
+        derivatives = np.zeros((*axis.shape[:-1], 6, 5))
+        derivatives[..., 3:, PITCH] = pitched(axis, roll)
+        derivatives[..., 3:, YAW] = rotation[..., 1, :]
+        # How the loss to the beam's profile, and so the range at this dimness, changes.
+        stretch = np.empty(coordinates.shape)
+        stretch[..., :2] = (axis[..., None, :] @ sight_turns)[..., 0, :]
+        stretch[..., DIMNESS] = 0.0
+        stretch[..., PITCH:] = (sight[..., None, :] @ derivatives[..., 3:, PITCH:])[..., 0, :]
+        stretch *= -ratio[..., None]
+        stretch[..., DIMNESS] = 1.0
+        stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None]
+        derivatives[..., :3, :] = sight[..., None] * stretch[..., None, :]
+        derivatives[..., :3, :2] += range_m[..., None, None] * sight_turns
+        return range_m[..., None] * sight + self.centre, axis, derivatives
+
+    def _sight(self, coordinates: Array) -> tuple[Array, Array]:
+        """Return the unit vector to the lamp, and its derivatives by azimuth and elevation."""
+        azimuth, elevation = coordinates[..., AZIMUTH], coordinates[..., ELEVATION]
         cos_a, sin_a = np.cos(azimuth), np.sin(azimuth)
         cos_e, sin_e = np.cos(elevation), np.sin(elevation)
-        # Sight line to the lamp and its derivatives, in base_link; then all in beacon.
-        body = np.empty((*azimuth.shape, 3, 3))
-        body[..., 0, 0], body[..., 1, 0], body[..., 2, 0] = cos_e * cos_a, cos_e * sin_a, sin_e
-        body[..., 0, 1], body[..., 1, 1], body[..., 2, 1] = -cos_e * sin_a, cos_e * cos_a, 0.0
-        body[..., 0, 2], body[..., 1, 2], body[..., 2, 2] = -sin_e * cos_a, -sin_e * sin_a, cos_e
-        turned = -(rotation @ body)
-        place = turned[..., 0]  # of the array's centre, seen from the lamp
-        across = np.hypot(place[..., 1], place[..., 2])
-        off_axis = np.arctan2(across, -place[..., 0])
-        range_m = self._range(dimness - (off_axis / (2 * self.beam_sigma_rad)) ** 2)
-        centre = rotation @ self.centre
-        poses = np.empty(coordinates.shape)
-        poses[..., :3] = range_m[..., None] * place - centre
-        poses[..., 3:] = coordinates[..., 3:]
+        sight = np.empty((*azimuth.shape, 3))
+        turns = np.empty((*azimuth.shape, 3, 2))
+        sight[..., 0], sight[..., 1], sight[..., 2] = cos_e * cos_a, cos_e * sin_a, sin_e
+        turns[..., 0, 0], turns[..., 1, 0], turns[..., 2, 0] = -sight[..., 1], sight[..., 0], 0.0
+        turns[..., 0, 1], turns[..., 1, 1], turns[..., 2, 1] = -sin_e * cos_a, -sin_e * sin_a, cos_e
+        return sight, turns
 
-        # How place and centre turn: azimuth, elevation, then pitch about Rz y and yaw about z.
-        moves = np.zeros((*azimuth.shape, 3, 5))
-        moves[..., AZIMUTH] = turned[..., 1]
-        moves[..., ELEVATION] = turned[..., 2]
-        sin_y, cos_y = np.sin(yaw), np.cos(yaw)
-        swings = np.zeros((*azimuth.shape, 3, 5))
-        for turning, turns in ((place, moves), (centre, swings)):
-            x, y, z = turning[..., 0], turning[..., 1], turning[..., 2]
-            turns[..., 0, PITCH] = cos_y * z
-            turns[..., 1, PITCH] = sin_y * z
-            turns[..., 2, PITCH] = -sin_y * y - cos_y * x
-            turns[..., 0, YAW] = -y
-            turns[..., 1, YAW] = x
-        # d(eta^2 / 2) = (eta / sin eta) d(place_x); on the axis the ratio is 1.
-        ratio = off_axis / np.maximum(across, 1e-300)
-        ratio = np.where(across > 1e-9, ratio, 1.0)
-        stretch = moves[..., 0, :] * (-0.5 / self.beam_sigma_rad**2 * ratio)[..., None]
-        stretch[..., DIMNESS] += 1.0
-        stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None]
-        derivatives = np.zeros((*azimuth.shape, 5, 5))
-        derivatives[..., :3, :] = (
-            range_m[..., None, None] * moves + place[..., None] * stretch[..., None, :] - swings
-        )
-        derivatives[..., 3, PITCH] = derivatives[..., 4, YAW] = 1.0
-        return poses, derivatives
+    def _beam_loss(self, sight: Array, axis: Array) -> tuple[Array, Array]:
+        """Return ``eta^2 / (4 sigma^2)``, and its derivative by ``sight . axis``."""
+        cosine = -(sight * axis).sum(axis=-1)
+        across = sight + cosine[..., None] * axis
+        sine = np.sqrt((across * across).sum(axis=-1))
+        off_axis = np.arctan2(sine, cosine)
+        # eta / sin(eta), 1 on the axis.
+        ratio = np.where(sine > 1e-9, off_axis / np.maximum(sine, 1e-9), 1.0)
+        scale = 0.25 / self.beam_sigma_rad**2
+        return scale * off_axis**2, 2 * scale * ratio
 
     def _range(self, target: Array) -> Array:
         """Solve ``ln r + K r / 2 = target`` by Newton's method in ln r, from below the root."""
         if self.k_per_m == 0:
             return np.exp(target)
-        log_range = target - np.log1p(self.k_per_m / 2 * np.exp(np.minimum(target, 300.0)))
-        for _ in range(4):
-            water = self.k_per_m / 2 * np.exp(log_range)
+        half_k = self.k_per_m / 2
+        log_range = target - np.log1p(half_k * np.exp(np.minimum(target, 300.0)))
+        for _ in range(3):
+            water = half_k * np.exp(log_range)
             log_range = log_range - (log_range + water - target) / (1 + water)
         return np.exp(log_range)

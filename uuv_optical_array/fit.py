@@ -13,8 +13,9 @@ from uuv_optical_array.pose import Array
 
 MAX_STEP = 0.3  # in every coordinate of the chart: farther, the linear model is no guide
 MAX_ITERATIONS = 40
-# Newton decrement at which a fit has arrived: what is left is a hundredth of a standard deviation.
-ARRIVED = 1e-4
+# Newton decrement from which the next step arrives: it is a tenth of a standard deviation, and
+# what it leaves is second order of that.
+ARRIVED = 5e-3
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Prior:
     Parameters
     ----------
     pose_mean, pose_std
-        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
+        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each. It is carried to the chart at
+        its mean, where it only has to hold what the image says nothing of.
     nuisance_std
         Of the offset of each setting that is estimated along, by name; the mean is 0.
     """
@@ -77,40 +79,46 @@ class ImageFit:
             float(np.radians(model.scene.lamp.beam_sigma_deg)),
             effects.get("attenuation", {}).get("k_per_m", 0.0),
         )
-        self._pose_precision = 1 / prior.pose_std**2
         nuisance_std = np.array(list(prior.nuisance_std.values()))
-        self._nuisance_precision = 1 / nuisance_std**2
+        size = 5 + len(nuisance_std)
+        by_pose = self._chart_by_pose(prior.pose_mean)
+        self._mean = np.zeros(size)
+        self._mean[:5] = self.chart.from_pose(prior.pose_mean, 0.0)
+        chart_variance = by_pose**2 @ prior.pose_std**2
+        self._precision = np.concatenate([1 / chart_variance, 1 / nuisance_std**2])
+        self._prior_information = np.diag(self._precision)
         self._reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
         self.limits = Limits(
             0.0 if "adc" in effects else -np.inf,
             model.scene.full_scale_counts if {"adc", "saturation"} & effects.keys() else np.inf,
         )
 
+    def _chart_by_pose(self, pose: Array, step: float = 1e-5) -> Array:
+        """Differentiate the chart by the pose at one place, by central differences."""
+        moved = pose + step * np.concatenate([np.eye(5), -np.eye(5)])
+        there = self.chart.from_pose(moved, 0.0)
+        return (there[:5] - there[5:]).T / (2 * step)
+
+    def _offsets(self, coordinates: Array) -> dict[str, Array]:
+        return {name: coordinates[..., 5 + i] for i, name in enumerate(self.names)}
+
     def _evaluate(
         self, readings: Array, coordinates: Array, roll: float
-    ) -> tuple[Array, Array, Array, Array]:
-        nuisances = coordinates[:, 5:]
-        offsets = {name: nuisances[:, i] for i, name in enumerate(self.names)}
-        poses, by_chart = self.chart.to_pose(coordinates[:, :5], roll)
-        light, jacobian = self.model.linearised(poses, roll, offsets)
+    ) -> tuple[Array, Array, Array]:
+        """Return negative log-posterior, gradient of its opposite, and information."""
+        lamp, axis, by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
+        light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
         value, score, curvature = log_likelihood(readings, light, variance, slope, self.limits)
-        jacobian = np.concatenate([jacobian[..., :5] @ by_chart, jacobian[..., 5:]], axis=-1)
-        transposed = np.swapaxes(jacobian, -1, -2)
-        gradient = (transposed @ score[..., None])[..., 0]
-        information = (transposed * curvature[:, None, :]) @ jacobian
-
-        off = poses - self.prior.pose_mean
-        weighted = np.swapaxes(by_chart, -1, -2) * self._pose_precision
-        gradient[:, :5] -= (weighted @ off[..., None])[..., 0]
-        information[:, :5, :5] += weighted @ by_chart
-        cost = 0.5 * (off * off) @ self._pose_precision - value
+        jacobian = by_lamp[..., :6] @ by_chart
         if self.names:
-            gradient[:, 5:] -= nuisances * self._nuisance_precision
-            diagonal = np.arange(5, coordinates.shape[1])
-            information[:, diagonal, diagonal] += self._nuisance_precision
-            cost += 0.5 * (nuisances * nuisances) @ self._nuisance_precision
-        return poses, cost, gradient, information
+            jacobian = np.concatenate([jacobian, by_lamp[..., 6:]], axis=-1)
+        off = coordinates - self._mean
+        pull = off * self._precision
+        gradient = (score[:, None, :] @ jacobian)[:, 0, :] - pull
+        information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
+        information += self._prior_information
+        return 0.5 * (off * pull).sum(axis=1) - value, gradient, information
 
     def refine(self, readings: Array, starts: Array, roll: float = 0.0) -> list[Fit]:
         """Refine poses until each is the most probable nearby.
@@ -132,7 +140,7 @@ class ImageFit:
         count, size = len(starts), 5 + len(self.names)
         coordinates: Array = np.zeros((count, size))
         coordinates[:, :5] = self.chart.from_pose(starts, roll)
-        poses, cost, gradient, information = self._evaluate(readings, coordinates, roll)
+        cost, gradient, information = self._evaluate(readings, coordinates, roll)
         damping: Array = np.full(count, 1e-3)
         arrived: NDArray[np.bool_] = np.zeros(count, dtype=bool)
         diagonal = np.arange(size)
@@ -140,23 +148,28 @@ class ImageFit:
             damped = information.copy()
             damped[:, diagonal, diagonal] *= 1 + damping[:, None]
             step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+            decrement = 0.5 * (gradient * step).sum(axis=1)
             # A heavily damped step is short wherever it is taken, so it proves nothing.
-            arrived |= (0.5 * (gradient * step).sum(axis=1) < ARRIVED) & (damping < 1e-1)
+            last = (decrement < ARRIVED) & (damping < 1e-1) & ~arrived
+            coordinates[last] += step[last]
+            cost[last] -= decrement[last]
+            arrived |= last
             if arrived.all():
                 break
             excess = (np.abs(step) / self._reach).max(axis=1)
             step /= np.maximum(excess, 1.0)[:, None]
             trial = coordinates + step
             new = self._evaluate(readings, trial, roll)
-            gain = np.where(arrived, 0.0, cost - new[1])
+            gain = np.where(arrived, 0.0, cost - new[0])
             better = gain > 0
             coordinates[better] = trial[better]
-            for mine, other in zip((poses, cost, gradient, information), new, strict=True):
+            for mine, other in zip((cost, gradient, information), new, strict=True):
                 mine[better] = other[better]
             # On the edge where a detector turns away from the lamp the slope jumps, and a fit
             # that sits there gains nothing either way.
             arrived |= (better & (gain < ARRIVED)) | (damping > 1e4)
             damping = np.where(better, damping * 0.1, damping * 10)
+        poses, _, _ = self.chart.to_pose(coordinates[:, :5], roll)
         fits = [
             Fit(poses[i], coordinates[i], information[i], float(cost[i]))
             for i in np.flatnonzero(np.isfinite(cost))
@@ -168,8 +181,7 @@ class ImageFit:
 
         A censored reading counts by how far the light is from where it would not be censored.
         """
-        offsets = {name: fit.coordinates[5 + i] for i, name in enumerate(self.names)}
-        light = self.model.light(fit.pose, roll, offsets).ravel()
+        light = self.model.light(fit.pose, roll, self._offsets(fit.coordinates)).ravel()
         variance, _ = self.model.variance(light)
         expected = np.clip(light, self.limits.low, self.limits.high)
         return float(np.mean((readings - expected) ** 2 / variance))
@@ -193,13 +205,10 @@ class ImageFit:
         cost : Array
             Without constants, shape ``(k,)``.
         """
-        nuisances = coordinates[:, 5:]
-        offsets = {name: nuisances[:, i] for i, name in enumerate(self.names)}
-        poses, _ = self.chart.to_pose(coordinates[:, :5], roll)
-        light = self.model.light(poses, roll, offsets).reshape(len(poses), -1)
+        poses, lamp, axis = self.chart.to_pose(coordinates[:, :5], roll)
+        light = self.model.light_by_lamp(lamp, axis, self._offsets(coordinates))
+        light = light.reshape(len(poses), -1)
         variance, slope = self.model.variance(light)
         value, _, _ = log_likelihood(readings, light, variance, slope, self.limits)
-        off = poses - self.prior.pose_mean
-        squares = (off * off) @ self._pose_precision
-        squares += (nuisances * nuisances) @ self._nuisance_precision
-        return poses, 0.5 * squares - value
+        off = coordinates - self._mean
+        return poses, 0.5 * (off * off) @ self._precision - value

@@ -10,10 +10,10 @@ from uuv_optical_array import effects
 from uuv_optical_array.array import build_array
 from uuv_optical_array.light import (
     Light,
-    Rays,
     irradiance,
     irradiance_with_derivatives,
     lamp_derivatives,
+    lamp_in_body,
     trace,
 )
 from uuv_optical_array.pose import Array
@@ -86,8 +86,13 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts, >= 0.
         """
-        light, _ = self._propagate(np.asarray(poses, dtype=float), roll, offsets, False)
-        return light.image
+        return self.light_by_lamp(*lamp_in_body(poses, roll), offsets)
+
+    def light_by_lamp(
+        self, lamp: Array, axis: Array, offsets: Mapping[str, Array] = MappingProxyType({})
+    ) -> Array:
+        """As `light`, from what `light.lamp_in_body` returns."""
+        return self._propagate(lamp, axis, offsets, False).image
 
     def linearised(
         self,
@@ -117,25 +122,52 @@ class ForwardModel:
         ValueError
             For an offset of a setting that the scene does not have.
         """
+        image, by_lamp = self.linearised_by_lamp(*lamp_in_body(poses, roll), offsets)
+        by_pose = by_lamp[..., :6] @ lamp_derivatives(poses, roll)
+        return image, np.concatenate([by_pose, by_lamp[..., 6:]], axis=-1)
+
+    def linearised_by_lamp(
+        self, lamp: Array, axis: Array, offsets: Mapping[str, Array] = MappingProxyType({})
+    ) -> tuple[Array, Array]:
+        """Light with its derivatives by where the lamp is and where it shines.
+
+        Parameters
+        ----------
+        lamp, axis
+            As `light.lamp_in_body` returns them, shape ``(..., 3)`` each.
+        offsets
+            As in `linearised`.
+
+        Returns
+        -------
+        image : Array
+            Light, shape ``(..., side * side)``, counts.
+        derivatives : Array
+            By lamp (3), axis (3) and each of `offsets`, shape
+            ``(..., side * side, 6 + len(offsets))``.
+
+        Raises
+        ------
+        ValueError
+            As `linearised`.
+        """
         for name in offsets:
             if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
-        poses = np.asarray(poses, dtype=float)
-        light, rays = self._propagate(poses, roll, offsets, True)
+        light = self._propagate(lamp, axis, offsets, True)
         assert light.derivatives is not None
         pixels = self.array.side**2
         derivatives = light.derivatives.reshape(*light.derivatives.shape[:-2], pixels)
-        derivatives = np.swapaxes(derivatives, -1, -2)
-        by_lamp = lamp_derivatives(poses, roll, rays.rotation)
-        jacobian = np.concatenate([derivatives[..., :6] @ by_lamp, derivatives[..., 6:]], axis=-1)
-        return light.image.reshape(*light.image.shape[:-2], pixels), jacobian
+        return light.image.reshape(*light.image.shape[:-2], pixels), np.swapaxes(
+            derivatives, -1, -2
+        )
 
     def _propagate(
-        self, poses: Array, roll: ArrayLike, offsets: Mapping[str, Array], differentiate: bool
-    ) -> tuple[Light, Rays]:
+        self, lamp: Array, axis: Array, offsets: Mapping[str, Array], differentiate: bool
+    ) -> Light:
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
-            rays = trace(self.array, poses, roll)
+            rays = trace(self.array, lamp, axis)
             shape = (*rays.range_m.shape[:-1], self.array.side, self.array.side)
             if differentiate:
                 flat, derivatives = irradiance_with_derivatives(
@@ -154,7 +186,7 @@ class ForwardModel:
                 light.slope_by("lamp.power", lambda: light.image)
             for step in self.plan.light:
                 step(light, rays)
-        return light, rays
+        return light
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""

@@ -45,8 +45,8 @@ class Rays:
         Detector along the beam axis and off it, m, shape ``(..., n)``.
     to_lamp
         From the detector to the lamp, in ``base_link``, m, shape ``(..., 3, n)``.
-    rotation
-        From ``base_link`` to ``beacon``, shape ``(..., 3, 3)``.
+    beam_axis
+        Unit vector along the beam, in ``base_link``, shape ``(..., 3, 1)``.
     """
 
     range_m: Array
@@ -55,16 +55,14 @@ class Rays:
     along_m: Array
     across_m: Array
     to_lamp: Array
-    rotation: Array
+    beam_axis: Array
 
 
-def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays:
-    """Follow the light from the lamp to each detector.
+def lamp_in_body(poses: ArrayLike, roll: ArrayLike = 0.0) -> tuple[Array, Array]:
+    """Return what decides the light: where the lamp is and where it shines, in ``base_link``.
 
     Parameters
     ----------
-    array
-        Detector array of n detectors.
     poses
         Poses of the follower in ``beacon``, m and rad, shape ``(..., 5)``.
     roll
@@ -72,20 +70,42 @@ def trace(array: DetectorArray, poses: ArrayLike, roll: ArrayLike = 0.0) -> Rays
 
     Returns
     -------
-    Rays
-        Ranges and angles, shape ``(..., n)``; ranges are at least `MIN_RANGE_M`.
+    lamp : Array
+        Position, m, shape ``(..., 3)``.
+    axis : Array
+        Unit vector along the beam, shape ``(..., 3)``.
     """
     poses = np.asarray(poses, dtype=float)
     rotation = rotation_matrix(poses[..., PITCH], poses[..., YAW], roll)
-    detectors = rotation @ array.positions.T + poses[..., :3, None]
-    to_lamp = -(np.swapaxes(rotation, -1, -2) @ detectors)
-    range_m = np.maximum(np.sqrt((detectors * detectors).sum(axis=-2)), MIN_RANGE_M)
-    # arctan2 of the components in beacon keeps the small angles that arccos loses.
-    along_m = -detectors[..., 0, :]
-    across_m = np.hypot(detectors[..., 1, :], detectors[..., 2, :])
+    lamp = -(poses[..., None, :3] @ rotation)[..., 0, :]
+    return lamp, -rotation[..., 0, :]
+
+
+def trace(array: DetectorArray, lamp: Array, axis: Array) -> Rays:
+    """Follow the light from the lamp to each detector.
+
+    Parameters
+    ----------
+    array
+        Detector array of n detectors.
+    lamp, axis
+        What `lamp_in_body` returns, shape ``(..., 3)`` each.
+
+    Returns
+    -------
+    Rays
+        Ranges and angles, shape ``(..., n)``; ranges are at least `MIN_RANGE_M`.
+    """
+    beam_axis = axis[..., None]
+    to_lamp = lamp[..., None] - array.positions.T
+    along_m = -(to_lamp * beam_axis).sum(axis=-2)
+    # The part across the beam, taken by itself, keeps the small angles that r^2 - along^2 loses.
+    across = to_lamp + along_m[..., None, :] * beam_axis
+    across_m = np.sqrt((across * across).sum(axis=-2))
+    range_m = np.maximum(np.sqrt((to_lamp * to_lamp).sum(axis=-2)), MIN_RANGE_M)
     cos_incidence = np.minimum((to_lamp * array.normals.T).sum(axis=-2) / range_m, 1.0)
     off_axis_rad = np.arctan2(across_m, along_m)
-    return Rays(range_m, off_axis_rad, cos_incidence, along_m, across_m, to_lamp, rotation)
+    return Rays(range_m, off_axis_rad, cos_incidence, along_m, across_m, to_lamp, beam_axis)
 
 
 def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
@@ -151,45 +171,47 @@ def irradiance_with_derivatives(
     by_position, by_axis = derivatives[..., :3, :], derivatives[..., 3:, :]
     np.multiply(radial[..., None, :], rays.to_lamp, out=by_position)
     by_position += (facing * inverse)[..., None, :] * array.normals.T
-    by_position += bend[..., None, :] * rays.rotation[..., 0, :, None]
+    by_position -= bend[..., None, :] * rays.beam_axis
     np.multiply(-bend[..., None, :], rays.to_lamp, out=by_axis)
     return light, derivatives
 
 
-def lamp_derivatives(poses: Array, roll: ArrayLike, rotation: Array) -> Array:
-    """Differentiate the lamp's position and beam axis, in ``base_link``, by the pose.
+def lamp_derivatives(poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
+    """Differentiate `lamp_in_body` by the pose.
 
     Parameters
     ----------
-    poses
-        Poses of the follower in ``beacon``, m and rad, shape ``(..., 5)``.
-    roll
-        Roll of the follower, rad, broadcast to ``(...)``.
-    rotation
-        Their rotation matrices, shape ``(..., 3, 3)``.
+    poses, roll
+        As in `lamp_in_body`.
 
     Returns
     -------
     Array
         Position and axis, six rows, by x, y, z, pitch and yaw, shape ``(..., 6, 5)``.
     """
-    to_body = np.swapaxes(rotation, -1, -2)
+    poses = np.asarray(poses, dtype=float)
+    to_body = np.swapaxes(rotation_matrix(poses[..., PITCH], poses[..., YAW], roll), -1, -2)
     lamp = -(to_body @ poses[..., :3, None])[..., 0]
-    axis = -to_body[..., 0]
     derivatives = np.zeros((*lamp.shape[:-1], 6, 5))
     derivatives[..., :3, :3] = -to_body
-    # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
-    sin_r, cos_r = np.sin(roll), np.cos(roll)
-    for first, seen in ((0, lamp), (3, axis)):
-        along, left, up = seen[..., 0], seen[..., 1], seen[..., 2]
-        derivatives[..., first, 3] = -(left * sin_r + up * cos_r)
-        derivatives[..., first + 1, 3] = along * sin_r
-        derivatives[..., first + 2, 3] = along * cos_r
+    derivatives[..., :3, 3] = pitched(lamp, roll)
     # Yaw turns about the beacon's z.
     x, y = poses[..., 0, None], poses[..., 1, None]
     derivatives[..., :3, 4] = to_body[..., 1] * x - to_body[..., 0] * y
+    derivatives[..., 3:, 3] = pitched(-to_body[..., 0], roll)
     derivatives[..., 3:, 4] = to_body[..., 1]
     return derivatives
+
+
+def pitched(seen: Array, roll: ArrayLike) -> Array:
+    """Differentiate by the pitch a vector that the body sees, shape ``(..., 3)``."""
+    # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
+    sin_r, cos_r = np.sin(roll), np.cos(roll)
+    turning = np.empty(seen.shape)
+    turning[..., 0] = -(seen[..., 1] * sin_r + seen[..., 2] * cos_r)
+    turning[..., 1] = seen[..., 0] * sin_r
+    turning[..., 2] = seen[..., 0] * cos_r
+    return turning
 
 
 @dataclass

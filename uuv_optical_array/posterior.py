@@ -9,7 +9,7 @@ from uuv_optical_array.pose import Array
 
 # How far the log-posterior may be from the quadratic one at the cubature points.
 TOLERANCE = 0.5
-POINTS = 512
+POINTS = 128
 FREEDOM = 5.0  # of the Student distribution that is sampled: tails heavier than the posterior's
 STRETCH = 1.2
 

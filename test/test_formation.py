@@ -16,6 +16,19 @@ TICK_S = 0.05
 GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
 
 
+def covariance(correlation: float) -> Array:
+    """Return what an estimator by SAM would publish on the follow scene."""
+    std = np.array([0.35, 0.25, 0.25, np.radians(7), np.radians(7)])
+    alike = np.eye(5)
+    alike[1, 4] = alike[4, 1] = -correlation
+    alike[2, 3] = alike[3, 2] = correlation
+    published: Array = alike * np.outer(std, std)
+    return published
+
+
+PUBLISHED = covariance(0.97)
+
+
 def exact(pose: Array) -> Array:
     return pose
 
@@ -53,7 +66,7 @@ def follow(
     measure: Callable[[Array], Array] = exact,
     twist: Callable[[float], tuple[Array, Array]] = leader_twist,
     offset: Sequence[float] = (-0.5, -0.2, 0.0),
-    options: FormationSettings | None = None,
+    published: Array = PUBLISHED,
     latency_ticks: int = 1,
 ) -> tuple[Array, Array]:
     """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
@@ -62,7 +75,7 @@ def follow(
     """
     leader = Vehicle(np.zeros(3))
     follower = start_behind(leader, 6.0, offset)
-    controller = FormationController(options or FormationSettings())
+    controller = FormationController(FormationSettings())
     errors, commands, images = [], [], []
     for tick in range(round(seconds / TICK_S)):
         now = tick * TICK_S
@@ -71,7 +84,7 @@ def follow(
         if tick >= latency_ticks:
             stamp, seen = images[tick - latency_ticks]
             if seen is not None:
-                controller.update(stamp, seen)
+                controller.update(stamp, seen, published)
         linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
         errors.append(pose - STATION)
         commands.append([*linear, *angular])
@@ -89,7 +102,7 @@ def steady(
 def after_half_a_second(pose: Array) -> tuple[Array, Array]:
     """Return the first sizeable command at a pose."""
     controller = FormationController(FormationSettings())
-    controller.update(0.0, pose)
+    controller.update(0.0, pose, PUBLISHED)
     for tick in range(11):
         command = controller.command(tick * TICK_S)
     assert command is not None
@@ -173,8 +186,8 @@ def test_follow_of_the_path_with_noisy_poses(seed: int) -> None:
 
 def test_known_correlation_of_the_errors_steadies_the_follow() -> None:
     def lateral_rms(correlation: float) -> float:
-        options = FormationSettings(correlation=correlation)
-        runs = [follow(60, sam_noise(seed), options=options)[0] for seed in range(4)]
+        published = covariance(correlation)
+        runs = [follow(60, sam_noise(seed), published=published)[0] for seed in range(4)]
         return float(np.sqrt(np.mean([run[:, 1:3] ** 2 for run in runs])))
 
     assert lateral_rms(0.97) < 0.9 * lateral_rms(0.0)
@@ -210,7 +223,7 @@ def test_nothing_is_commanded_before_the_first_pose() -> None:
     controller = FormationController(FormationSettings())
     assert controller.command(0.0) is None
     assert controller.command(100.0) is None
-    controller.update(100.0, STATION)
+    controller.update(100.0, STATION, PUBLISHED)
     assert controller.command(100.05) is not None
 
 
@@ -219,7 +232,7 @@ def under_way() -> tuple[FormationController, float, Array]:
     controller = FormationController(FormationSettings(light_timeout_s=1.0, stop_time_s=4.0))
     for tick in range(40):
         stamp = tick * 0.1
-        controller.update(stamp, off_station([-1.0, 0.1, -0.1, 0.05, 0.05]))
+        controller.update(stamp, off_station([-1.0, 0.1, -0.1, 0.05, 0.05]), PUBLISHED)
         controller.command(stamp)
     command = controller.command(stamp + 1.0)
     assert command is not None
@@ -244,7 +257,7 @@ def test_lost_light_is_a_straight_ramp_to_a_stop() -> None:
 
 def test_light_shorter_than_the_timeout_is_not_lost() -> None:
     controller, stamp, cruise = under_way()
-    controller.update(stamp + 0.95, STATION)
+    controller.update(stamp + 0.95, STATION, PUBLISHED)
     assert command_at(controller, stamp + 1.05)[0] > 0.8 * cruise[0]
 
 
@@ -255,7 +268,7 @@ def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: flo
     slowed = command_at(controller, now)
     for tick in range(1, 200):
         if tick % 2:
-            controller.update(now + tick * TICK_S, STATION)
+            controller.update(now + tick * TICK_S, STATION, PUBLISHED)
         command = command_at(controller, now + tick * TICK_S)
         assert np.abs(command - slowed)[:3].max() <= 0.2 * TICK_S + 1e-9
         slowed = command
@@ -270,13 +283,13 @@ def test_a_stale_pose_does_not_bring_the_old_speed_back(dark: float, stamp_later
     controller, stamp, cruise = under_way()
     slowed = command_at(controller, stamp + 1.0 + dark)
     assert slowed == pytest.approx(cruise * max(0.0, 1 - dark / 4))
-    controller.update(stamp + stamp_later, off_station([-1.0, 0, 0, 0, 0]))
+    controller.update(stamp + stamp_later, off_station([-1.0, 0, 0, 0, 0]), PUBLISHED)
     assert (np.abs(command_at(controller, stamp + 1.05 + dark)) <= np.abs(slowed)).all()
 
 
 def test_poses_of_a_clock_that_is_set_back_are_taken_at_once() -> None:
     controller, _, cruise = under_way()
-    controller.update(-100.0, STATION)
+    controller.update(-100.0, STATION, PUBLISHED)
     assert command_at(controller, -100.0) == pytest.approx(cruise)
     assert command_at(controller, -99.0)[0] < cruise[0]
 
@@ -284,7 +297,7 @@ def test_poses_of_a_clock_that_is_set_back_are_taken_at_once() -> None:
 def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> None:
     controller, _, _ = under_way()
     assert (command_at(controller, -100.0) == 0).all()
-    controller.update(-99.9, off_station([-1.0, 0, 0, 0, 0]))
+    controller.update(-99.9, off_station([-1.0, 0, 0, 0, 0]), PUBLISHED)
     for tick in range(10):
         command = command_at(controller, -99.9 + tick * TICK_S)
     assert 0 < command[0] < 0.2
@@ -301,7 +314,7 @@ def test_a_command_is_the_callers_to_change() -> None:
 def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
     controller, stamp, cruise = under_way()
     with pytest.raises(ValueError, match=rf"stamp {stamp - back:.3f} s is not after {stamp:.3f} s"):
-        controller.update(stamp - back, STATION)
+        controller.update(stamp - back, STATION, PUBLISHED)
     assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 
@@ -315,14 +328,14 @@ def test_what_is_not_finite_is_refused_by_name_and_changes_nothing(
     row[entry] = value
     name = ("stamp", "x", "y", "z", "pitch", "yaw")[entry]
     with pytest.raises(ValueError, match=f"pose: {name} is {value:g}"):
-        controller.update(row[0], row[1:])
+        controller.update(row[0], row[1:], PUBLISHED)
     assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 
 @pytest.mark.parametrize("pose", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
 def test_pose_of_another_shape_is_refused(pose: object) -> None:
     with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
-        FormationController(FormationSettings()).update(0.0, pose)  # type: ignore[arg-type]
+        FormationController(FormationSettings()).update(0.0, pose, PUBLISHED)  # type: ignore[arg-type]
 
 
 @given(
@@ -344,7 +357,7 @@ def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float
     hardest = np.array([0.2, 0.2, 0.2, 0, *np.radians([3, 3])])
     for *pose, step in poses:
         now += step
-        controller.update(now, pose)
+        controller.update(now, pose, PUBLISHED)
         command = command_at(controller, now)
         assert (np.abs(command) <= fastest + 1e-12).all()
         assert (np.abs(command - before) <= hardest * step + 1e-9).all()

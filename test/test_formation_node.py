@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.messages import pose_to_message
+from uuv_optical_array.pose import covariance_5x5
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 START = 100 * 10**9
@@ -73,7 +74,7 @@ def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers
             pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
             taken = helm.now - 30_000_000  # when the image was; the pose took its time
             helm.see(pose, taken)
-            controller.update(taken * 1e-9, pose)
+            controller.update(taken * 1e-9, pose, covariance_5x5(pose, np.eye(6)))
         found, expected = helm.command(), controller.command(helm.now * 1e-9)
         np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
     assert np.abs(found).max() > 0.01
@@ -128,7 +129,7 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     controller = FormationController(FormationSettings())
 
     def expect(pose):
-        controller.update(helm.now * 1e-9, pose)
+        controller.update(helm.now * 1e-9, pose, covariance_5x5(pose, np.eye(6)))
         helm.see(pose)
 
     expect([-7.0, 0.0, 0.0, 0.0, 0.0])

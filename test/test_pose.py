@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import covariance_6x6, relative_pose, roll_pitch_yaw, rotation_matrix
+from uuv_optical_array.pose import (
+    covariance_5x5,
+    covariance_6x6,
+    relative_pose,
+    roll_pitch_yaw,
+    rotation_matrix,
+)
 from uuv_optical_array.scene import scene_from_settings
 
 PI = np.pi
@@ -225,3 +231,15 @@ def test_the_roll_uncertainty_lies_along_the_one_direction_that_the_image_cannot
     for axis in range(1, 6):
         assert change(np.eye(6)[axis]) > 1, "every single axis but x changes the image"
     assert change(np.eye(6)[3]) > 1, "turning about the follower's own origin is seen too"
+
+
+def test_the_5x5_comes_back_from_the_6x6_with_the_rolls_share_alone():
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(5, 5))
+    pose, covariance = np.array([-6.0, 0.4, -0.3, 0.2, 0.3]), root @ root.T
+    back = covariance_5x5(pose, covariance_6x6(pose, covariance, 1e-9))
+    np.testing.assert_allclose(back, covariance, rtol=1e-12, atol=1e-12)
+    # A turn about the beam by one sigma moves y, z and, with the bow aside, the pitch.
+    moved = np.array([0.0, 0.3, 0.4, -np.sin(0.3), 0.0])
+    rolled = covariance_5x5(pose, covariance_6x6(pose, covariance, 0.1))
+    np.testing.assert_allclose(rolled - covariance, 0.01 * np.outer(moved, moved), atol=1e-12)

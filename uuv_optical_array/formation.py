@@ -8,7 +8,7 @@ error. There is no integral to wind up: the filter is told the command as it was
 
 A lateral offset and a turn of the follower move the light across the array alike, so one image
 hardly tells them apart: the errors of y and yaw, and of z and pitch, are all but proportional.
-The noise model says so, and the motion from image to image decides.
+The covariance says so, and the motion from image to image decides.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ LEADER_STD = np.array([0.5, 0.1, 0.1, 0.03, 0.03])  # m/s, rad/s
 
 @dataclass(frozen=True)
 class FormationSettings:
-    """Station, gains, limits and the noise to expect of the poses."""
+    """Station, gains and limits."""
 
     stand_off_m: Annotated[float, Quantity("station behind the lamp", "m", 0.5, 50)] = 6.0
     position_gain_per_s: Annotated[
@@ -53,17 +53,6 @@ class FormationSettings:
         float, Quantity("without a pose for longer, the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
-    range_std_m: Annotated[
-        float, Quantity("expected error of x, standard deviation", "m", 1e-3, 10)
-    ] = 0.35
-    offset_std_m: Annotated[float, Quantity("expected error of y and z", "m", 1e-3, 10)] = 0.25
-    attitude_std_deg: Annotated[
-        float, Quantity("expected error of pitch and yaw", "deg", 0.01, 90)
-    ] = 7.0
-    correlation: Annotated[
-        float,
-        Quantity("correlation of the errors of z and pitch, of -y and yaw", "", -0.999, 0.999),
-    ] = 0.97
 
 
 class FormationController:
@@ -87,9 +76,7 @@ class FormationController:
     def configure(self, settings: FormationSettings) -> None:
         """Use other settings from now on; what was learnt of the leader stays."""
         self._settings = s = settings
-        turn, turn_acceleration, attitude_std = np.radians(
-            [s.max_turn_deg_per_s, s.max_acceleration_deg_per_s2, s.attitude_std_deg]
-        )
+        turn, turn_acceleration = np.radians([s.max_turn_deg_per_s, s.max_acceleration_deg_per_s2])
         self._station = np.array([-s.stand_off_m, 0.0, 0.0, 0.0, 0.0])
         self._gain = np.repeat([s.position_gain_per_s, s.attitude_gain_per_s], [3, 2])
         self._max_rate = np.array(
@@ -100,13 +87,8 @@ class FormationController:
         self._carry = np.eye(5)
         self._carry[Y, YAW] = -s.stand_off_m
         self._carry[Z, PITCH] = s.stand_off_m
-        std = np.repeat([s.range_std_m, s.offset_std_m, attitude_std], [1, 2, 2])
-        alike = np.eye(5)
-        alike[Z, PITCH] = alike[PITCH, Z] = s.correlation
-        alike[Y, YAW] = alike[YAW, Y] = -s.correlation
-        self._noise = alike * np.outer(std, std)
 
-    def update(self, stamp_s: float, pose: ArrayLike) -> None:
+    def update(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
         """Take a relative pose.
 
         Parameters
@@ -116,12 +98,14 @@ class FormationController:
             either side, begins anew: the light was lost, or the clock was reset.
         pose
             ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+        covariance
+            Of `pose`, shape ``(5, 5)``, positive definite.
 
         Raises
         ------
         ValueError
-            For a pose or stamp that is not finite, or a stamp that does not advance; the
-            controller is left as it was.
+            For a pose or stamp that is not finite, a covariance that is not positive definite,
+            or a stamp that does not advance; the controller is left as it was.
         """
         pose = np.asarray(pose, dtype=float)
         if pose.shape != (5,):
@@ -129,11 +113,14 @@ class FormationController:
         for name, value in zip(("stamp", *DOF_NAMES), (stamp_s, *pose), strict=True):
             if not np.isfinite(value):
                 raise ValueError(f"pose: {name} is {value:g}, not finite")
+        noise = np.asarray(covariance, dtype=float)
+        if noise.shape != (5, 5) or not (np.linalg.eigvalsh(noise) > 0).all():
+            raise ValueError("pose: its covariance is not positive definite")
         step_s = stamp_s - self._stamp_s
         if self._state is None or abs(step_s) > self._settings.light_timeout_s:
             self._state = np.concatenate([pose, np.zeros(5)])
             self._covariance[:] = 0.0
-            self._covariance[:5, :5] = self._noise
+            self._covariance[:5, :5] = noise
             self._covariance[5:, 5:] = np.diag(LEADER_STD**2)
             self._cruise = self._rate
         elif step_s <= 0:
@@ -144,7 +131,7 @@ class FormationController:
             state = self._ahead(self._state, step_s)
             prior = transition @ self._covariance @ transition.T
             prior += np.diag(np.concatenate([OWN_WALK, LEADER_WALK]) ** 2 * step_s)
-            gain = np.linalg.solve(prior[:5, :5] + self._noise, prior[:5]).T
+            gain = np.linalg.solve(prior[:5, :5] + noise, prior[:5]).T
             self._state = state + gain @ (pose - state[:5])
             self._covariance = prior - gain @ prior[:5]
         self._stamp_s = stamp_s

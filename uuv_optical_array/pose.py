@@ -98,6 +98,29 @@ def relative_pose(
     return np.array([*position, pitch, yaw]), float(roll)
 
 
+def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
+    """Reduce the 6x6 covariance of a ROS pose to the 5 degrees of freedom.
+
+    Parameters
+    ----------
+    pose
+        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``.
+    covariance
+        Of (x, y, z, rotations about the fixed x, y and z axes), shape ``(6, 6)``.
+
+    Returns
+    -------
+    Array
+        Covariance of `pose`, shape ``(5, 5)``.
+    """
+    yaw = np.asarray(pose, dtype=float)[YAW]
+    reduction = np.zeros((5, 6))
+    reduction[:3, :3] = np.eye(3)
+    reduction[PITCH, 3:5] = -np.sin(yaw), np.cos(yaw)
+    reduction[YAW, 5] = 1.0
+    return reduction @ np.asarray(covariance, float) @ reduction.T
+
+
 def turned_about_beam(poses: Array, roll: float) -> Array:
     """Turn level followers about the beam axis until they roll: the light does not change.
 

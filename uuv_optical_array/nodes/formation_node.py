@@ -11,12 +11,14 @@ from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
     Refused,
+    covariance_from_message,
     pose_from_message,
     stamp_ns,
     twist_to_message,
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import Parameter, Parameters, parameters_of
+from uuv_optical_array.pose import covariance_5x5
 from uuv_optical_array.quantity import Quantity
 
 PARAMETERS = {
@@ -53,7 +55,8 @@ class FormationNode(Node):
         """Tell the controller where the follower is."""
         try:
             pose = pose_from_message(message)
-            self.controller.update(stamp_ns(message.header) * 1e-9, pose)
+            covariance = covariance_5x5(pose, covariance_from_message(message))
+            self.controller.update(stamp_ns(message.header) * 1e-9, pose, covariance)
         except (Refused, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return

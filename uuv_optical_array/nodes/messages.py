@@ -187,6 +187,14 @@ def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
     return np.array([*position, pitch, yaw])
 
 
+def covariance_from_message(message: PoseWithCovarianceStamped) -> Array:
+    """Unpack the 6x6 covariance of a pose."""
+    covariance = np.reshape(message.pose.covariance, (6, 6)).astype(float)
+    if not np.isfinite(covariance).all():
+        raise Refused("not finite: the pose's covariance")
+    return covariance
+
+
 def imu_roll(message: Imu) -> float:
     """Unpack the roll of an IMU, rad."""
     if message.orientation_covariance[0] == -1:

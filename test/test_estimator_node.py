@@ -427,3 +427,42 @@ def test_without_a_fresh_roll_there_is_no_pose(lab, scene_file, scene, table_fol
     shower.tilt(0.0, 6)
     shower.show(images[1], 6)
     assert shower.seconds_answered() == [6]
+
+
+@pytest.fixture
+def tracked(lab, scene_file, scene, table_folder):
+    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares", tracking=True)
+
+
+def test_a_track_is_closer_to_a_still_follower_than_its_frames(tracked, scene, table):
+    pose, rng = np.array([-6.0, 0.1, 0.1, 0.02, 0.03]), np.random.default_rng(6)
+    images = ForwardModel(scene).expose(np.tile(pose, (15, 1)), rng)
+    single = Estimator(table, method="least_squares")
+    for name in ("velocity_walk_m_per_s", "turn_walk_deg_per_s"):
+        assert tracked.lab.set(tracked.node, name, 0.001).successful
+    first = tracked.show(images[0], 1)
+    assert_is(first, single.estimate(tracked.signature(images[0]), images[0]))
+    for seconds, image in enumerate(images[1:], start=2):
+        last = tracked.show(image, seconds)
+    spread = [np.trace(np.reshape(each.pose.covariance, (6, 6))[:3, :3]) for each in (first, last)]
+    assert spread[1] < 0.6 * spread[0]
+    position, _ = place_of(last)
+    assert np.abs(np.array(position) - pose[:3]).max() < 0.1
+
+
+def test_a_late_frame_enters_the_track_and_an_outlier_does_not(tracked, scene):
+    pose, rng = np.array([-6.0, 0.1, 0.1, 0.02, 0.03]), np.random.default_rng(7)
+    model = ForwardModel(scene)
+    assert tracked.lab.set(tracked.node, "buffer_s", 5.0).successful
+    for seconds in (1, 2, 4):
+        tracked.show(model.expose(pose, rng), seconds)
+    image = model.expose(pose, rng)
+    tracked.images.publish(tracked.picture(image, 3))
+    tracked.clouds.publish(tracked.message(tracked.signature(image), 3))
+    tracked.lab.report(tracked.node, WARN, "late frame")
+    aside = model.expose(pose + np.array([2.0, 0, 0, 0, 0]), rng)
+    tracked.images.publish(tracked.picture(aside, 5))
+    tracked.clouds.publish(tracked.message(tracked.signature(aside), 5))
+    tracked.lab.report(tracked.node, WARN, "outlier", "standard deviations off")
+    tracked.show(model.expose(pose, rng), 6)
+    assert tracked.seconds_answered() == [1, 2, 4, 6]

@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import follow, table
+from uuv_optical_array.commands import accuracy, follow, limits, table
 
-COMMANDS = (table, follow)
+COMMANDS = (table, follow, limits, accuracy)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -1,6 +1,7 @@
 """From key parameters, and the image, to the follower's pose in the leader's beacon frame."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
@@ -21,11 +22,12 @@ from uuv_optical_array.nodes.messages import (
     stamp_ns,
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters, parameters_of
 from uuv_optical_array.pose import DOF_NAMES, covariance_6x6
 from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene
 from uuv_optical_array.table import cached_table, load_table
+from uuv_optical_array.tracking import Tracker, TrackerSettings
 
 PARAMETERS = {
     "scene": SCENE,
@@ -53,6 +55,8 @@ PARAMETERS = {
         0.02,
         Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
     ),
+    "tracking": Parameter(False, Quantity("whether the poses of many frames are filtered")),
+    **parameters_of(TrackerSettings),
     "beacon_frame": Parameter("beacon", Quantity("frame of the pose: the lamp's"), True),
     "publish_tf": Parameter(
         False, Quantity("whether the pose goes to /tf too, where tf2_msgs is installed"), True
@@ -74,6 +78,7 @@ class EstimatorNode(Node):
         self.order = StampOrder()
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
+        self.tracker = Tracker(self.tracker_settings({}))
         self.roll_ns, self.roll_rad = 0, 0.0
         self.estimator: Estimator | None = None
         try:
@@ -86,8 +91,15 @@ class EstimatorNode(Node):
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Imu, "imu", self.on_imu)
 
+    def tracker_settings(self, changes: dict[str, Any]) -> TrackerSettings:
+        """Return the tracker's settings as the parameters have them, with changes."""
+        names = parameters_of(TrackerSettings)
+        return TrackerSettings(**{n: changes.get(n, self.parameters[n]) for n in names})
+
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves the present ones."""
+        if changes.keys() & {"tracking", *parameters_of(TrackerSettings)}:
+            self.tracker = Tracker(self.tracker_settings(changes))
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else cached_table(self.scene)
@@ -141,8 +153,11 @@ class EstimatorNode(Node):
 
     def answer(self, features: PointCloud2, image: Image | None) -> None:
         """Publish the pose of one signature, or say why there is none."""
+        tracking = self.parameters["tracking"]
         try:
-            self.order.check(features.header)
+            # A track puts late frames in their place.
+            if not tracking:
+                self.order.check(features.header)
             if self.estimator is None:
                 raise Refused("no table: see the error")
             parameters = features_from_message(features)
@@ -152,7 +167,13 @@ class EstimatorNode(Node):
             readings = None if image is None else image_from_message(image, side)
             roll = self.roll_at(features.header)
             estimate = self.estimator.estimate(parameters, readings, roll)
-        except (Refused, NoPose) as reason:
+            if tracking:
+                stamp = stamp_ns(features.header)
+                track = self.tracker.update(stamp, estimate.pose, estimate.covariance)
+                if track.stamp_ns != stamp:
+                    raise Refused("late frame: it entered the track, whose newer pose is out")
+                estimate = replace(estimate, pose=track.pose, covariance=track.covariance)
+        except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
         header = Header(stamp=features.header.stamp, frame_id=self.parameters["beacon_frame"])

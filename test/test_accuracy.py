@@ -1,0 +1,285 @@
+"""``uuv_array accuracy``: statistics in closed form on planted errors, then real runs."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from uuv_optical_array import accuracy
+from uuv_optical_array.accuracy import random_poses, sea, study
+from uuv_optical_array.commands import accuracy as command
+from uuv_optical_array.commands import main
+from uuv_optical_array.estimate import NoPose
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.limits import cramer_rao_bound
+from uuv_optical_array.pose import DOF_NAMES
+from uuv_optical_array.scene import PriorSettings, scene_from_settings
+
+FRAMES = 2000
+
+
+class Fake:
+    """Answers frame after frame with the truth and an error, and the bound as its covariance."""
+
+    def __init__(self, scene, poses, errors):
+        self.table = SimpleNamespace(scene=scene)
+        self.answers = iter(poses + errors)
+        self.covariances = iter(cramer_rao_bound(ForwardModel(scene), poses).covariance)
+
+    def estimate(self, parameters, image):
+        assert np.isfinite(parameters).all()
+        answer, covariance = next(self.answers), next(self.covariances)
+        if np.isnan(answer[0]):
+            raise NoPose("no fit: planted")
+        if np.isinf(answer[0]):
+            raise KeyboardInterrupt
+        return SimpleNamespace(pose=answer, covariance=covariance)
+
+
+@pytest.fixture(scope="module")
+def model(scene):
+    return ForwardModel(scene)
+
+
+@pytest.fixture(scope="module")
+def poses(model):
+    return random_poses(model, FRAMES, np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def honest(model, poses):
+    """Errors that are Gaussian with the bound as covariance."""
+    roots = np.linalg.cholesky(cramer_rao_bound(model, poses).covariance)
+    return (roots @ np.random.default_rng(6).standard_normal((FRAMES, 5, 1)))[..., 0]
+
+
+def fake_study(model, poses, errors):
+    fake = Fake(model.scene, poses, errors)
+    return study(fake, model, poses, np.random.default_rng(7))
+
+
+def run(*words, code=0):
+    with pytest.raises(SystemExit) as end:
+        main(["accuracy", *map(str, words)])
+    if isinstance(end.value.code, str):
+        assert code == 1, end.value.code
+        assert "\n" not in end.value.code
+        return end.value.code
+    assert (end.value.code or 0) == code
+    return ""
+
+
+def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, honest):
+    found = fake_study(model, poses, honest)
+    np.testing.assert_allclose(found.errors, honest, atol=1e-12)
+    np.testing.assert_allclose(found.ratio_to_bound, 1, atol=0.06)
+    low, high = found.nees_band
+    assert low < found.nees.mean() < high
+    assert found.beyond_sigma(6) == found.beyond_bound(6) == 0
+    assert found.beyond_sigma(2) > 0.1 * FRAMES
+    assert found.posed.all()
+
+
+def test_errors_twice_as_large_have_twice_the_ratio_and_four_times_the_nees(model, poses, honest):
+    once, twice = (fake_study(model, poses, scale * honest) for scale in (1, 2))
+    np.testing.assert_allclose(twice.ratio_to_bound, 2 * once.ratio_to_bound)
+    np.testing.assert_allclose(twice.nees, 4 * once.nees, rtol=1e-9)
+    assert twice.nees.mean() == pytest.approx(20, rel=0.05)
+
+
+@pytest.mark.parametrize("dof", range(5))
+def test_one_frame_of_seven_sigma_is_counted_and_one_of_five_is_not(model, poses, dof):
+    poses = poses[:50]
+    errors = np.zeros((50, 5))
+    std = cramer_rao_bound(model, poses).std
+    errors[17, dof], errors[30, dof] = -7 * std[17, dof], 5 * std[30, dof]
+    found = fake_study(model, poses, errors)
+    assert found.beyond_sigma(6) == found.beyond_bound(6) == 1
+    assert found.rms_error[dof] == pytest.approx(np.sqrt(np.mean(errors[:, dof] ** 2)))
+
+
+def test_own_sigmas_and_the_bound_are_told_apart(model, poses):
+    found = fake_study(model, poses[:5], np.zeros((5, 5)))
+    found.covariances[3] *= 100
+    found.errors[3, 0] = 10 * found.bounds[3, 0]
+    assert (found.beyond_sigma(6), found.beyond_bound(6)) == (0, 1)
+
+
+def test_frames_without_a_pose_are_left_out_of_every_mean(model, poses, honest):
+    errors = honest[:40].copy()
+    errors[::4] = np.nan
+    kept = ~np.isnan(errors[:, 0])
+    found = fake_study(model, poses[:40], errors)
+    alone = fake_study(model, poses[:40][kept], errors[kept])
+    np.testing.assert_array_equal(found.posed, kept)
+    np.testing.assert_allclose(found.ratio_to_bound, alone.ratio_to_bound)
+    assert found.nees_band == alone.nees_band
+    assert len(found.nees) == 30
+    with pytest.raises(ValueError, match="none of 40 frames got a pose"):
+        fake_study(model, poses[:40], np.full((40, 5), np.nan))
+
+
+def test_an_interrupt_keeps_the_frames_before_it(model, poses):
+    errors = np.zeros((40, 5))
+    errors[10] = np.inf
+    found = fake_study(model, poses[:40], errors)
+    assert len(found.errors) == len(found.bounds) == len(found.frame_s) == 10
+    with pytest.raises(KeyboardInterrupt):
+        fake_study(model, poses[:40], np.full((40, 5), np.inf))
+
+
+@pytest.mark.parametrize(("count", "band"), [(1, (0.831, 12.833)), (FRAMES, (4.862, 5.140))])
+def test_the_band_is_the_chi_square_tables(model, poses, count, band):
+    # Table of chi-square with 5 degrees of freedom; for many, 5 +- 1.96 sqrt(10 / n).
+    found = fake_study(model, poses[:count], np.zeros((count, 5)))
+    np.testing.assert_allclose(found.nees_band, band, atol=2e-3)
+
+
+def test_poses_fill_the_volume_where_there_is_light(model, poses):
+    assert poses.shape == (FRAMES, 5)
+    assert (poses >= accuracy.LOW).all()
+    assert (poses <= accuracy.HIGH).all()
+    assert model.expected(poses).max(axis=(1, 2)).min() > 20
+    np.testing.assert_allclose(accuracy.LOW, [-8, -0.9, -0.9, *np.radians([-20, -20])])
+    spread = poses[:, [0, 3, 4]].std(axis=0) * np.sqrt(12)
+    np.testing.assert_allclose(spread, (accuracy.HIGH - accuracy.LOW)[[0, 3, 4]], rtol=0.08)
+
+
+def test_a_scene_too_dark_for_the_study_is_refused(scene):
+    settings = scene.settings()
+    settings["lamp"]["reference_counts"] = 5.0
+    with pytest.raises(ValueError, match=r"scene dark: none of .* peaks above 20 counts"):
+        random_poses(
+            ForwardModel(scene_from_settings(settings, "dark")), 5, np.random.default_rng()
+        )
+
+
+def test_other_water_leaves_the_lamps_power_as_it_is(scene, model, poses):
+    offsets = {"attenuation.k_per_m": np.array(0.015), "lamp.power": np.log(np.array(1.05))}
+    truth = sea(scene, k_off_per_m=0.015, power_off=0.05)
+    expected = model.light(poses, 0.0, offsets)
+    np.testing.assert_allclose(truth.light(poses), expected, rtol=1e-10, atol=1e-9)
+    np.testing.assert_array_equal(sea(scene).light(poses), model.light(poses))
+
+
+def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
+    settings = scene.settings()
+    del settings["effects"]["attenuation"]
+    clear = scene_from_settings(settings, "clear")
+    with pytest.raises(ValueError, match=r"scene clear: no effects\.attenuation"):
+        sea(clear, k_off_per_m=0.015)
+
+
+def test_another_prior_keeps_the_signatures(table):
+    other = accuracy.with_prior(table, PriorSettings(lamp_power_std=0.05))
+    assert other.scene.prior.nuisance_std() == {"lamp.power": 0.05}
+    assert other.parameters is table.parameters
+
+
+def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
+    run("--poses", 600, "--seed", 3, "--json")
+    out, err = capsys.readouterr()
+    answer = json.loads(out)
+    assert {
+        "scene": "reference",
+        "method": "least_squares",
+        "poses": 600,
+        "without_pose": 0,
+    }.items() <= answer.items()
+    assert tuple(answer["ratio_to_bound"]) == DOF_NAMES
+    assert all(0.85 < ratio < 1.15 for ratio in answer["ratio_to_bound"].values())
+    assert answer["beyond_6_sigma"] <= 2
+    low, high = answer["nees_band"]
+    assert 4.7 < low < 5 < high < 5.3
+    assert 4 < answer["nees_mean"] < 6
+    assert 0 < answer["frame_ms"]["median"] <= answer["frame_ms"]["99th_percentile"]
+    assert answer["model_ms"] > 0
+    assert "600/600" in err
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+def test_matching_five_numbers_stays_far_from_the_bound(capsys, method):
+    run("--poses", 600, "--method", method, "--json")
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["method"] == method
+    assert all(ratio > 2 for ratio in answer["ratio_to_bound"].values())
+
+
+def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
+    words = ("--scene", scene_file, "--poses", 40, "--seed", 9, "--candidates", 3)
+    run(*words, "--json")
+    answer = json.loads(capsys.readouterr().out)
+    run(*words)
+    text = capsys.readouterr().out
+    assert text.startswith("least_squares in scene small, 40 random poses, seed 9\n")
+    for name, ratio in answer["ratio_to_bound"].items():
+        assert any(
+            line.startswith(name) and line.endswith(f"{ratio:.3f}") for line in text.splitlines()
+        )
+    for phrase in (
+        f"without a pose: {answer['without_pose']} of 40",
+        f"its own standard deviations: {answer['beyond_6_sigma']} of 40",
+        f"the bound at the truth: {answer['beyond_6_bounds']} of 40",
+        f"mean NEES: {answer['nees_mean']:.3f}",
+        "{:.3f} to {:.3f}".format(*answer["nees_band"]),
+        "for 4 poses",
+    ):
+        assert phrase in text
+
+
+def test_nuisances_estimated_along_keep_the_covariance_honest(capsys, scene_file):
+    run("--scene", scene_file, "--nuisances", "--poses", 30, "--json")
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["scene"], answer["poses"]) == ("small", 30)
+    rows = {(row["off"], row["nuisances"]): row for row in answer["nuisances"]}
+    assert len(rows) == 2 * len(command.OFF)
+    for off in command.OFF:
+        known, estimated = rows[off, "known"], rows[off, "estimated"]
+        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(command.COLUMNS)
+        assert estimated["nees_mean"] < 10
+        if off != "nothing":
+            assert known["nees_mean"] > 3 * estimated["nees_mean"]
+    known, estimated = rows["nothing", "known"], rows["nothing", "estimated"]
+    assert estimated["rms_bound"]["x_m"] > 1.2 * known["rms_bound"]["x_m"]
+
+
+def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
+    run("--scene", scene_file, "--nuisances", "--poses", 3)
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith(tuple(command.OFF)) for line in lines) == 2 * len(command.OFF) + 2
+
+
+def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "study", interrupted)
+    for words in ((), ("--nuisances",)):
+        run("--scene", scene_file, *words, code=130)
+        assert "interrupted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--poses", 0), ("--poses", "0", "from 1")),
+        (("--seed", -1), ("--seed", "-1", "from 0")),
+        (("--candidates", 0), ("--candidates", "0", "from 1")),
+        (("--scene", "atlantis"), ("atlantis", "follow, reference")),
+        (("--nuisances", "--method", "sam"), ("--nuisances", "sam", "use least_squares")),
+    ],
+)
+def test_what_is_no_study_is_refused_in_one_line(words, named):
+    error = run(*words, code=1)
+    assert error.startswith("uuv_array accuracy: ")
+    for word in named:
+        assert word in error
+
+
+@pytest.mark.parametrize("words", [("--method", "guess"), ("--poses", "many")])
+def test_a_word_that_is_no_option_is_refused_by_name(capsys, words):
+    run(*words, code=2)
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert words[0] in error
+    assert words[1] in error

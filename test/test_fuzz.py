@@ -1,0 +1,168 @@
+"""A hundred thousand images of every kind: no accident, no warning, and no pose that is not one."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimate import Estimator, NoPose
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.table import build_table
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+SIDE, FULL = 5, 1023.0
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident, so that nothing escapes unseen."""
+    with np.errstate(all="raise"):
+        yield
+
+
+def small_scene(**arrays):
+    values = load_scene("reference").settings()
+    values["array"].update(arrays)
+    if values["array"]["shape"] == "planar":
+        del values["array"]["radius_m"]
+    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    return scene_from_settings(values, "fuzz")
+
+
+@pytest.fixture(scope="module", params=["curved", "planar"])
+def table(request):
+    return build_table(small_scene(shape=request.param))
+
+
+# --- Kinds of images, each a function of (model, rng, how many) ----------------------------------
+
+
+def uniform(model, rng, count):
+    return rng.uniform(0, FULL, (count, SIDE, SIDE))
+
+
+def whole_counts(model, rng, count):
+    return rng.integers(0, int(FULL) + 1, (count, SIDE, SIDE))
+
+
+def few_levels(model, rng, count):
+    return rng.integers(0, 3, (count, SIDE, SIDE)).astype(np.int16) * rng.choice([1, 511])
+
+
+def sparse(model, rng, count):
+    return uniform(model, rng, count) * (rng.random((count, SIDE, SIDE)) < 0.1)
+
+
+def constant(model, rng, count):
+    return np.ones((count, SIDE, SIDE)) * rng.choice([0.0, -0.0, 0.4, 1, 500, FULL], (count, 1, 1))
+
+
+def saturated(model, rng, count):
+    return np.minimum(exposed(model, rng, count) * rng.uniform(1, 1000, (count, 1, 1)), FULL)
+
+
+def gradients(model, rng, count):
+    across = np.linspace(-1, 1, SIDE)
+    slopes = rng.normal(size=(2, count, 1, 1)) * 10 ** rng.uniform(-3, 3, (2, count, 1, 1))
+    planes = slopes[0] * across + slopes[1] * across[:, None]
+    return planes - planes.min(axis=(1, 2), keepdims=True)
+
+
+def of_any_size(model, rng, count):
+    sizes = 10.0 ** rng.uniform(-300, 300, (count, 1, 1))
+    return rng.uniform(0.5, 1.5, (count, SIDE, SIDE)) * sizes
+
+
+def of_every_size_at_once(model, rng, count):
+    return 10.0 ** rng.uniform(-300, 300, (count, SIDE, SIDE))
+
+
+def of_few_counts(model, rng, count):
+    return rng.poisson(rng.uniform(0, 2, (count, 1, 1)), (count, SIDE, SIDE))
+
+
+def below_zero(model, rng, count):
+    return rng.normal(0, 10 ** rng.uniform(-2, 3, (count, 1, 1)), (count, SIDE, SIDE))
+
+
+def exposed(model, rng, count):
+    poses = rng.normal([-6, 0, 0, 0, 0], [1.5, 0.6, 0.6, 0.3, 0.3], (count, 5))
+    return model.expose(poses, rng)
+
+
+def dead(model, rng, count):
+    return exposed(model, rng, count) * (rng.random((count, SIDE, SIDE)) > 0.1)
+
+
+def stuck(model, rng, count):
+    images = exposed(model, rng, count)
+    return np.where(rng.random(images.shape) < 0.1, rng.choice([-0.0, 1, FULL], (count, 1, 1)), images)
+
+
+def swapped(model, rng, count):
+    return rng.permuted(exposed(model, rng, count).reshape(count, -1), axis=1).reshape(-1, SIDE, SIDE)
+
+
+def turned_over(model, rng, count):
+    return FULL - exposed(model, rng, count)
+
+
+def from_anywhere(model, rng, count):
+    poses = np.concatenate(
+        [rng.normal(0, 10, (count, 3)), rng.uniform(-np.pi, np.pi, (count, 2))], axis=1
+    )
+    return model.expose(poses, rng, rng.uniform(-np.pi, np.pi, count))
+
+
+KINDS = [
+    *(uniform, whole_counts, few_levels, sparse, constant, saturated, gradients, of_any_size),
+    *(of_every_size_at_once, of_few_counts, below_zero, exposed, dead, stuck, swapped),
+    *(turned_over, from_anywhere),
+]
+
+
+def thrown(table, kind, count):
+    """Draw images of a kind, with their key parameters."""
+    scene, rng = table.scene, np.random.default_rng(KINDS.index(kind))
+    with np.errstate(under="ignore"):
+        images = kind(ForwardModel(scene), rng, count)
+    return images, key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+
+
+def poses_of(estimator, images, parameters, rolls):
+    """Estimate each frame, count those without a pose, and look at the others."""
+    found = []
+    for image, signature, roll in zip(images, parameters, rolls, strict=True):
+        try:
+            found.append(estimator.estimate(signature, image, roll))
+        except NoPose as reason:
+            assert ": " in str(reason)
+    if found:
+        assert np.isfinite([answer.pose for answer in found]).all()
+        covariances = np.array([answer.covariance for answer in found])
+        assert np.isfinite(covariances).all()
+        np.linalg.cholesky(covariances)
+    return len(found)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_a_hundred_thousand_images_leave_features_and_match_whole(table, kind):
+    count = 100_000 // (2 * len(KINDS)) + 1  # on either array
+    images, parameters = thrown(table, kind, count)
+    assert parameters.shape == (count, 5)
+    assert np.isfinite(parameters).all()
+    assert (np.abs(parameters[:, 1:3]) <= (SIDE - 1) / 2).all()
+    # No more than the skewness of one among n (n - 2) / sqrt(n - 1).
+    assert (np.abs(parameters[:, 3:]) <= (SIDE - 2) / np.sqrt(SIDE - 1) + 1e-9).all()
+    matched = poses_of(Estimator(table), images, parameters, np.zeros(count))
+    if kind is exposed:
+        assert matched > 0.5 * count
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_thousands_of_images_leave_the_fit_whole(table, kind):
+    count = 4_000 // (2 * len(KINDS)) + 1
+    images, parameters = thrown(table, kind, count)
+    rolls = np.random.default_rng(3).choice([0.0, 0.0, 0.35, -3.0], count)
+    poses_of(Estimator(table, "least_squares"), images, parameters, rolls)

@@ -1,0 +1,472 @@
+"""Hard cases, for every method and array: a finite, calibrated estimate or a named reason."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from uuv_optical_array.estimate import METHODS, Estimate, Estimator, NoPose
+from uuv_optical_array.features import key_parameters, lifted
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.light import lamp_in_body, trace
+from uuv_optical_array.pose import DOF_NAMES, rotation_matrix
+from uuv_optical_array.sam import SpectralIndex, spectral_angle
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.table import SignatureTable, build_table, grid_axes
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in (3, 4, 5, 7, 21)]
+each_method = pytest.mark.parametrize("method", METHODS)
+each_array = pytest.mark.parametrize(("shape", "number"), ARRAYS)
+# Kinds of reason for no pose.
+REASONS = {"no light", "no match", "no fit", "no image", "not five finite numbers"}
+FULL = 1023.0
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident, so that nothing escapes unseen."""
+    with np.errstate(all="raise"):
+        yield
+
+
+@functools.cache
+def table_of(shape, number, changes=()):
+    """Build the table of the reference scene on a 5^5 grid, with changes by dotted key."""
+    values = load_scene("reference").settings()
+    values["array"] = {"shape": shape, "detectors_per_side": number}
+    if shape == "curved":
+        values["array"]["radius_m"] = 0.32
+    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    for name, value in changes:
+        *groups, key = name.split(".")
+        functools.reduce(lambda group, inner: group[inner], groups, values)[key] = value
+    return build_table(scene_from_settings(values, "hard"))
+
+
+@functools.cache
+def estimator_of(method, shape, number, changes=()):
+    return Estimator(table_of(shape, number, changes), method)
+
+
+def signature(scene, image):
+    return key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+
+
+def answer(estimator, parameters, image=None, roll=0.0):
+    """Return an estimate that is found to be whole, or the kind of the reason for none."""
+    try:
+        found = estimator.estimate(parameters, image, roll)
+    except NoPose as reason:
+        kind, _, details = str(reason).partition(": ")
+        assert kind in REASONS
+        assert details
+        return kind
+    assert isinstance(found, Estimate)
+    assert found.pose.shape == (5,)
+    assert np.isfinite(found.pose).all()
+    assert np.isfinite(found.covariance).all()
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)
+    np.linalg.cholesky(found.covariance)
+    assert 0 <= found.angle_rad <= found.runner_up_angle_rad <= np.pi
+    assert set(found.unobservable) <= set(DOF_NAMES)
+    if estimator.method == "least_squares":
+        assert 0 <= found.misfit <= estimator.max_misfit
+    return found
+
+
+def answer_image(estimator, image, roll=0.0):
+    return answer(estimator, signature(estimator.table.scene, image), image, roll)
+
+
+def box(scene):
+    """Return the corners of the table, m and rad."""
+    return np.array([[axis[0], axis[-1]] for axis in grid_axes(scene.table)]).T
+
+
+def whole(found):
+    return isinstance(found, Estimate)
+
+
+# --- Frames of hard scenes, with noise -----------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A scene, which of its poses are hard, and whether they need an answer.
+
+    `keep` gets the model, poses and light (k, n) and says which poses to keep; `stretch` is how
+    much wider than the table the poses are drawn.
+    """
+
+    name: str
+    keep: Callable = lambda model, poses, light: light.max(axis=1) > 20
+    changes: tuple = ()
+    stretch: float = 1.0
+    roll: float = 0.0
+    slack: float = 1.0
+    shapes: tuple = ("curved", "planar")
+
+
+def border(model, poses, light):
+    row, column = np.divmod(light.argmax(axis=1), model.array.side)
+    on_border = np.isin(row, (0, model.array.side - 1)) | np.isin(column, (0, model.array.side - 1))
+    return on_border & (light.max(axis=1) > 20)
+
+
+def saturated(least, most):
+    """Keep poses of which a share of the detectors is saturated."""
+
+    def keep(model, poses, light):
+        lit = (light >= FULL).sum(axis=1)
+        pixels = light.shape[1]
+        return (lit >= max(1, least * pixels)) & (lit <= max(1, most * pixels))
+
+    return keep
+
+
+def beyond_grazing(model, poses, light):
+    return (light == 0).any(axis=1) & (light.max(axis=1) > 20)
+
+
+def near_grazing(model, poses, light):
+    rotation = rotation_matrix(poses[:, 3], poses[:, 4])
+    centre = poses[:, :3] + rotation[..., 0] * model.scene.array.bow_m
+    incidence = -(centre * rotation[..., 0]).sum(axis=1) / np.linalg.norm(centre, axis=1)
+    return (incidence < 0.2) & (light.max(axis=1) > 20)
+
+
+def condition(model, poses):
+    """Condition number of the information about the pose, in m and rad."""
+    light, jacobian = model.linearised(poses)
+    variance, _ = model.variance(light)
+    whitened = jacobian / np.sqrt(variance)[..., None]
+    return np.linalg.cond(whitened) ** 2
+
+
+def ill_conditioned(model, poses, light):
+    return (light.max(axis=1) > 20) & (condition(model, poses) > 1e7)
+
+
+def edge_of_beam(model, poses, light):
+    peak = light.max(axis=1)
+    return (peak > 1.5) & (peak < 2.5)
+
+
+def outside(model, poses, light):
+    low, high = box(model.scene)
+    return ((poses < low) | (poses > high)).any(axis=1) & (light.max(axis=1) > 20)
+
+
+WIDE = (("table.yaw_deg", (-90.0, 90.0, 7)),)
+
+
+def beam(sigma_deg, half_m):
+    return (
+        ("lamp.beam_sigma_deg", sigma_deg),
+        ("table.y_m", (-half_m, half_m, 5)),
+        ("table.z_m", (-half_m, half_m, 5)),
+    )
+
+
+def distance(range_m, nearest, farthest, half_m):
+    return (
+        ("lamp.reference_range_m", range_m),
+        ("table.x_m", (-farthest, -nearest, 5)),
+        ("table.y_m", (-half_m, half_m, 5)),
+        ("table.z_m", (-half_m, half_m, 5)),
+    )
+
+
+CASES = [
+    Case("the whole table"),
+    Case("peak on the border", border),
+    Case("one detector saturated", saturated(0, 0.02), (("lamp.reference_counts", 1500.0),)),
+    Case("half saturated", saturated(0.3, 0.7), (("lamp.reference_counts", 4000.0),)),
+    Case("all saturated", saturated(1, 1), (("lamp.reference_counts", 1e5),)),
+    Case(
+        "edge of the beam",
+        edge_of_beam,
+        (("table.y_m", (-3.0, 3.0, 5)), ("table.z_m", (-3.0, 3.0, 5))),
+    ),
+    Case("detectors beyond grazing", beyond_grazing, WIDE, shapes=("curved",)),
+    Case("near grazing", near_grazing, WIDE, shapes=("planar",)),
+    # The front of the curved array is 0.72 m ahead of base_link, that of the planar one 0.4 m.
+    Case("0.3 m", changes=distance(1.02, 0.95, 1.2, 0.1), shapes=("curved",)),
+    Case("0.3 m", changes=distance(0.7, 0.65, 0.9, 0.1), shapes=("planar",)),
+    Case("30 m", changes=distance(30.0, 27.0, 33.0, 2.0)),
+    Case("beam of 0.5 deg", changes=beam(0.5, 0.05)),
+    Case("beam of 3 deg", changes=beam(3.0, 0.3)),
+    Case("beam of 20 deg", changes=beam(20.0, 0.6)),
+    Case("beam of 60 deg", changes=beam(60.0, 0.6)),
+    Case("ill-conditioned", ill_conditioned, beam(15.0, 0.6), shapes=("planar",)),
+    Case("roll of 20 deg", roll=np.radians(20.0)),
+    Case("outside the table", outside, stretch=1.4),
+]
+
+
+@functools.cache
+def frames(case, shape, number):
+    """Draw poses of a case and expose them."""
+    table = table_of(shape, number, case.changes)
+    model = ForwardModel(table.scene)
+    rng = np.random.default_rng(2016 + number)
+    low, high = box(table.scene)
+    middle, half = (low + high) / 2, (high - low) / 2 * case.stretch
+    poses = rng.uniform(middle - half, middle + half, (4000 if number < 20 else 1000, 5))
+    light = model.light(poses, case.roll).reshape(len(poses), -1)
+    poses = poses[case.keep(model, poses, light)][: 4 if number > 20 else 8]
+    return poses, model.expose(poses, rng, case.roll)
+
+
+def squared_errors(estimator, case, shape, number):
+    """Return the normalised squared error of each frame that has an estimate."""
+    found = [
+        (pose, answer_image(estimator, image, case.roll))
+        for pose, image in zip(*frames(case, shape, number), strict=True)
+    ]
+    return [
+        (estimate.pose - pose) @ np.linalg.solve(estimate.covariance, estimate.pose - pose)
+        for pose, estimate in found
+        if whole(estimate)
+    ]
+
+
+CASES_BY_SHAPE = [
+    pytest.param(case, shape, id=f"{case.name}-{shape}") for case in CASES for shape in case.shapes
+]
+
+
+@each_method
+@pytest.mark.parametrize("number", [3, 4, 5, 7, 21])
+@pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
+def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, case, shape, number):
+    estimator = estimator_of(method, shape, number, case.changes)
+    poses, images = frames(case, shape, number)
+    assert len(poses) >= 3, "the case has no poses"
+    for image in images:
+        answer_image(estimator, image, case.roll)
+
+
+@pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
+def test_least_squares_errors_agree_with_its_covariance(case, shape):
+    errors = []
+    for number in (3, 4, 5, 7, 21):
+        estimator = estimator_of("least_squares", shape, number, case.changes)
+        errors += squared_errors(estimator, case, shape, number)
+    # Of the 36 frames a few may be refused as of no fit, but not many.
+    assert len(errors) >= 30
+    assert chi2.ppf(1e-6, 5 * len(errors)) * case.slack < sum(errors)
+    assert sum(errors) < chi2.isf(1e-6, 5 * len(errors))
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+@pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
+def test_table_errors_stay_within_twice_the_covariance(method, case, shape):
+    errors = []
+    for number in (3, 4, 5, 7, 21):
+        estimator = estimator_of(method, shape, number, case.changes)
+        errors += squared_errors(estimator, case, shape, number)
+    assert np.mean(errors) < 4 * 5
+
+
+# --- Light that is not there ---------------------------------------------------------------------
+
+
+@each_method
+@each_array
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_no_light_is_refused_as_such(method, shape, number, zero):
+    image = np.full((number, number), zero)
+    assert answer_image(estimator_of(method, shape, number), image) == "no light"
+
+
+@each_method
+@each_array
+@pytest.mark.parametrize("reading", [1.0, 40.0, FULL])
+def test_light_on_one_detector_only_has_a_defined_answer(method, shape, number, reading):
+    estimator = estimator_of(method, shape, number)
+    middle, last = number // 2, number - 1
+    for row, column in {(0, 0), (0, last), (last, middle), (middle, middle)}:
+        image = np.zeros((number, number))
+        image[row, column] = reading
+        answer_image(estimator, image)
+
+
+@each_method
+@each_array
+@pytest.mark.parametrize("range_m", [0.0, 0.3, 0.4, 0.72, 1.02, 30.0, 1e4, 1e150])
+def test_a_range_far_from_the_table_has_a_defined_answer(method, shape, number, range_m):
+    estimator = estimator_of(method, shape, number)
+    model = ForwardModel(estimator.table.scene)
+    image = model.expose([-range_m, 0.0, 0.0, 0.0, 0.0], np.random.default_rng(5))
+    found = answer_image(estimator, image)
+    if image.max() == 0:
+        assert found == "no light"
+
+
+@each_method
+@each_array
+def test_water_that_swallows_all_light_has_a_defined_answer(method, shape, number):
+    changes = (("effects.attenuation.k_per_m", 10.0), ("table.x_m", (-5.0, -3.9, 5)))
+    estimator = estimator_of(method, shape, number, changes)
+    model = ForwardModel(estimator.table.scene)
+    rng = np.random.default_rng(6)
+    assert model.light([-80.0, 0, 0, 0, 0]).max() == 0.0
+    assert answer_image(estimator, np.zeros((number, number))) == "no light"
+    for x in (-80.0, -5.0, -4.4, -4.0, -3.5):
+        answer_image(estimator, model.expose([x, 0.02, 0.0, 0.01, -0.02], rng))
+
+
+# --- Numbers that are no readings ----------------------------------------------------------------
+
+
+@each_method
+@each_array
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_input_that_is_not_finite_is_refused_by_name(method, shape, number, bad):
+    estimator = estimator_of(method, shape, number)
+    parameters = estimator.table.parameters[0].copy()
+    image = np.full((number, number), 5.0)
+    image[0, -1] = bad
+    if method == "least_squares":
+        assert answer(estimator, parameters, image) == "no image"
+        assert answer(estimator, parameters, None) == "no image"
+        assert answer(estimator, parameters, image[:-1]) == "no image"
+    with pytest.raises(ValueError, match="not finite"):
+        signature(estimator.table.scene, image)
+    for i in range(5):
+        broken = parameters.copy()
+        broken[i] = bad
+        assert answer(estimator, broken, np.ones((number, number))) == "not five finite numbers"
+
+
+@each_method
+@each_array
+@pytest.mark.parametrize("scale", [1e-320, 1e-300, 1e-150, 1e-9, 1e9, 1e150, 1e300])
+def test_an_image_of_any_scale_has_a_defined_answer(method, shape, number, scale):
+    estimator = estimator_of(method, shape, number)
+    image = np.random.default_rng(7).uniform(1, 2, (number, number))
+    with np.errstate(under="ignore"):
+        scaled = image * scale
+    image[0, 0] = scaled[0, 0]
+    for image in (scaled, image):
+        found = answer_image(estimator, image)
+        if method != "least_squares" and image.max() >= 1e9:
+            assert found in ("no match", "not five finite numbers")
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+@each_array
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_plain_signatures_match_at_any_scale_of_the_table(method, shape, number, scale):
+    """Without the constant the angle knows no scale."""
+    table = table_of(shape, number, (("signature.lift", 0.0),))
+    with np.errstate(under="ignore"):
+        parameters = table.parameters * scale
+    scaled = Estimator(SignatureTable(table.scene, table.poses, parameters), method)
+    vectors = lifted(table.parameters, table.scene.signature, number)
+    for row in (0, 700, len(vectors) - 1):
+        found = answer(scaled, table.parameters[row])
+        assert found.angle_rad < 1e-14
+        if method == "sam":
+            match = (table.poses == found.pose).all(axis=1).argmax()
+            assert spectral_angle(vectors[match], vectors[row]) < 1e-14
+
+
+# --- Ties and close signatures -------------------------------------------------------------------
+
+
+@each_method
+@each_array
+def test_of_duplicate_rows_the_first_answers_and_the_tie_is_shown(method, shape, number):
+    table = table_of(shape, number)
+    row = 1234
+    poses = np.concatenate([table.poses, table.poses[row : row + 1] + 0.125])
+    parameters = np.concatenate([table.parameters, table.parameters[row : row + 1]])
+    estimator = Estimator(SignatureTable(table.scene, poses, parameters), method)
+    image = ForwardModel(table.scene).expected(table.poses[row])
+    found = answer(estimator, parameters[row], image)
+    assert found.angle_rad == found.runner_up_angle_rad == 0.0
+    if method == "sam":
+        same = np.flatnonzero((parameters == parameters[row]).all(axis=1))
+        np.testing.assert_array_equal(found.pose, poses[same[0]])
+        np.testing.assert_array_equal(found.runner_up_pose, poses[same[1]])
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+@each_array
+def test_poses_that_look_exactly_alike_are_all_in_the_covariance(method, shape, number):
+    """A table of one signature says nothing of the pose, however many rows there are."""
+    table = table_of(shape, number)
+    same = np.broadcast_to(table.parameters[0], table.parameters.shape)
+    found = answer(Estimator(SignatureTable(table.scene, table.poses, same), method), same[0])
+    spread = table.poses.std(axis=0)
+    assert (np.sqrt(found.covariance.diagonal()) > 0.8 * spread).all()
+
+
+@each_method
+@each_array
+def test_a_table_of_two_equal_rows_has_a_whole_answer(method, shape, number):
+    table = table_of(shape, number)
+    rows = [200, 200]
+    twice = SignatureTable(table.scene, table.poses[rows], table.parameters[rows])
+    image = ForwardModel(table.scene).expected(table.poses[200])
+    assert whole(answer(Estimator(twice, method), table.parameters[200], image))
+
+
+@each_array
+@pytest.mark.parametrize("angle", [1e-9, 1e-12])
+def test_signatures_a_billionth_of_a_radian_apart_are_told_apart(shape, number, angle):
+    table = table_of(shape, number)
+    vector = lifted(table.parameters[321], table.scene.signature, number)
+    # A step across the vector, so that its length is the angle.
+    across = np.zeros(6)
+    across[1], across[5] = vector[5], -vector[1]
+    across *= np.linalg.norm(vector) / np.linalg.norm(across)
+    rows = np.stack([vector + step * angle * across for step in (-2, -1, 0, 1, 2)])
+    index = SpectralIndex(rows)
+    for i, row in enumerate(rows):
+        angles, found = index.nearest(row, 2)
+        assert found[0] == i
+        assert angles[0] < angle * 1e-3
+        assert angles[1] == pytest.approx(angle, rel=1e-3)
+
+
+@each_method
+@each_array
+def test_a_float32_table_answers_in_float64(method, shape, number):
+    table = table_of(shape, number)
+    single = SignatureTable(
+        table.scene, table.poses.astype(np.float32), table.parameters.astype(np.float32)
+    )
+    row = 777
+    image = ForwardModel(table.scene).expected(table.poses[row])
+    found = answer(Estimator(single, method), table.parameters[row], image)
+    assert found.pose.dtype == found.covariance.dtype == np.float64
+    assert found.angle_rad < 1e-6
+    if method == "least_squares":
+        double = answer(Estimator(table, method), table.parameters[row], image)
+        off = found.pose - double.pose
+        assert off @ np.linalg.solve(double.covariance, off) < 1e-2
+
+
+@each_method
+@each_array
+def test_readings_of_whole_numbers_and_of_floats_give_one_answer(method, shape, number):
+    estimator = estimator_of(method, shape, number)
+    image = ForwardModel(estimator.table.scene).expose(
+        estimator.table.poses[999], np.random.default_rng(8)
+    )
+    as_float, as_int = (
+        answer_image(estimator, image.astype(dtype)) for dtype in (np.float64, np.int64)
+    )
+    if whole(as_float):
+        np.testing.assert_array_equal(as_float.pose, as_int.pose)
+        np.testing.assert_array_equal(as_float.covariance, as_int.covariance)
+    else:
+        assert as_float == as_int

@@ -97,11 +97,15 @@ def dead(model, rng, count):
 
 def stuck(model, rng, count):
     images = exposed(model, rng, count)
-    return np.where(rng.random(images.shape) < 0.1, rng.choice([-0.0, 1, FULL], (count, 1, 1)), images)
+    return np.where(
+        rng.random(images.shape) < 0.1, rng.choice([-0.0, 1, FULL], (count, 1, 1)), images
+    )
 
 
 def swapped(model, rng, count):
-    return rng.permuted(exposed(model, rng, count).reshape(count, -1), axis=1).reshape(-1, SIDE, SIDE)
+    return rng.permuted(exposed(model, rng, count).reshape(count, -1), axis=1).reshape(
+        -1, SIDE, SIDE
+    )
 
 
 def turned_over(model, rng, count):

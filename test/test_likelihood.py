@@ -31,7 +31,9 @@ def one(reading, light, variance=1.0, slope=0.0, limits=ADC):
 
 def told_by(light, variance=1.0, slope=0.0, limits=ADC):
     """Return the information of one detector."""
-    found = information(*(np.array([each], dtype=float) for each in (light, variance, slope)), limits)
+    found = information(
+        *(np.array([each], dtype=float) for each in (light, variance, slope)), limits
+    )
     return float(found[0])
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import wrightomega
 
 from uuv_optical_array.light import lamp_in_body, pitched
 from uuv_optical_array.pose import Array, rotation_matrix
@@ -142,12 +143,8 @@ class Chart:
         return scale * off_axis**2, 2 * scale * ratio
 
     def _range(self, target: Array) -> Array:
-        """Solve ``ln r + K r / 2 = target`` by Newton's method in ln r, from below the root."""
+        """Solve ``ln r + K r / 2 = target``: with w = K r / 2, ln w + w is known."""
         if self.k_per_m == 0:
             return np.exp(target)
         half_k = self.k_per_m / 2
-        log_range = target - np.log1p(half_k * np.exp(np.minimum(target, 300.0)))
-        for _ in range(3):
-            water = half_k * np.exp(log_range)
-            log_range = log_range - (log_range + water - target) / (1 + water)
-        return np.exp(log_range)
+        return np.asarray(wrightomega(target + np.log(half_k)) / half_k)

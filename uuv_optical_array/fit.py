@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.chart import Chart
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.likelihood import Limits, log_likelihood
+from uuv_optical_array.likelihood import log_likelihood
 from uuv_optical_array.pose import Array
 
 MAX_STEP = 0.3  # in every coordinate of the chart: farther, the linear model is no guide
@@ -88,10 +88,6 @@ class ImageFit:
         self._precision = np.concatenate([1 / chart_variance, 1 / nuisance_std**2])
         self._prior_information = np.diag(self._precision)
         self._reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
-        self.limits = Limits(
-            0.0 if "adc" in effects else -np.inf,
-            model.scene.full_scale_counts if {"adc", "saturation"} & effects.keys() else np.inf,
-        )
 
     def _chart_by_pose(self, pose: Array, step: float = 1e-5) -> Array:
         """Differentiate the chart by the pose at one place, by central differences."""
@@ -109,7 +105,9 @@ class ImageFit:
         lamp, axis, by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
         light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
-        value, score, curvature = log_likelihood(readings, light, variance, slope, self.limits)
+        value, score, curvature = log_likelihood(
+            readings, light, variance, slope, self.model.limits
+        )
         jacobian = by_lamp[..., :6] @ by_chart
         if self.names:
             jacobian = np.concatenate([jacobian, by_lamp[..., 6:]], axis=-1)
@@ -183,7 +181,7 @@ class ImageFit:
         """
         light = self.model.light(fit.pose, roll, self._offsets(fit.coordinates)).ravel()
         variance, _ = self.model.variance(light)
-        expected = np.clip(light, self.limits.low, self.limits.high)
+        expected = np.clip(light, self.model.limits.low, self.model.limits.high)
         return float(np.mean((readings - expected) ** 2 / variance))
 
     def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array]:
@@ -209,6 +207,6 @@ class ImageFit:
         light = self.model.light_by_lamp(lamp, axis, self._offsets(coordinates))
         light = light.reshape(len(poses), -1)
         variance, slope = self.model.variance(light)
-        value, _, _ = log_likelihood(readings, light, variance, slope, self.limits)
+        value, _, _ = log_likelihood(readings, light, variance, slope, self.model.limits)
         off = coordinates - self._mean
         return poses, 0.5 * (off * off) @ self._precision - value

@@ -16,6 +16,7 @@ from uuv_optical_array.light import (
     lamp_in_body,
     trace,
 )
+from uuv_optical_array.likelihood import Limits
 from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene
 
@@ -51,11 +52,18 @@ class ForwardModel:
         self.array = build_array(scene.array)
         self.plan = effects.plan(scene.effects, self.array)
         self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
+        converted = "adc" in scene.effects
+        clipped = converted or "saturation" in scene.effects
+        self.limits = Limits(
+            0.0 if converted else -np.inf, scene.full_scale_counts if clipped else np.inf
+        )
         # Rounding is uniform within a count.
-        self.rounding_variance = 1 / 12 if self.plan.digital else 0.0
+        self.rounding_variance = 1 / 12 if converted else 0.0
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
-        unit_reading = float(self.light(aligned).max())
+        lit = self.light(aligned)
+        self.power = 0.0
+        unit_reading = float((lit - self.light(aligned)).max())
         if unit_reading < 1e-200:
             raise ValueError(
                 f"scene {scene.name}: lamp.reference_range_m: {scene.lamp.reference_range_m:g} m "

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.likelihood import Limits, information
+from uuv_optical_array.likelihood import information
 from uuv_optical_array.pose import Array
-from uuv_optical_array.scene import Scene
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.
 ROUNDING = 1e-13
@@ -55,14 +54,6 @@ class Bound:
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
 
-def reading_limits(scene: Scene) -> Limits:
-    """Return which readings of a scene only bound the light, as the fit has it."""
-    clipped = not {"adc", "saturation"}.isdisjoint(scene.effects)
-    return Limits(
-        0.0 if "adc" in scene.effects else -np.inf, scene.full_scale_counts if clipped else np.inf
-    )
-
-
 def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
     """Fisher information of one image about the pose.
 
@@ -99,7 +90,7 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     light, jacobian = model.linearised(poses, roll, offsets)
     # What is too small for a float64 tells nothing.
     with np.errstate(under="ignore"):
-        weights = information(light, *model.variance(light), reading_limits(model.scene))
+        weights = information(light, *model.variance(light), model.limits)
         joint = np.swapaxes(jacobian, -1, -2) * weights[..., None, :] @ jacobian
         of_pose, cross, of_nuisances = joint[..., :5, :5], joint[..., :5, 5:], joint[..., 5:, 5:]
         if not stds:

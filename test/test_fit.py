@@ -1,0 +1,269 @@
+"""The fit against SciPy's optimisers, on the same problem written a second time."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares, minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, norm
+
+from uuv_optical_array.estimate import Estimator
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.fit import ImageFit, Prior
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.table import build_table
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+MIDDLE = np.array([-6.0, 0, 0, 0, 0])
+WIDE = np.full(5, 1e4)
+STDS = {"lamp.power": 0.1, "attenuation.k_per_m": 0.01, "ambient.level_counts": 3.0}
+ROLL = np.radians(20)
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident, so that nothing escapes unseen."""
+    with np.errstate(all="raise"):
+        yield
+
+
+def scene(counts=900.0, ambient=None, prior=None, number=5):
+    values = load_scene("reference").settings()
+    values["lamp"]["reference_counts"] = counts
+    values["array"]["detectors_per_side"] = number
+    if ambient is not None:
+        values["effects"]["ambient"] = {"level_counts": ambient}
+    values["prior"] = prior or {}
+    return scene_from_settings(values, "fit")
+
+
+def light_of(scene, pose, roll=0.0, power=0.0, k=0.0, ambient=0.0):
+    """The forward model written a second time; the last three are offsets of the scene's."""
+    settings = scene.array
+    across = np.linspace(0.2, -0.2, settings.detectors_per_side)
+    z, y = np.meshgrid(across, across, indexing="ij")
+    normals = np.stack([np.sqrt(0.32**2 - y**2 - z**2), y, z], axis=-1) / 0.32
+    bodies = 0.32 * normals + [0.4, 0, 0]
+    k = k + scene.effects["attenuation"]["k_per_m"]
+    sigma = np.radians(scene.lamp.beam_sigma_deg)
+    level = scene.effects.get("ambient", {"level_counts": 0.0})["level_counts"] + ambient
+
+    def seen(position, turn, k):
+        places = turn.apply(bodies.reshape(-1, 3)) + position
+        looks = turn.apply(normals.reshape(-1, 3))
+        ranges = np.linalg.norm(places, axis=1)
+        off_axis = np.arctan2(np.linalg.norm(places[:, 1:], axis=1), -places[:, 0])
+        lambert = np.maximum(-(looks * places).sum(axis=1) / ranges, 0)
+        return np.exp(-(off_axis**2) / (2 * sigma**2) - k * ranges) / ranges**2 * lambert
+
+    aligned = seen([-4.0, 0, 0], Rotation.identity(), scene.effects["attenuation"]["k_per_m"])
+    strength = (scene.lamp.reference_counts - (level - ambient)) / aligned.max()
+    turn = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    return strength * np.exp(power) * seen(pose[:3], turn, k) + level
+
+
+def cost_of(scene, readings, pose, roll=0.0, nuisances=(), stds=()):
+    """Negative log-posterior under a flat prior of the pose: noise of one count and rounding."""
+    offsets = dict(zip(("power", "k", "ambient"), nuisances, strict=False))
+    light, std = light_of(scene, pose, roll, **offsets), np.sqrt(1 + 1 / 12)
+    logs = np.where(
+        readings >= 1023,
+        norm.logsf(1022.5, light, std),
+        np.where(
+            readings <= 0,
+            norm.logcdf(0.5, light, std),
+            -0.5 * (readings - light) ** 2 / std**2,
+        ),
+    )
+    squares = sum((value / each) ** 2 for value, each in zip(nuisances, stds, strict=True))
+    return 0.5 * squares - logs.sum()
+
+
+def drawn(scene, count, seed, roll=0.0):
+    """Draw poses of at least 20 counts, and expose them."""
+    rng = np.random.default_rng(seed)
+    model = ForwardModel(scene)
+    half = np.array([2, 0.6, 0.6, *np.radians([20, 20])])
+    poses = rng.uniform(MIDDLE - half, MIDDLE + half, (4 * count, 5))
+    poses = poses[model.light(poses, roll).max(axis=(1, 2)) > 20][:count]
+    return poses, model.expose(poses, rng, roll).reshape(count, -1)
+
+
+def fit_of(scene, stds=None):
+    return ImageFit(ForwardModel(scene), Prior(MIDDLE, WIDE, stds or {}))
+
+
+def own_minimum(scene, readings, start, roll, stds):
+    """Minimise the second writing with SciPy, in units in which the pose is of order one."""
+    units = np.array([0.1, 0.1, 0.1, 0.03, 0.03, *stds])
+
+    def cost(scaled):
+        values = scaled * units
+        return cost_of(scene, readings, values[:5], roll, values[5:], stds)
+
+    with np.errstate(under="ignore"):
+        start = np.concatenate([start, np.zeros(len(stds))]) / units
+        found = minimize(cost, start, method="BFGS", options={"gtol": 1e-6})
+        polished = minimize(
+            cost, found.x, method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}
+        )
+    return polished.x * units, polished.fun
+
+
+@pytest.mark.parametrize("counts", [900.0, 3000.0], ids=["in range", "saturated"])
+@pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])
+@pytest.mark.parametrize("stds", [{}, STDS], ids=["known scene", "nuisances"])
+def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, stds):
+    sea = scene(counts, 5.0 if stds else None)
+    fit = fit_of(sea, stds)
+    for pose, readings in zip(*drawn(sea, 3, 11, roll), strict=True):
+        best = fit.refine(readings, pose[None], roll)[0]
+        with np.errstate(under="ignore"):
+            ours = cost_of(sea, readings, best.pose, roll, best.coordinates[5:], stds.values())
+            whole, cost = own_minimum(sea, readings, best.pose, roll, tuple(stds.values()))
+        # A cost of 1e-3 above the minimum is a twentieth of a standard deviation.
+        assert -1e-6 <= ours - cost < 2e-3
+        off = fit.chart.from_pose(whole[:5], roll) - best.coordinates[:5]
+        off = np.concatenate([off, whole[5:] - best.coordinates[5:]])
+        assert off @ best.information @ off < 0.02
+        truth = np.concatenate([fit.chart.from_pose(pose, roll), np.zeros(len(stds))])
+        with np.errstate(under="ignore"):
+            theirs = cost_of(sea, readings, pose, roll, np.zeros(len(stds)), stds.values())
+        _, [at_truth] = fit.cost(readings, truth[None], roll)
+        assert at_truth - best.cost == pytest.approx(theirs - ours, abs=2e-3)
+
+
+def test_the_information_is_that_of_scipys_least_squares():
+    sea = scene()
+    fit, std = fit_of(sea), np.sqrt(1 + 1 / 12)
+    for pose, readings in zip(*drawn(sea, 5, 12), strict=True):
+        if not ((readings > 0) & (readings < 1023)).all():
+            continue
+        best = fit.refine(readings, pose[None])[0]
+        own = least_squares(
+            lambda at, readings=readings: (light_of(sea, at) - readings) / std,
+            best.pose,
+            x_scale=[0.1, 0.1, 0.1, 0.03, 0.03],
+            xtol=1e-12,
+        )
+        steps = 1e-6 * np.eye(5)
+        by_pose = [fit.chart.from_pose(own.x + step, 0.0) for step in steps]
+        by_pose = (np.array(by_pose) - fit.chart.from_pose(own.x, 0.0)).T / 1e-6
+        ours = by_pose.T @ best.information @ by_pose
+        scale = 1 / np.sqrt(ours.diagonal())
+        np.testing.assert_allclose(
+            ours * np.outer(scale, scale),
+            own.jac.T @ own.jac * np.outer(scale, scale),
+            atol=0.02,
+        )
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    values = scene().settings()
+    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
+    return Estimator(build_table(scene_from_settings(values, "seven")), "least_squares")
+
+
+def same_minimum(fits):
+    best = fits[0]
+    return [
+        (fit.coordinates - best.coordinates)
+        @ best.information
+        @ (fit.coordinates - best.coordinates)
+        < 0.1
+        for fit in fits
+    ]
+
+
+def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
+    sea = estimator.table.scene
+    _, frames = drawn(sea, 100, 13)
+    alone = Estimator(estimator.table, "sam", max_angle_rad=np.pi)
+    fit, agreed = fit_of(sea), []
+    for readings in frames:
+        image = readings.reshape(5, 5)
+        answer = alone.estimate(key_parameters(image, sea.full_scale_counts, sea.signature.peak))
+        fits = fit.refine(readings, np.array([answer.pose, answer.runner_up_pose]))
+        agreed += same_minimum(fits) if len(fits) == 2 else [False, False]
+    assert np.mean(agreed) > 0.97
+
+
+@pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])
+def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll):
+    sea = scene()
+    fit, rng = fit_of(sea), np.random.default_rng(14)
+    reach = np.array([1, 0.3, 0.3, *np.radians([15, 15])])
+    arrived = []
+    for pose, readings in zip(*drawn(sea, 60, 15, roll), strict=True):
+        [best] = fit.refine(readings, pose[None], roll)
+        starts = pose + reach * rng.choice([-1, 1], (4, 5))
+        fits = fit.refine(readings, starts, roll)
+        off = np.array([fit.coordinates - best.coordinates for fit in fits])
+        arrived += list(((off @ best.information) * off).sum(axis=1) < 0.1)
+    assert len(arrived) == 4 * 60
+    assert np.mean(arrived) > 0.95
+
+
+@pytest.mark.parametrize("name", STDS)
+def test_an_offset_of_the_scene_is_found_and_its_error_is_as_said(name):
+    """Offsets drawn from the prior; the errors of pose and offset agree with the information."""
+    sea = scene(ambient=5.0)
+    stds = {name: STDS[name]}
+    fit, model, rng = fit_of(sea, stds), ForwardModel(sea), np.random.default_rng(16)
+    poses, _ = drawn(sea, 60, 17)
+    squares, found, given = [], [], []
+    for pose in poses:
+        offset = rng.normal(0, STDS[name])
+        light = model.light(pose, 0.0, {name: np.array(offset)}).ravel()
+        readings = np.clip(np.rint(light + rng.standard_normal(light.shape)), 0, 1023)
+        best = fit.refine(readings, pose[None])[0]
+        off = best.coordinates - [*fit.chart.from_pose(pose, 0.0), offset]
+        squares.append(off @ best.information @ off)
+        found.append(best.coordinates[5])
+        given.append(offset)
+        # What is known can only become better known.
+        assert np.linalg.inv(best.information)[5, 5] <= STDS[name] ** 2 * (1 + 1e-9)
+    assert chi2.ppf(1e-4, 6 * 60) < np.sum(squares) < chi2.isf(1e-4, 6 * 60)
+    if name != "attenuation.k_per_m":
+        assert np.corrcoef(found, given)[0, 1] > 0.3
+
+
+@pytest.mark.parametrize("name", STDS)
+def test_an_offset_under_a_narrow_prior_stays(name):
+    sea = scene(ambient=5.0)
+    narrow = STDS[name] * 1e-4
+    free, bound = fit_of(sea), fit_of(sea, {name: narrow})
+    for pose, readings in zip(*drawn(sea, 5, 18), strict=True):
+        [known], [held] = free.refine(readings, pose[None]), bound.refine(readings, pose[None])
+        assert abs(held.coordinates[5]) < 3 * narrow
+        off = held.coordinates[:5] - known.coordinates
+        assert off @ known.information @ off < 1e-2
+
+
+def test_the_prior_of_the_pose_holds_what_no_light_says():
+    """In the dark all readings are zero, and the best pose is one that is dark enough."""
+    sea = scene()
+    half = 5 * np.array([2, 0.6, 0.6, *np.radians([20, 20])])
+    fit = ImageFit(ForwardModel(sea), Prior(MIDDLE, half, {}))
+    fits = fit.refine(np.zeros(25), MIDDLE + np.array([[0, 0.1, 0, 0.1, 0], [1, 0, 0.1, 0, 0.1]]))
+    assert fits
+    for each in fits:
+        assert light_of(sea, each.pose).max() < 5
+        np.linalg.cholesky(each.information)
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [np.zeros(25), np.full(25, 1023.0), np.r_[np.zeros(12), np.full(13, 1023.0)], np.eye(5) * 1023],
+    ids=["dark", "full", "half", "diagonal"],
+)
+def test_any_readings_leave_fits_in_the_order_of_their_cost(readings):
+    fit = ImageFit(ForwardModel(scene()), Prior(MIDDLE, np.array([10, 3, 3, 2, 2.0]), {}))
+    starts = MIDDLE + np.random.default_rng(19).normal(0, 0.3, (4, 5))
+    fits = fit.refine(np.ravel(readings), starts)
+    costs = [each.cost for each in fits]
+    assert costs == sorted(costs)
+    assert np.isfinite([each.pose for each in fits]).all()
+    assert np.isfinite(costs).all()

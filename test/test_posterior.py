@@ -1,0 +1,159 @@
+"""The published moments against long Markov chains, and against ten thousand errors."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimate import Estimator, NoPose
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.likelihood import log_likelihood
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.table import build_table, grid_axes
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+WALKERS, STEPS = 400, 1500
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic():
+    """Raise on every floating-point accident, so that nothing escapes unseen."""
+    with np.errstate(all="raise"):
+        yield
+
+
+def chains(log_density, starts, steps, seed):
+    """Sample by affine-invariant stretch moves (J. Goodman and J. Weare, 2010)."""
+    rng = np.random.default_rng(seed)
+    walkers, density = starts.copy(), log_density(starts)
+    count, size = walkers.shape
+    kept = []
+    for step in range(steps):
+        for half in (np.arange(count // 2), np.arange(count // 2, count)):
+            others = walkers[np.setdiff1d(np.arange(count), half)]
+            stretch = (rng.random(len(half)) + 1) ** 2 / 2  # g(z) ~ z^-1/2 on [1/2, 2]
+            partner = others[rng.integers(len(others), size=len(half))]
+            trial = partner + stretch[:, None] * (walkers[half] - partner)
+            new = log_density(trial)
+            gain = (size - 1) * np.log(stretch) + new - density[half]
+            accepted = np.log(rng.random(len(half))) < gain
+            walkers[half[accepted]] = trial[accepted]
+            density[half[accepted]] = new[accepted]
+        if step >= steps // 3 and step % 5 == 0:
+            kept.append(walkers.copy())
+    return np.concatenate(kept)
+
+
+def scene(changes=(), effects=(), array=()):
+    values = load_scene("reference").settings()
+    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
+    values["table"].update(changes)
+    values["effects"].update(effects)
+    values["array"].update(array)
+    return scene_from_settings(values, "posterior")
+
+
+def chain_moments(estimator, readings, roll):
+    """Mean and covariance of the pose, flat in the chart, by brute force."""
+    fit, table = estimator._fit, estimator.table
+    model = ForwardModel(table.scene)
+    best = fit.refine(readings, table.poses[estimator_rows(estimator, readings)], roll)[0]
+    factor = np.linalg.cholesky(np.linalg.inv(best.information))
+    start = best.coordinates + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
+
+    def log_density(coordinates):
+        poses = fit.chart.to_pose(coordinates, roll)[0]
+        light = model.light(poses, roll).reshape(len(poses), -1)
+        variance, slope = model.variance(light)
+        return log_likelihood(readings, light, variance, slope, fit.limits)[0]
+
+    with np.errstate(under="ignore"):
+        samples = chains(log_density, start, STEPS, 2)
+        poses = fit.chart.to_pose(samples, roll)[0]
+    return poses.mean(axis=0), np.cov(poses.T)
+
+
+def estimator_rows(estimator, readings):
+    parameters = signature(estimator.table.scene, readings.reshape(5, 5))
+    return estimator._index.nearest(estimator._vectors(parameters), 4)[1]
+
+
+def signature(scene, images):
+    return key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+
+
+WIDER = {"yaw_deg": [-60.0, 60.0, 9]}
+FRAMES = {
+    "clean": ([-5.0, 0.1, -0.2, 0.05, -0.1], {}, 0.0),
+    "far and dim": ([-7.5, 0.5, -0.5, 0.2, -0.1], {}, 0.0),
+    "rolled": ([-5.5, -0.3, 0.2, 0.1, 0.2], {}, 0.35),
+    # Detectors of the port edge stand within a few degrees of the sight line.
+    "near grazing": ([-4.5, 0.1, 0.1, 0.05, -0.91], WIDER, 0.0),
+}
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_mean_and_covariance_are_those_of_long_chains(frame):
+    pose, changes, roll = FRAMES[frame]
+    estimator = Estimator(build_table(scene(changes)), "least_squares")
+    model = ForwardModel(estimator.table.scene)
+    image = model.expose(pose, np.random.default_rng(20), roll)
+    answer = estimator.estimate(signature(estimator.table.scene, image), image, roll)
+    mean, covariance = chain_moments(estimator, image.ravel(), roll)
+    std = np.sqrt(covariance.diagonal())
+    assert (np.abs(answer.pose - mean) < 0.07 * std).all()
+    np.testing.assert_allclose(np.sqrt(answer.covariance.diagonal()), std, rtol=0.1)
+    np.testing.assert_allclose(
+        answer.covariance / np.outer(std, std), covariance / np.outer(std, std), atol=0.2
+    )
+
+
+def test_the_frame_near_grazing_is_one():
+    pose, changes, _ = FRAMES["near grazing"]
+    light = ForwardModel(scene(changes)).light(pose)
+    assert (light == 0).any()
+    assert ((light > 0) & (light < 0.05 * light.max())).any()
+    assert light.max() > 100
+
+
+def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
+    """A beam so wide that it has no shape says nothing of where the array floats in it."""
+    values = scene().settings()
+    values["lamp"]["beam_sigma_deg"] = 90.0
+    sea = scene_from_settings(values, "flood light")
+    estimator = Estimator(build_table(sea), "least_squares")
+    pose = np.array([-6.0, 0.1, 0.1, 0.05, 0.05])
+    image = ForwardModel(sea).expose(pose, np.random.default_rng(21))
+    answer = estimator.estimate(signature(sea, image), image)
+    assert {"y", "z"} <= set(answer.unobservable)
+    assert np.sqrt(answer.covariance[1, 1]) > 1.0
+    assert "x" not in answer.unobservable
+
+
+def normalised_errors(estimator, count, seed):
+    """Squared errors of frames of at least 20 counts; 4 to 8 m, 0.9 m and 20 deg."""
+    sea, rng = estimator.table.scene, np.random.default_rng(seed)
+    model = ForwardModel(sea)
+    high = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
+    poses = rng.uniform([-8.0, *-high[1:]], high, (2 * count, 5))
+    poses = poses[model.light(poses).max(axis=(1, 2)) > 20][:count]
+    images = model.expose(poses, rng)
+    errors = []
+    for pose, image, parameters in zip(poses, images, signature(sea, images), strict=True):
+        try:
+            answer = estimator.estimate(parameters, image)
+        except NoPose:
+            continue
+        error = answer.pose - pose
+        errors.append(error @ np.linalg.solve(answer.covariance, error))
+    return np.array(errors)
+
+
+def test_ten_thousand_errors_are_as_large_as_their_covariances_say():
+    sea = load_scene("reference")
+    assert len(grid_axes(sea.table)[0]) == 13
+    errors = normalised_errors(Estimator(build_table(sea), "least_squares"), 10_000, 2016)
+    print(f"mean NEES {errors.mean():.3f} of {len(errors)} frames, largest {errors.max():.1f}")
+    assert len(errors) > 9_950
+    # 95 % of the mean of 10,000 chi-squares of five degrees of freedom.
+    assert abs(errors.mean() - 5) < 1.96 * np.sqrt(10 / len(errors))

@@ -58,7 +58,7 @@ def light_of(scene, pose, roll=0.0, power=0.0, k=0.0, ambient=0.0):
         return np.exp(-(off_axis**2) / (2 * sigma**2) - k * ranges) / ranges**2 * lambert
 
     aligned = seen([-4.0, 0, 0], Rotation.identity(), scene.effects["attenuation"]["k_per_m"])
-    strength = (scene.lamp.reference_counts - (level - ambient)) / aligned.max()
+    strength = scene.lamp.reference_counts / aligned.max()
     turn = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
     return strength * np.exp(power) * seen(pose[:3], turn, k) + level
 

@@ -140,8 +140,8 @@ def poses_of(estimator, images, parameters, rolls):
     for image, signature, roll in zip(images, parameters, rolls, strict=True):
         try:
             found.append(estimator.estimate(signature, image, roll))
-        except NoPose as reason:
-            assert ": " in str(reason)
+        except NoPose:
+            continue
     if found:
         assert np.isfinite([answer.pose for answer in found]).all()
         covariances = np.array([answer.covariance for answer in found])

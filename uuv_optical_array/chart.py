@@ -144,6 +144,8 @@ class Chart:
 
     def _range(self, target: Array) -> Array:
         """Solve ``ln r + K r / 2 = target``: with w = K r / 2, ln w + w is known."""
+        # From a millimetre to a hundred kilometres: a fit that strays farther finds no light.
+        target = np.clip(target, -7.0, 12.0)
         if self.k_per_m == 0:
             return np.exp(target)
         half_k = self.k_per_m / 2

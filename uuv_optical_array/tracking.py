@@ -179,11 +179,10 @@ class Tracker:
         newest = history[-1][1]
         common = math.sqrt(s.common_share) * newest.frame.root
         root = np.hstack([newest.root[:5], common])
-        covariance = root @ root.T
         return Track(
             newest.frame.stamp_ns,
             newest.mean[:5].copy(),
-            (covariance + covariance.T) / 2,
+            root @ root.T,
             newest.mean[5:].copy(),
             newest.frames,
             newest.distance,

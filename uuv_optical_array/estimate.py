@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.features import lifted
-from uuv_optical_array.fit import Fit, ImageFit, Prior
+from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.posterior import Posterior
@@ -26,8 +26,6 @@ METHODS: tuple[Method, ...] = get_args(Method)
 PRIOR_HALF_EXTENTS = 5.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
-# Fits farther apart than this, in standard deviations, ended in different minima.
-DISTINCT = 3.0
 
 
 class NoPose(Exception):

@@ -16,6 +16,8 @@ MAX_ITERATIONS = 40
 # Newton decrement from which the next step arrives: it is a tenth of a standard deviation, and
 # what it leaves is second order of that.
 ARRIVED = 5e-3
+# Fits closer together than this, in standard deviations, are in one minimum.
+DISTINCT = 3.0
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,11 @@ class ImageFit:
             coordinates[last] += step[last]
             cost[last] -= decrement[last]
             arrived |= last
+            if last.any():
+                # Whoever is near the best that arrived would only join it.
+                best = np.flatnonzero(arrived)[cost[arrived].argmin()]
+                apart = coordinates - coordinates[best]
+                arrived |= ((apart @ information[best]) * apart).sum(axis=1) < DISTINCT**2
             if arrived.all():
                 break
             excess = (np.abs(step) / self._reach).max(axis=1)

@@ -120,6 +120,7 @@ class ImageFit:
         information += self._prior_information
         return 0.5 * (off * pull).sum(axis=1) - value, gradient, information
 
+    @np.errstate(under="ignore")  # light too dim for a float64 is no light
     def refine(self, readings: Array, starts: Array, roll: float = 0.0) -> list[Fit]:
         """Refine poses until each is the most probable nearby.
 
@@ -154,11 +155,6 @@ class ImageFit:
             coordinates[last] += step[last]
             cost[last] -= decrement[last]
             arrived |= last
-            if last.any():
-                # Whoever is near the best that arrived would only join it.
-                best = np.flatnonzero(arrived)[cost[arrived].argmin()]
-                apart = coordinates - coordinates[best]
-                arrived |= ((apart @ information[best]) * apart).sum(axis=1) < DISTINCT**2
             if arrived.all():
                 break
             excess = (np.abs(step) / self._reach).max(axis=1)
@@ -181,6 +177,7 @@ class ImageFit:
         ]
         return sorted(fits, key=lambda fit: fit.cost)
 
+    @np.errstate(under="ignore")
     def misfit(self, readings: Array, fit: Fit, roll: float) -> float:
         """Return the mean squared residual of a fit, in standard deviations of a reading.
 
@@ -191,6 +188,7 @@ class ImageFit:
         expected = np.clip(light, self.model.limits.low, self.model.limits.high)
         return float(np.mean((readings - expected) ** 2 / variance))
 
+    @np.errstate(under="ignore")
     def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array]:
         """Return the poses and negative log-posteriors at coordinates, without derivatives.
 

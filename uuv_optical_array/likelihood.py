@@ -28,7 +28,8 @@ class Limits:
 
 def _hazard(u: Array) -> Array:
     """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
-    return np.exp(-0.5 * u * u - LOG_SQRT_2PI - log_ndtr(u))
+    with np.errstate(under="ignore"):
+        return np.exp(-0.5 * u * u - LOG_SQRT_2PI - log_ndtr(u))
 
 
 def log_likelihood(
@@ -109,7 +110,8 @@ def information(light: Array, variance: Array, slope: Array, limits: Limits) -> 
     low, high = np.clip(low, -40, 40), np.clip(high, -40, 40)
 
     def density(u: Array) -> Array:
-        return np.exp(-0.5 * u * u - LOG_SQRT_2PI)
+        with np.errstate(under="ignore"):
+            return np.exp(-0.5 * u * u - LOG_SQRT_2PI)
 
     inside = ndtr(high) - ndtr(low)
     share = inside - high * density(high) + low * density(low)

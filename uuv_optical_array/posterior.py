@@ -39,6 +39,7 @@ class Posterior:
         self._student = STRETCH * student
         self._log_density = -0.5 * (FREEDOM + size) * np.log1p((student**2).sum(axis=1) / FREEDOM)
 
+    @np.errstate(under="ignore")  # of points that weigh nothing
     def moments(self, readings: Array, fit: Fit, roll: float = 0.0) -> tuple[Array, Array]:
         """Mean and covariance of the pose.
 

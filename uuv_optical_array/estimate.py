@@ -181,6 +181,7 @@ class Estimator:
         covariance = spread.T @ spread / len(poses) + self._cell
         return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
 
+    @np.errstate(under="ignore")  # of probabilities
     def _least_squares(self, parameters: Array, image: ArrayLike | None, roll: float) -> Estimate:
         side = self.table.scene.array.detectors_per_side
         readings = np.asarray(image, dtype=float)

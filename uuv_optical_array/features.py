@@ -66,6 +66,7 @@ def _vertex(profile: Array, index: Array) -> Array:
     return np.clip(offset, -0.5, 0.5)
 
 
+@np.errstate(under="ignore")  # the least of readings lose digits, no more
 def key_parameters(
     images: ArrayLike, full_scale_counts: float, peak: Literal["detector", "subdetector"]
 ) -> Array:
@@ -143,6 +144,7 @@ def key_parameters(
     return parameters.reshape(*images.shape[:-2], 5)
 
 
+@np.errstate(under="ignore")
 def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Array:
     """Weigh the five parameters and append the constant: the vectors that are matched.
 

@@ -7,6 +7,7 @@ from scipy.special import log_ndtr, ndtr
 
 from uuv_optical_array.pose import Array
 
+FAR = -1000.0
 LOG_SQRT_2PI = 0.5 * np.log(2 * np.pi)
 
 
@@ -28,10 +29,13 @@ class Limits:
 
 def _hazard(u: Array) -> Array:
     """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
-    with np.errstate(under="ignore"):
-        return np.exp(-0.5 * u * u - LOG_SQRT_2PI - log_ndtr(u))
+    # Far out the two logarithms cancel; the asymptote is exact to 1e-9 there.
+    near = np.maximum(u, FAR)
+    hazard = np.exp(-0.5 * near * near - LOG_SQRT_2PI - log_ndtr(near))
+    return np.where(u < FAR, np.abs(u) + 1 / np.maximum(np.abs(u), 1.0), hazard)
 
 
+@np.errstate(under="ignore")
 def log_likelihood(
     readings: Array, light: Array, variance: Array, slope: Array, limits: Limits
 ) -> tuple[Array, Array, Array]:
@@ -76,7 +80,8 @@ def log_likelihood(
     ):
         if beyond.any():
             inverse_std = 1 / np.sqrt(variance[..., beyond])
-            u = sign * (light[..., beyond] - bound) * inverse_std
+            # Beyond this all is as improbable, and a square still has a number.
+            u = np.clip(sign * (light[..., beyond] - bound) * inverse_std, -1e100, 1e100)
             hazard = _hazard(u)
             terms[..., beyond] = log_ndtr(u)
             score[..., beyond] = sign * hazard * inverse_std
@@ -84,6 +89,7 @@ def log_likelihood(
     return terms.sum(axis=-1), score, curvature
 
 
+@np.errstate(under="ignore")
 def information(light: Array, variance: Array, slope: Array, limits: Limits) -> Array:
     """Fisher information of a reading about its expected light.
 
@@ -110,8 +116,7 @@ def information(light: Array, variance: Array, slope: Array, limits: Limits) -> 
     low, high = np.clip(low, -40, 40), np.clip(high, -40, 40)
 
     def density(u: Array) -> Array:
-        with np.errstate(under="ignore"):
-            return np.exp(-0.5 * u * u - LOG_SQRT_2PI)
+        return np.exp(-0.5 * u * u - LOG_SQRT_2PI)
 
     inside = ndtr(high) - ndtr(low)
     share = inside - high * density(high) + low * density(low)

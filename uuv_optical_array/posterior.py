@@ -12,6 +12,8 @@ TOLERANCE = 0.5
 POINTS = 128
 FREEDOM = 5.0  # of the Student distribution that is sampled: tails heavier than the posterior's
 STRETCH = 1.2
+# Effective sample size below which the sample missed the posterior, and the Gaussian stands.
+LEAST_SAMPLE = 12.0
 
 
 class Posterior:
@@ -64,20 +66,31 @@ class Posterior:
         numpy.linalg.LinAlgError
             Where the information is not positive definite.
         """
-        centre, covariance = fit.coordinates, np.linalg.inv(fit.information)
-        points = centre + self._cubature @ np.linalg.cholesky(covariance).T
-        poses, cost = self._fit.cost(readings, points, roll)
-        weights = np.full(len(points), 1 / len(points))
-        if np.abs(cost - fit.cost - 0.5 * len(centre)).max() > TOLERANCE:
-            for _ in range(2):  # the second time about the moments that the first one found
-                points = centre + self._student @ np.linalg.cholesky(covariance).T
-                poses, cost = self._fit.cost(readings, points, roll)
-                log_weights = -cost - self._log_density
-                weights = np.exp(log_weights - log_weights.max())
-                weights /= weights.sum()
-                centre = weights @ points
-                off = points - centre
-                covariance = (off.T * weights) @ off
-        mean = weights @ poses
-        off = poses - mean
-        return mean, (off.T * weights) @ off
+        centre = fit.coordinates
+        covariance: Array = np.asarray(np.linalg.inv(fit.information), dtype=np.float64)
+        poses, cost = self._at(self._cubature, readings, centre, covariance, roll)[1:]
+        gaussian = _moments(poses, np.full(len(poses), 1 / len(poses)))
+        if np.abs(cost - fit.cost - 0.5 * len(centre)).max() <= TOLERANCE:
+            return gaussian
+        for _ in range(2):  # the second time about the moments that the first one found
+            points, poses, cost = self._at(self._student, readings, centre, covariance, roll)
+            log_weights = -cost - self._log_density
+            weights = np.exp(log_weights - log_weights.max())
+            weights /= weights.sum()
+            if 1 / (weights @ weights) < LEAST_SAMPLE:
+                return gaussian
+            centre, covariance = _moments(points, weights)
+        return _moments(poses, weights)
+
+    def _at(
+        self, standard: Array, readings: Array, centre: Array, covariance: Array, roll: float
+    ) -> tuple[Array, Array, Array]:
+        """Return points about a centre, with their poses and negative log-posteriors."""
+        points = centre + standard @ np.linalg.cholesky(covariance).T
+        return points, *self._fit.cost(readings, points, roll)
+
+
+def _moments(values: Array, weights: Array) -> tuple[Array, Array]:
+    mean = weights @ values
+    off = values - mean
+    return mean, (off.T * weights) @ off

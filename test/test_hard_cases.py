@@ -26,23 +26,9 @@ REASONS = {"no light", "no match", "no fit", "no image", "not five finite number
 FULL = 1023.0
 
 
-# Frames on which an accident of the posterior escapes: its points run off to any range.
-ACCIDENTS = {
-    "test_every_hard_frame_has_a_whole_estimate_or_a_named_reason"
-    "[beam of 0.5 deg-planar-5-least_squares]",
-    "test_light_on_one_detector_only_has_a_defined_answer[40.0-planar-5-least_squares]",
-    *(
-        f"test_water_that_swallows_all_light_has_a_defined_answer[planar-{number}-least_squares]"
-        for number in (4, 5, 7, 21)
-    ),
-}
-
-
 @pytest.fixture(autouse=True)
-def strict_arithmetic(request):
+def strict_arithmetic():
     """Raise on every floating-point accident, so that nothing escapes unseen."""
-    if request.node.name in ACCIDENTS:
-        request.applymarker(pytest.mark.xfail(strict=True, reason="an accident escapes"))
     with np.errstate(all="raise"):
         yield
 
@@ -274,11 +260,11 @@ def by_shape(fails=()):
 # A planar array sees nearly the same in two attitudes and along a bent valley between them; the
 # other arrays lose their sight of the pose in dim, narrow or close light.
 OVERCONFIDENT = {
-    *("the whole table-planar", "peak on the border-planar", "one detector saturated-planar"),
+    *("the whole table-planar", "peak on the border-planar", "half saturated-curved"),
     *("half saturated-planar", "all saturated-curved", "all saturated-planar"),
     *("edge of the beam-curved", "edge of the beam-planar", "near grazing-planar"),
     *("0.3 m-curved", "0.3 m-planar", "30 m-planar", "beam of 0.5 deg-curved"),
-    *("beam of 0.5 deg-planar", "beam of 3 deg-curved", "beam of 3 deg-planar"),
+    *("beam of 0.5 deg-planar", "beam of 3 deg-curved"),
     *("beam of 20 deg-planar", "beam of 60 deg-planar", "ill-conditioned-planar"),
     *("roll of 20 deg-planar", "outside the table-planar"),
 }

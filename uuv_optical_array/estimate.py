@@ -168,7 +168,12 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         if self.method == "least_squares":
             return self._least_squares(parameters, image, roll)
-        angles, rows = self._index.nearest(self._vectors(parameters), self.neighbours)
+        vector, count = self._vectors(parameters), self.neighbours
+        angles, rows = self._index.nearest(vector, count)
+        # Rows that look exactly alike are all possible, however many there are.
+        while angles[-1] == angles[0] and count < len(self.table.poses):
+            count *= 4
+            angles, rows = self._index.nearest(vector, count)
         if angles[0] > self.max_angle_rad:
             raise NoPose(
                 f"no match: the nearest signature is {angles[0]:.3f} rad away, "

@@ -186,7 +186,7 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     """Return the rows of `compare` as a table."""
     line = "{:<25}{:<11}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
     heads = ("off", "nuisances", *DOF_NAMES, "NEES", "beyond", "no pose")
-    lines = [line.format(*heads), line.format("", "", *UNITS, "", "6 sigma", "")]
+    lines = [line.format(*heads), line.format("", "", *UNITS, "", "6 sigma", "").rstrip()]
     for row in rows:
         start = (row["off"], row["nuisances"])
         errors, bounds = (

@@ -1,6 +1,7 @@
 """``uuv_array follow``: the demonstration, from lamp to formation, in one process."""
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -87,10 +88,12 @@ def run(options: argparse.Namespace) -> int:
         ros_args += ["-p", f"scene:={options.scene}"]
     if options.seed is not None:
         ros_args += ["-p", f"simulator_node:seed:={options.seed}"]
-    with Live(auto_refresh=False, transient=options.headless) as live:
+    # A line that is drawn over itself is for a terminal.
+    live_line_wanted = sys.stdout.isatty() and not options.headless
+    with Live(auto_refresh=False) as live:
 
         def on_tick(record: FollowRecord, elapsed_s: float) -> None:
-            if not options.headless:
+            if live_line_wanted:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
         record, light_timeout_s = follow(ros_args, options.duration, on_tick)

@@ -73,7 +73,6 @@ class ImageFit:
 
     def __init__(self, model: ForwardModel, prior: Prior) -> None:
         self.model = model
-        self.prior = prior
         self.names = tuple(prior.nuisance_std)
         effects = model.scene.effects
         self.chart = Chart(
@@ -136,7 +135,7 @@ class ImageFit:
         Returns
         -------
         list of Fit
-            One for each start that arrived, best first; empty where none did.
+            One for each start whose likelihood is finite, best first.
         """
         count, size = len(starts), 5 + len(self.names)
         coordinates: Array = np.zeros((count, size))

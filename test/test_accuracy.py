@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array import accuracy
-from uuv_optical_array.accuracy import random_poses, sea, study
+from uuv_optical_array.accuracy import random_poses, study
 from uuv_optical_array.commands import accuracy as command
 from uuv_optical_array.commands import main
 from uuv_optical_array.estimate import NoPose
@@ -56,7 +56,7 @@ def honest(model, poses):
 
 def fake_study(model, poses, errors):
     fake = Fake(model.scene, poses, errors)
-    return study(fake, model, poses, np.random.default_rng(7))
+    return study(fake, poses, model.expose(poses, np.random.default_rng(7)))
 
 
 def run(*words, code=0):
@@ -155,20 +155,12 @@ def test_a_scene_too_dark_for_the_study_is_refused(scene):
         )
 
 
-def test_other_water_leaves_the_lamps_power_as_it_is(scene, model, poses):
-    offsets = {"attenuation.k_per_m": np.array(0.015), "lamp.power": np.log(np.array(1.05))}
-    truth = sea(scene, k_off_per_m=0.015, power_off=0.05)
-    expected = model.light(poses, 0.0, offsets)
-    np.testing.assert_allclose(truth.light(poses), expected, rtol=1e-10, atol=1e-9)
-    np.testing.assert_array_equal(sea(scene).light(poses), model.light(poses))
-
-
 def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
     settings = scene.settings()
     del settings["effects"]["attenuation"]
-    clear = scene_from_settings(settings, "clear")
-    with pytest.raises(ValueError, match=r"scene clear: no effects\.attenuation"):
-        sea(clear, k_off_per_m=0.015)
+    clear = ForwardModel(scene_from_settings(settings, "clear"))
+    with pytest.raises(ValueError, match=r"attenuation\.k_per_m: no nuisance of scene clear"):
+        clear.expose([-6.0, 0, 0, 0, 0], None, 0.0, {"attenuation.k_per_m": np.array(0.015)})
 
 
 def test_another_prior_keeps_the_signatures(table):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import scene_from_settings
+from uuv_optical_array.scene import load_scene, scene_from_settings
 
 ARRAYS = {
     "planar": {"shape": "planar", "detectors_per_side": 5},
@@ -140,3 +140,15 @@ def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
     np.testing.assert_allclose(rolled, np.rot90(model.light(pose)), rtol=1e-12)
     np.testing.assert_array_equal(model.expected(pose, quarter), rolled)
     np.testing.assert_array_equal(model.expose(pose, None, quarter), rolled)
+
+
+def test_an_offset_is_another_lamp_in_other_water():
+    scene = load_scene("reference")
+    offsets = {"attenuation.k_per_m": np.array(0.015), "lamp.power": np.log(np.array(1.05))}
+    poses = np.random.default_rng(3).uniform(-0.5, 0.5, (50, 5)) - [6, 0, 0, 0, 0]
+    settings = scene.settings()
+    settings["effects"]["attenuation"]["k_per_m"] += 0.015
+    other = ForwardModel(scene_from_settings(settings, "other"))
+    other.power = 1.05 * ForwardModel(scene).power
+    found = ForwardModel(scene).light(poses, 0.0, offsets)
+    np.testing.assert_allclose(found, other.light(poses), rtol=1e-10, atol=1e-9)

@@ -13,7 +13,7 @@ from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.pose import Array
-from uuv_optical_array.scene import PriorSettings, Scene
+from uuv_optical_array.scene import PriorSettings
 from uuv_optical_array.table import BLOCK_POSES, Progress, SignatureTable
 
 # The volume of the study, m and rad: 4 to 8 m, 0.9 m, 20 deg.
@@ -134,38 +134,6 @@ def random_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> A
     return poses[:count]
 
 
-def sea(scene: Scene, k_off_per_m: float = 0.0, power_off: float = 0.0) -> ForwardModel:
-    """Return what is really there, where it is not quite the scene.
-
-    Parameters
-    ----------
-    scene
-        The scene as it is believed to be.
-    k_off_per_m
-        What the attenuation is above the scene's, 1/m.
-    power_off
-        What the lamp's power is above the scene's, as a share of it.
-
-    Returns
-    -------
-    ForwardModel
-        The truth; other water leaves the lamp's power as it is.
-
-    Raises
-    ------
-    ValueError
-        For other attenuation in a scene without any.
-    """
-    lamp, effects = ForwardModel(scene), dict(scene.effects)
-    if k_off_per_m:
-        if "attenuation" not in effects:
-            raise ValueError(f"scene {scene.name}: no effects.attenuation to be off; add it")
-        effects["attenuation"] = {"k_per_m": effects["attenuation"]["k_per_m"] + k_off_per_m}
-    model = ForwardModel(dataclasses.replace(scene, effects=effects))
-    model.power = lamp.power * (1 + power_off)
-    return model
-
-
 def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
     """Return the table of the same scene with another prior: the signatures are the same."""
     return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
@@ -173,9 +141,8 @@ def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
 
 def study(
     estimator: Estimator,
-    truth: ForwardModel,
     poses: Array,
-    rng: np.random.Generator,
+    images: Array,
     progress: Progress = iter,
 ) -> Study:
     """Estimate frame after frame; an interrupt ends the study with the frames it has.
@@ -184,12 +151,10 @@ def study(
     ----------
     estimator
         The estimator, with the scene as it is believed to be.
-    truth
-        What really makes the images.
     poses
         True poses, m and rad, shape ``(n, 5)``, n >= 1.
-    rng
-        Source of the noise.
+    images
+        What the array read there, counts, shape ``(n, side, side)``.
     progress
         Wraps the loop over frames, such as ``tqdm.tqdm``.
 
@@ -207,7 +172,6 @@ def study(
     """
     scene = estimator.table.scene
     model = ForwardModel(scene)
-    images = truth.expose(poses, rng)
     count, model_s = len(poses), []
     errors, covariances = np.full((count, 5), np.nan), np.full((count, 5, 5), np.nan)
     frame_s = np.empty(count)

@@ -93,6 +93,11 @@ class ForwardModel:
         -------
         Array
             Shape ``(..., side, side)``, counts, >= 0.
+
+        Raises
+        ------
+        ValueError
+            For an offset of a setting that the scene does not have.
         """
         return self.light_by_lamp(*lamp_in_body(poses, roll), offsets)
 
@@ -159,9 +164,6 @@ class ForwardModel:
         ValueError
             As `linearised`.
         """
-        for name in offsets:
-            if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
-                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
         light = self._propagate(lamp, axis, offsets, True)
         assert light.derivatives is not None
         pixels = self.array.side**2
@@ -173,6 +175,9 @@ class ForwardModel:
     def _propagate(
         self, lamp: Array, axis: Array, offsets: Mapping[str, Array], differentiate: bool
     ) -> Light:
+        for name in offsets:
+            if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
+                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
             rays = trace(self.array, lamp, axis)
@@ -227,13 +232,17 @@ class ForwardModel:
         return np.maximum(variance, MIN_VARIANCE), slope
 
     def expose(
-        self, poses: ArrayLike, rng: np.random.Generator | None = None, roll: ArrayLike = 0.0
+        self,
+        poses: ArrayLike,
+        rng: np.random.Generator | None = None,
+        roll: ArrayLike = 0.0,
+        offsets: Mapping[str, Array] = MappingProxyType({}),
     ) -> Array:
         """Image as the array reads it: light, noise, electronics, converter.
 
         Parameters
         ----------
-        poses, roll
+        poses, roll, offsets
             As in `light`.
         rng
             Source of the noise; a scene without noise draws nothing and needs none.
@@ -243,7 +252,7 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts.
         """
-        image = self.light(poses, roll)
+        image = self.light(poses, roll, offsets)
         if self.plan.noise:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")

@@ -1,4 +1,4 @@
-"""The picture of a run."""
+"""The picture of a run, and how every picture is written."""
 
 import os
 from pathlib import Path
@@ -70,6 +70,16 @@ def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
         axes.set_visible(False)
 
 
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, whole or not at all."""
+    scratch = path.with_name(f".{path.name}.part")
+    try:
+        figure.savefig(scratch, format="png", dpi=90)
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
 def draw_follow(record: FollowRecord, path: Path) -> None:
     """Draw a run: both paths, the five errors over time, the array's image at a few moments.
 
@@ -100,6 +110,4 @@ def draw_follow(record: FollowRecord, path: Path) -> None:
     _images(bottom, record, moments)
     figure.suptitle("A follower keeps station behind a leader by light alone", fontsize=14)
     bottom.suptitle("images of the array, and the true x, y, z, pitch and yaw", fontsize=10)
-    scratch = path.with_name(f".{path.name}.part")
-    figure.savefig(scratch, format="png", dpi=90)
-    os.replace(scratch, path)
+    save(figure, path)

@@ -6,9 +6,16 @@ from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
-from tqdm import tqdm
 
-from uuv_optical_array.accuracy import Study, random_poses, sea, study, with_prior
+from uuv_optical_array.accuracy import Study, random_poses, study, with_prior
+from uuv_optical_array.commands.parser import (
+    INTERRUPTED,
+    Subparsers,
+    add_command,
+    add_json,
+    add_scene,
+    bar,
+)
 from uuv_optical_array.estimate import METHODS, Estimator
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array
@@ -52,18 +59,17 @@ OFF = {
 }
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "accuracy",
-        help="measure errors of estimates beside the bound, and how honest covariances are",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run,
+        "measure errors of estimates beside the bound, and how honest covariances are",
+        DESCRIPTION,
+        EPILOG,
     )
-    parser.add_argument(
-        "--scene", default="reference", help="ready scene or YAML file (default: reference)"
-    )
+    add_scene(parser, "reference")
     parser.add_argument(
         "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
     )
@@ -80,13 +86,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
-
-
-def bar(rounds: Iterable[int]) -> Iterable[int]:
-    """Show progress on standard error."""
-    return tqdm(rounds, unit="frame")
+    add_json(parser)
 
 
 def by_dof(values: Array, names: Iterable[str] = DOF_NAMES) -> dict[str, float]:
@@ -154,15 +154,18 @@ def compare(options: argparse.Namespace, scene: Scene) -> list[dict[str, Any]]:
         name: Estimator(with_prior(table, prior), "least_squares", candidates=options.candidates)
         for name, prior in (("known", PriorSettings()), ("estimated", PRIOR))
     }
-    poses = random_poses(ForwardModel(scene), options.poses, np.random.default_rng(options.seed))
+    sea = ForwardModel(scene)
+    poses = random_poses(sea, options.poses, np.random.default_rng(options.seed))
     rows: list[dict[str, Any]] = []
     for off, (k_off_per_m, power_off) in OFF.items():
-        truth = sea(scene, k_off_per_m, power_off)
+        off_by = {"lamp.power": np.array(np.log1p(power_off))}
+        if k_off_per_m:
+            off_by["attenuation.k_per_m"] = np.array(k_off_per_m)
+        # The same noise for every row.
+        images = sea.expose(poses, np.random.default_rng((options.seed, 1)), 0.0, off_by)
         for nuisances, estimator in estimators.items():
-            # The same noise for every row.
-            noise = np.random.default_rng((options.seed, 1))
             try:
-                found = study(estimator, truth, poses, noise, bar)
+                found = study(estimator, poses, images, bar)
             except KeyboardInterrupt:
                 if not rows:
                     raise
@@ -215,13 +218,13 @@ def run(options: argparse.Namespace) -> int:
             estimator = Estimator(
                 cached_table(scene), options.method, candidates=options.candidates
             )
-            rng, truth = np.random.default_rng(options.seed), ForwardModel(scene)
-            poses = random_poses(truth, options.poses, rng)
-            found = study(estimator, truth, poses, rng, bar)
+            rng, sea = np.random.default_rng(options.seed), ForwardModel(scene)
+            poses = random_poses(sea, options.poses, rng)
+            found = study(estimator, poses, sea.expose(poses, rng), bar)
             answer, text = as_object(found), report(found)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
-        return 130
+        return INTERRUPTED
     about = (
         f"{options.method} in scene {scene.name}, {answer['poses']} random poses, "
         f"seed {options.seed}"

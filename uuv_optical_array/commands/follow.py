@@ -9,6 +9,7 @@ from rich.live import Live
 from rich.text import Text
 
 from uuv_optical_array import files
+from uuv_optical_array.commands.parser import Subparsers, add_command
 from uuv_optical_array.picture import draw_follow
 from uuv_optical_array.record import FollowRecord
 
@@ -27,14 +28,15 @@ Ctrl-C ends the run early and reports what there is. While it runs, `ros2 topic 
 shows the estimates. The exit code is 1 when the follower lost the leader."""
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "follow",
-        help="let a follower follow a leader by light, and draw what happened",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run,
+        "let a follower follow a leader by light, and draw what happened",
+        DESCRIPTION,
+        EPILOG,
     )
     parser.add_argument(
         "--duration", type=positive, default=60.0, metavar="S", help="length in s (default: 60)"
@@ -50,7 +52,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
     )
     parser.add_argument("--headless", action="store_true", help="no live line")
-    parser.set_defaults(run=run)
 
 
 def positive(text: str) -> float:

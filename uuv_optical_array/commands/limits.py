@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import os
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -12,9 +11,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from uuv_optical_array import files
+from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.picture import SPECIFICATION
+from uuv_optical_array.picture import SPECIFICATION, save
 from uuv_optical_array.pose import DOF_NAMES, Array
 from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
@@ -54,18 +54,17 @@ LEVELS = np.outer(10.0 ** np.arange(-3, 4), [1, 3]).ravel()
 COLOURS = {"planar": "#c8401e", "curved": "#1f6fb4"}
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "limits",
-        help="print and draw how well one image can fix the pose at all",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run,
+        "print and draw how well one image can fix the pose at all",
+        DESCRIPTION,
+        EPILOG,
     )
-    parser.add_argument(
-        "--scene", default="follow", help="ready scene or YAML file (default: follow)"
-    )
+    add_scene(parser, "follow")
     for name, quantity in POSE.items():
         parser.add_argument(
             f"--{name}",
@@ -80,7 +79,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
     )
-    parser.set_defaults(run=run)
 
 
 def with_shape(scene: Scene, shape: Shape) -> Scene:
@@ -202,12 +200,7 @@ def draw_limits(scene: Scene, path: Path) -> None:
         f"Least standard deviation from one image (the Cramer-Rao bound), scene {scene.name}",
         fontsize=14,
     )
-    scratch = path.with_name(f".{path.name}.part")
-    try:
-        figure.savefig(scratch, format="png", dpi=90)
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    save(figure, path)
 
 
 def run(options: argparse.Namespace) -> int:

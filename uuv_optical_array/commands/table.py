@@ -3,8 +3,7 @@
 import argparse
 from pathlib import Path
 
-from tqdm import tqdm
-
+from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
 from uuv_optical_array.scene import load_scene
 from uuv_optical_array.table import build_table, save_table
 
@@ -23,22 +22,20 @@ examples:
   uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice"""
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "table",
-        help="build the signature table of a scene",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run,
+        "build the signature table of a scene",
+        DESCRIPTION,
+        EPILOG,
     )
-    parser.add_argument(
-        "--scene", default="follow", help="ready scene or YAML file (default: follow)"
-    )
+    add_scene(parser, "follow")
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,10 +43,10 @@ def run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     output = options.output or Path(f"{scene.name}.table")
     try:
-        table = build_table(scene, progress=lambda blocks: tqdm(blocks, unit="block"))
+        table = build_table(scene, progress=lambda blocks: bar(blocks, "block"))
     except KeyboardInterrupt:
         print("interrupted: nothing written")
-        return 130
+        return INTERRUPTED
     save_table(table, output)
     size_mb = (table.poses.nbytes + table.parameters.nbytes) / 1e6
     print(f"{output}: {len(table.poses)} signatures, {size_mb:.0f} MB, scene {scene.name}")

@@ -1,0 +1,49 @@
+"""What the parsers of the commands have in common."""
+
+import argparse
+from collections.abc import Callable, Iterable
+from typing import TypeAlias, TypeVar
+
+from tqdm import tqdm
+
+Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+INTERRUPTED = 130  # exit code after Ctrl-C
+
+T = TypeVar("T")
+
+
+def add_command(
+    subparsers: Subparsers,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    summary: str,
+    description: str,
+    epilog: str,
+) -> argparse.ArgumentParser:
+    """Add a subcommand, its texts kept as they are written; `run` returns the exit code."""
+    parser = subparsers.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the option that names a scene."""
+    parser.add_argument(
+        "--scene", default=default, help="ready scene or YAML file (default: %(default)s)"
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option for programs that read the answer."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def bar(rounds: Iterable[T], unit: str = "frame") -> Iterable[T]:
+    """Show progress on standard error."""
+    return tqdm(rounds, unit=unit)

@@ -26,6 +26,12 @@ class Chart:
     The dimness is ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what distance,
     water and beam take from the light at the array's centre.
 
+    A planar array cannot tell where the lamp stands from how it shines. What it sees is how the
+    light falls off across it: near the axis ``s (a - b) + 3 a`` in units of the range, where a
+    and b are the azimuths of the lamp and of the beam's source direction and ``s = 1 / sigma^2``.
+    Its azimuth is therefore ``a - b s / (s + 3)``, its elevation likewise, and its dimness takes
+    Lambert's cosine in.
+
     Parameters
     ----------
     centre
@@ -34,27 +40,32 @@ class Chart:
         Standard deviation of the beam, rad, > 0.
     k_per_m
         Attenuation, 1/m, >= 0.
+    planar
+        Whether all detectors look the same way.
     """
 
     centre: Array
     beam_sigma_rad: float
     k_per_m: float
+    planar: bool = False
 
     def from_pose(self, poses: Array, roll: ArrayLike) -> Array:
         """Return the coordinates of poses, shape ``(..., 5)``."""
         lamp, axis = lamp_in_body(poses, roll)
         sight = lamp - self.centre
-        level = np.hypot(sight[..., 0], sight[..., 1])
-        range_m = np.hypot(level, sight[..., 2])
+        range_m = np.sqrt((sight * sight).sum(axis=-1))
+        sight /= range_m[..., None]
         coordinates = np.empty(poses.shape)
-        coordinates[..., AZIMUTH] = np.arctan2(sight[..., 1], sight[..., 0])
-        coordinates[..., ELEVATION] = np.arctan2(sight[..., 2], level)
+        coordinates[..., :2] = _directions(sight)
         coordinates[..., DIMNESS] = np.log(range_m) + self.k_per_m / 2 * range_m
-        coordinates[..., DIMNESS] += self._beam_loss(sight / range_m[..., None], axis)[0]
+        coordinates[..., DIMNESS] += self._beam_loss(sight, axis)[0]
+        if self.planar:
+            coordinates[..., :2] -= self._share * _directions(-axis)
+            coordinates[..., DIMNESS] -= 0.5 * np.log(_facing(sight))
         coordinates[..., PITCH:] = poses[..., PITCH:]
         return coordinates
 
-    def to_pose(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array]:
+    def to_pose(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Return the poses at coordinates, and with them lamp and beam axis.
 
         Parameters
@@ -70,17 +81,27 @@ class Chart:
             m and rad, shape ``(..., 5)``.
         lamp, axis : Array
             As `light.lamp_in_body`, shape ``(..., 3)`` each.
+        log_volume : Array
+            Logarithm of the volume of poses in m and rad that a unit volume of the chart holds,
+            shape ``(...)``.
         """
         rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
-        sight, _ = self._sight(coordinates)
         axis = -rotation[..., 0, :]
-        loss, _ = self._beam_loss(sight, axis)
-        range_m = self._range(coordinates[..., DIMNESS] - loss)
+        angles = coordinates[..., :2]
+        if self.planar:
+            angles = angles + self._share * _directions(-axis)
+        sight, _ = _sight(angles)
+        dimness = coordinates[..., DIMNESS] - self._beam_loss(sight, axis)[0]
+        if self.planar:
+            dimness += 0.5 * np.log(_facing(sight))
+        range_m = self._range(dimness)
         lamp = range_m[..., None] * sight + self.centre
         poses = np.empty(coordinates.shape)
         poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
         poses[..., PITCH:] = coordinates[..., PITCH:]
-        return poses, lamp, axis
+        level = np.maximum(np.abs(np.cos(angles[..., 1])), 1e-9)
+        log_volume = np.log(range_m**2 * level / (1 / range_m + self.k_per_m / 2))
+        return poses, lamp, axis, log_volume
 
     def to_lamp(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array]:
         """Return lamp and beam axis in ``base_link``, and how they change with the coordinates.
@@ -101,35 +122,52 @@ class Chart:
         """
         rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
         axis = -rotation[..., 0, :]
-        sight, sight_turns = self._sight(coordinates)
-        loss, ratio = self._beam_loss(sight, axis)
-        range_m = self._range(coordinates[..., DIMNESS] - loss)
         derivatives = np.zeros((*axis.shape[:-1], 6, 5))
-        derivatives[..., 3:, PITCH] = pitched(axis, roll)
-        derivatives[..., 3:, YAW] = rotation[..., 1, :]
+        of_sight, of_axis = derivatives[..., :3, :], derivatives[..., 3:, :]
+        of_axis[..., PITCH] = pitched(axis, roll)
+        of_axis[..., YAW] = rotation[..., 1, :]
+        angles = coordinates[..., :2]
+        if self.planar:
+            angles = angles + self._share * _directions(-axis)
+        sight, turns = _sight(angles)
+        of_sight[..., :2] = turns
+        if self.planar:
+            swing = _direction_slopes(-axis) @ -of_axis[..., PITCH:]
+            of_sight[..., PITCH:] = self._share * (turns @ swing)
+        loss, ratio = self._beam_loss(sight, axis)
+        dimness = coordinates[..., DIMNESS] - loss
         # How the loss to the beam's profile, and so the range at this dimness, changes.
-        stretch = np.empty(coordinates.shape)
-        stretch[..., :2] = (axis[..., None, :] @ sight_turns)[..., 0, :]
-        stretch[..., DIMNESS] = 0.0
-        stretch[..., PITCH:] = (sight[..., None, :] @ derivatives[..., 3:, PITCH:])[..., 0, :]
-        stretch *= -ratio[..., None]
+        stretch = axis[..., None, :] @ of_sight + sight[..., None, :] @ of_axis
+        stretch *= -ratio[..., None, None]
         stretch[..., DIMNESS] = 1.0
-        stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None]
-        derivatives[..., :3, :] = sight[..., None] * stretch[..., None, :]
-        derivatives[..., :3, :2] += range_m[..., None, None] * sight_turns
+        if self.planar:
+            facing = _facing(sight)
+            dimness += 0.5 * np.log(facing)
+            slope = np.where(facing == sight[..., 0], 0.5 / facing, 0.0)
+            stretch += slope[..., None, None] * of_sight[..., :1, :]
+        range_m = self._range(dimness)
+        stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None, None]
+        of_sight *= range_m[..., None, None]
+        of_sight += sight[..., None] * stretch
         return range_m[..., None] * sight + self.centre, axis, derivatives
 
-    def _sight(self, coordinates: Array) -> tuple[Array, Array]:
-        """Return the unit vector to the lamp, and its derivatives by azimuth and elevation."""
-        azimuth, elevation = coordinates[..., AZIMUTH], coordinates[..., ELEVATION]
-        cos_a, sin_a = np.cos(azimuth), np.sin(azimuth)
-        cos_e, sin_e = np.cos(elevation), np.sin(elevation)
-        sight = np.empty((*azimuth.shape, 3))
-        turns = np.empty((*azimuth.shape, 3, 2))
-        sight[..., 0], sight[..., 1], sight[..., 2] = cos_e * cos_a, cos_e * sin_a, sin_e
-        turns[..., 0, 0], turns[..., 1, 0], turns[..., 2, 0] = -sight[..., 1], sight[..., 0], 0.0
-        turns[..., 0, 1], turns[..., 1, 1], turns[..., 2, 1] = -sin_e * cos_a, -sin_e * sin_a, cos_e
-        return sight, turns
+    def lookalikes(self, coordinates: Array) -> Array:
+        """Return where a planar array sees nearly the same, shape ``(3, n)``; ``(0, n)`` if curved.
+
+        To second order the light depends on pitch and yaw by the sum of their squares alone, so a
+        ring of attitudes looks alike; these are the other three of four places on it.
+        """
+        turned = np.repeat(coordinates[None], 3 if self.planar else 0, axis=0)
+        pitch, yaw = coordinates[PITCH], coordinates[YAW]
+        for row, angles in zip(
+            turned, ((-pitch, -yaw), (yaw, -pitch), (-yaw, pitch)), strict=False
+        ):
+            row[PITCH : YAW + 1] = angles
+        return turned
+
+    @property
+    def _share(self) -> float:
+        return 1 / (1 + 3 * self.beam_sigma_rad**2)
 
     def _beam_loss(self, sight: Array, axis: Array) -> tuple[Array, Array]:
         """Return ``eta^2 / (4 sigma^2)``, and its derivative by ``sight . axis``."""
@@ -150,3 +188,42 @@ class Chart:
             return np.exp(target)
         half_k = self.k_per_m / 2
         return np.asarray(wrightomega(target + np.log(half_k)) / half_k)
+
+
+def _directions(vectors: Array) -> Array:
+    """Return azimuth and elevation of vectors, shape ``(..., 2)``."""
+    level = np.hypot(vectors[..., 0], vectors[..., 1])
+    angles = np.empty((*vectors.shape[:-1], 2))
+    angles[..., 0] = np.arctan2(vectors[..., 1], vectors[..., 0])
+    angles[..., 1] = np.arctan2(vectors[..., 2], level)
+    return angles
+
+
+def _direction_slopes(units: Array) -> Array:
+    """Differentiate azimuth and elevation by a unit vector, shape ``(..., 2, 3)``."""
+    x, y, z = units[..., 0], units[..., 1], units[..., 2]
+    # At the poles the azimuth has no slope.
+    level = np.maximum(np.hypot(x, y), 1e-6)
+    slopes = np.zeros((*units.shape[:-1], 2, 3))
+    slopes[..., 0, 0], slopes[..., 0, 1] = -y / level**2, x / level**2
+    slopes[..., 1, 0], slopes[..., 1, 1] = -x * z / level, -y * z / level
+    slopes[..., 1, 2] = level
+    return slopes
+
+
+def _facing(sight: Array) -> Array:
+    """Cosine of incidence on a planar array; at least that of a lamp almost beside it."""
+    return np.maximum(sight[..., 0], 1e-3)
+
+
+def _sight(angles: Array) -> tuple[Array, Array]:
+    """Return the unit vector to the lamp, and its derivatives by azimuth and elevation."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    cos_a, cos_e = cosine[..., 0], cosine[..., 1]
+    sin_a, sin_e = sine[..., 0], sine[..., 1]
+    sight = np.empty((*cos_a.shape, 3))
+    turns = np.zeros((*cos_a.shape, 3, 2))
+    sight[..., 0], sight[..., 1], sight[..., 2] = cos_e * cos_a, cos_e * sin_a, sin_e
+    turns[..., 0, 0], turns[..., 1, 0] = -sight[..., 1], sight[..., 0]
+    turns[..., 0, 1], turns[..., 1, 1], turns[..., 2, 1] = -sin_e * cos_a, -sin_e * sin_a, cos_e
+    return sight, turns

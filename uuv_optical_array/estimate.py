@@ -9,23 +9,30 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 
 from uuv_optical_array.features import lifted
 from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array, turned_about_beam
-from uuv_optical_array.posterior import Posterior
+from uuv_optical_array.posterior import Posterior, rivalling
 from uuv_optical_array.sam import SpectralIndex
 from uuv_optical_array.table import SignatureTable, grid_axes
 
 Method = Literal["sam", "sam_interpolated", "least_squares"]
 METHODS: tuple[Method, ...] = get_args(Method)
-# The pose's prior is Gaussian about the middle of the table, this many half extents wide: weak
-# enough not to be seen where the image says anything, and finite where it says nothing.
-PRIOR_HALF_EXTENTS = 5.0
+# The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
+# wide to be seen where the image says much, and finite where it says nothing.
+PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
+# Fits start from those of the nearest rows, this many for each start, that are farthest apart:
+# neighbours in the table lead to one minimum, and rivals are what the starts are for.
+POOL = 8
+MOST_STARTS = 64
+# Share of honest images whose best fit is taken for a missed pose, and looked into farther.
+IMPLAUSIBLE = 0.01
 
 
 class NoPose(Exception):
@@ -86,7 +93,8 @@ class Estimator:
         ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Nearest rows from which ``least_squares`` starts.
+        Rows near by angle and far apart in pose from which ``least_squares`` starts; up to
+        `MOST_STARTS` where these leave doubt.
     max_misfit
         A fit with a larger misfit is no pose: the image is not of this scene.
 
@@ -124,12 +132,15 @@ class Estimator:
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        self._prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._fit = ImageFit(
             ForwardModel(table.scene),
-            Prior(middle, self._prior_std, table.scene.prior.nuisance_std()),
+            Prior(middle, prior_std, table.scene.prior.nuisance_std()),
         )
-        self._posterior = Posterior(self._fit)
+        # The same numbers in every run: an image has one answer.
+        self._posterior = Posterior(self._fit, np.random.default_rng(0))
+        readings = table.scene.array.detectors_per_side**2
+        self._plausible_misfit = chi2.isf(IMPLAUSIBLE, max(readings - 5, 1)) / readings
 
     def _vectors(self, parameters: ArrayLike) -> Array:
         scene = self.table.scene
@@ -193,33 +204,29 @@ class Estimator:
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
         readings = readings.ravel()
-        angles, rows = self._index.nearest(self._vectors(parameters), max(self.candidates, 2))
-        starts = turned_about_beam(self.table.poses[rows[: self.candidates]], roll)
+        vector = self._vectors(parameters)
+        angles, _ = self._index.nearest(vector, 2)
         try:
-            fits = self._fit.refine(readings, starts, roll)
-            if not fits:
+            minima = self._minima(readings, vector, roll)
+            if not minima:
                 raise NoPose("no fit: no start led to a finite likelihood")
-            best, misfit = fits[0], self._fit.misfit(readings, fits[0], roll)
+            misfit = self._fit.misfit(readings, minima[0], roll)
             if not misfit <= self.max_misfit:
                 raise NoPose(
                     f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
                     f"{self.max_misfit:g}; the image is not of this scene"
                 )
-            pose, covariance = self._posterior.moments(readings, best, roll)
+            pose, covariance = self._posterior.moments(readings, minima, roll)
         except np.linalg.LinAlgError:
             raise NoPose("no fit: the image leaves the pose without a covariance") from None
-        runner_up = self._other_minimum(fits)
+        runner_up = minima[1] if len(minima) > 1 else None
         runner_up_misfit = float("nan")
         if runner_up is not None:
             runner_up_misfit = self._fit.misfit(readings, runner_up, roll)
-            # Where both minima are probable, the pose may be either.
-            share = 1 / (1 + np.exp(np.clip(runner_up.cost - best.cost, 0.0, 700.0)))
-            apart = runner_up.pose - pose
-            covariance = covariance + share * np.outer(apart, apart)
         covariance = (covariance + covariance.T) / 2
         if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
             raise NoPose("no fit: the pose is not finite")
-        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
+        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._fit.prior.pose_std
         return Estimate(
             pose,
             covariance,
@@ -231,11 +238,49 @@ class Estimator:
             tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
         )
 
-    @staticmethod
-    def _other_minimum(fits: list[Fit]) -> Fit | None:
-        best = fits[0]
-        for fit in fits[1:]:
-            apart = fit.coordinates - best.coordinates
-            if apart @ best.information @ apart > DISTINCT**2:
-                return fit
-        return None
+    def _minima(self, readings: Array, vector: Array, roll: float) -> list[Fit]:
+        """Return the best fit of each minimum that is found, best first.
+
+        Where the first starts lead to rivals, or to a fit that noise can hardly explain, there
+        are more of them.
+        """
+        minima: list[Fit] = []
+        tried, count = 0, self.candidates
+        while True:
+            _, rows = self._index.nearest(vector, POOL * count)
+            rows = rows[self._far_apart(rows, count)]
+            starts = turned_about_beam(self.table.poses[rows[tried:]], roll)
+            minima = _distinct(minima + self._fit.refine(readings, starts, roll))
+            settled = len(rivalling(minima)) == 1 or tried > 0
+            if minima and settled:
+                misfit = self._fit.misfit(readings, minima[0], roll)
+                if misfit <= self._plausible_misfit:
+                    return minima
+            tried, count = count, 4 * count
+            if tried >= min(MOST_STARTS, len(self.table.poses)):
+                return minima
+
+    def _far_apart(self, rows: NDArray[np.intp], count: int) -> list[int]:
+        """Choose the first of table rows, and then always the one farthest from those chosen."""
+        poses = self.table.poses[rows] / self._fit.prior.pose_std
+        chosen = [0]
+        distance = np.full(len(rows), np.inf)
+        while len(chosen) < min(count, len(rows)):
+            apart = poses - poses[chosen[-1]]
+            distance = np.minimum(distance, (apart * apart).sum(axis=1))
+            chosen.append(int(distance.argmax()))
+        return chosen
+
+
+def _distinct(fits: list[Fit]) -> list[Fit]:
+    """Keep the best fit of each minimum, best first."""
+    minima: list[Fit] = []
+    for fit in sorted(fits, key=lambda fit: fit.cost):
+        offsets = (fit.coordinates - other.coordinates for other in minima)
+        near = (
+            off @ other.information @ off < DISTINCT**2
+            for off, other in zip(offsets, minima, strict=True)
+        )
+        if not any(near):
+            minima.append(fit)
+    return minima

@@ -18,6 +18,7 @@ MAX_ITERATIONS = 40
 ARRIVED = 5e-3
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
+TINY = 1e-6  # counts, inside of a limit
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,10 @@ class Fit:
     cost: float
 
 
+def _cost(fit: Fit) -> float:
+    return fit.cost
+
+
 class ImageFit:
     """Fit images by damped Gauss-Newton on the exact likelihood (Levenberg and Marquardt).
 
@@ -73,12 +78,14 @@ class ImageFit:
 
     def __init__(self, model: ForwardModel, prior: Prior) -> None:
         self.model = model
+        self.prior = prior
         self.names = tuple(prior.nuisance_std)
         effects = model.scene.effects
         self.chart = Chart(
             model.array.positions.mean(axis=0),
             float(np.radians(model.scene.lamp.beam_sigma_deg)),
             effects.get("attenuation", {}).get("k_per_m", 0.0),
+            model.scene.array.shape == "planar",
         )
         nuisance_std = np.array(list(prior.nuisance_std.values()))
         size = 5 + len(nuisance_std)
@@ -100,9 +107,10 @@ class ImageFit:
         return {name: coordinates[..., 5 + i] for i, name in enumerate(self.names)}
 
     def _evaluate(
-        self, readings: Array, coordinates: Array, roll: float
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return negative log-posterior, gradient of its opposite, and information."""
+        mean = self._mean if mean is None else mean
         lamp, axis, by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
         light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
@@ -112,7 +120,7 @@ class ImageFit:
         jacobian = by_lamp[..., :6] @ by_chart
         if self.names:
             jacobian = np.concatenate([jacobian, by_lamp[..., 6:]], axis=-1)
-        off = coordinates - self._mean
+        off = coordinates - mean
         pull = off * self._precision
         gradient = (score[:, None, :] @ jacobian)[:, 0, :] - pull
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
@@ -135,12 +143,25 @@ class ImageFit:
         Returns
         -------
         list of Fit
-            One for each start whose likelihood is finite, best first.
+            One for each start whose likelihood is finite, best first; a planar array's also
+            from where it would see nearly what it sees at the best.
         """
-        count, size = len(starts), 5 + len(self.names)
-        coordinates: Array = np.zeros((count, size))
+        coordinates: Array = np.zeros((len(starts), 5 + len(self.names)))
         coordinates[:, :5] = self.chart.from_pose(starts, roll)
-        cost, gradient, information = self._evaluate(readings, coordinates, roll)
+        fits = self._descend(readings, coordinates, roll)
+        if fits and len(others := self.chart.lookalikes(fits[0].coordinates)):
+            fits = sorted(fits + self._descend(readings, others, roll), key=_cost)
+        return fits
+
+    def _descend(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
+    ) -> list[Fit]:
+        """Refine coordinates, shape ``(k, p)``, in place; best first.
+
+        Readings and the prior's mean may be those of each start, ``(k, n)`` and ``(k, p)``.
+        """
+        count, size = coordinates.shape
+        cost, gradient, information = self._evaluate(readings, coordinates, roll, mean)
         damping: Array = np.full(count, 1e-3)
         arrived: NDArray[np.bool_] = np.zeros(count, dtype=bool)
         diagonal = np.arange(size)
@@ -159,7 +180,7 @@ class ImageFit:
             excess = (np.abs(step) / self._reach).max(axis=1)
             step /= np.maximum(excess, 1.0)[:, None]
             trial = coordinates + step
-            new = self._evaluate(readings, trial, roll)
+            new = self._evaluate(readings, trial, roll, mean)
             gain = np.where(arrived, 0.0, cost - new[0])
             better = gain > 0
             coordinates[better] = trial[better]
@@ -169,12 +190,52 @@ class ImageFit:
             # that sits there gains nothing either way.
             arrived |= (better & (gain < ARRIVED)) | (damping > 1e4)
             damping = np.where(better, damping * 0.1, damping * 10)
-        poses, _, _ = self.chart.to_pose(coordinates[:, :5], roll)
+        poses, *_ = self.chart.to_pose(coordinates[:, :5], roll)
         fits = [
             Fit(poses[i], coordinates[i], information[i], float(cost[i]))
             for i in np.flatnonzero(np.isfinite(cost))
         ]
-        return sorted(fits, key=lambda fit: fit.cost)
+        return sorted(fits, key=_cost)
+
+    @np.errstate(under="ignore")
+    def randomised(
+        self, readings: Array, fits: list[Fit], noise: Array, pull: Array, roll: float
+    ) -> Array:
+        """Fit images and priors that might as well have been, each from one of the fits in turn.
+
+        What comes out is spread much as the posterior is, along all its bends: were the model
+        linear, it would be a sample of it (D. Oliver, N. He and A. Reynolds, 1996).
+
+        Parameters
+        ----------
+        readings
+            Counts, shape ``(n,)``; those at a limit stay there.
+        fits
+            Fits to them, one at least.
+        noise, pull
+            Standard normal numbers for readings and prior, shape ``(k, n)`` and ``(k, p)``.
+        roll
+            Roll of the follower, rad.
+
+        Returns
+        -------
+        Array
+            Coordinates and nuisances, shape ``(at most k, p)``.
+        """
+        limits = self.model.limits
+        starts = np.stack([fit.coordinates for fit in fits])[np.arange(len(noise)) % len(fits)]
+        light = self.model.light(fits[0].pose, roll, self._offsets(fits[0].coordinates)).ravel()
+        variance, _ = self.model.variance(light)
+        moved = np.clip(readings + np.sqrt(variance) * noise, limits.low + TINY, limits.high - TINY)
+        free = (readings > limits.low) & (readings < limits.high)
+        mean = self._mean + pull / np.sqrt(self._precision)
+        found = self._descend(np.where(free, moved, readings), starts.copy(), roll, mean)
+        return np.stack([fit.coordinates for fit in found]) if found else starts
+
+    @np.errstate(under="ignore")
+    def information(self, readings: Array, coordinates: Array, roll: float) -> Array:
+        """Return the information, prior included, at coordinates, shape ``(k, p, p)``."""
+        return self._evaluate(readings, coordinates, roll)[2]
 
     @np.errstate(under="ignore")
     def misfit(self, readings: Array, fit: Fit, roll: float) -> float:
@@ -188,7 +249,7 @@ class ImageFit:
         return float(np.mean((readings - expected) ** 2 / variance))
 
     @np.errstate(under="ignore")
-    def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array]:
+    def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array, Array]:
         """Return the poses and negative log-posteriors at coordinates, without derivatives.
 
         Parameters
@@ -205,12 +266,17 @@ class ImageFit:
         poses : Array
             m and rad, shape ``(k, 5)``.
         cost : Array
-            Without constants, shape ``(k,)``.
+            Per volume of the chart, as that of a `Fit`, without constants, shape ``(k,)``.
+        correction : Array
+            What `cost` is to be lessened by for the prior to be that of the pose, and not its
+            likeness in the chart, shape ``(k,)``.
         """
-        poses, lamp, axis = self.chart.to_pose(coordinates[:, :5], roll)
+        poses, lamp, axis, log_volume = self.chart.to_pose(coordinates[:, :5], roll)
         light = self.model.light_by_lamp(lamp, axis, self._offsets(coordinates))
         light = light.reshape(len(poses), -1)
         variance, slope = self.model.variance(light)
         value, _, _ = log_likelihood(readings, light, variance, slope, self.model.limits)
-        off = coordinates - self._mean
-        return poses, 0.5 * (off * off) @ self._precision - value
+        likeness = 0.5 * (coordinates - self._mean) ** 2 * self._precision
+        prior = 0.5 * (((poses - self.prior.pose_mean) / self.prior.pose_std) ** 2).sum(axis=1)
+        correction = log_volume + likeness[:, :5].sum(axis=1) - prior
+        return poses, likeness.sum(axis=1) - value, correction

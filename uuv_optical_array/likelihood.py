@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr
+from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.pose import Array
 
-FAR = -1000.0
+FAR = 35.0  # standard deviations inside, where a limit says nothing
 LOG_SQRT_2PI = 0.5 * np.log(2 * np.pi)
 
 
@@ -29,10 +29,8 @@ class Limits:
 
 def _hazard(u: Array) -> Array:
     """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
-    # Far out the two logarithms cancel; the asymptote is exact to 1e-9 there.
-    near = np.maximum(u, FAR)
-    hazard = np.exp(-0.5 * near * near - LOG_SQRT_2PI - log_ndtr(near))
-    return np.where(u < FAR, np.abs(u) + 1 / np.maximum(np.abs(u), 1.0), hazard)
+    # The scaled complementary error function does not underflow where both factors do.
+    return np.sqrt(2 / np.pi) / erfcx(np.minimum(u, FAR) * -np.sqrt(0.5))
 
 
 @np.errstate(under="ignore")
@@ -47,7 +45,7 @@ def log_likelihood(
     Parameters
     ----------
     readings
-        Counts, shape ``(n,)``.
+        Counts, shape ``(..., n)`` or ``(n,)``.
     light
         Expected light, counts, shape ``(..., n)``.
     variance, slope
@@ -79,13 +77,16 @@ def log_likelihood(
         (readings <= limits.low, limits.low + 0.5, -1.0),
     ):
         if beyond.any():
-            inverse_std = 1 / np.sqrt(variance[..., beyond])
+            here = np.broadcast_to(beyond, light.shape)
+            inverse_std = 1 / np.sqrt(variance[here])
             # Beyond this all is as improbable, and a square still has a number.
-            u = np.clip(sign * (light[..., beyond] - bound) * inverse_std, -1e100, 1e100)
+            u = np.clip(sign * (light[here] - bound) * inverse_std, -1e100, 1e100)
             hazard = _hazard(u)
-            terms[..., beyond] = log_ndtr(u)
-            score[..., beyond] = sign * hazard * inverse_std
-            curvature[..., beyond] = np.maximum(hazard * (hazard + u), 0.0) * inverse_std**2
+            terms[here] = log_ndtr(u)
+            score[here] = sign * hazard * inverse_std
+            # Far beyond, hazard and u cancel, and the curvature is that of a Gaussian.
+            share = np.where(u < -1e4, 1.0, np.maximum(hazard * (hazard + u), 0.0))
+            curvature[here] = share * inverse_std**2
     return terms.sum(axis=-1), score, curvature
 
 

@@ -1,56 +1,68 @@
-"""What an image leaves possible: mean and covariance of the pose about its best fit."""
+"""What an image leaves possible: mean and covariance of the pose."""
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+from scipy.special import chdtri, logsumexp, ndtri
 from scipy.stats import qmc
 
 from uuv_optical_array.fit import Fit, ImageFit
 from uuv_optical_array.pose import Array
 
 # How far the log-posterior may be from the quadratic one at the cubature points.
-TOLERANCE = 0.5
-POINTS = 128
-FREEDOM = 5.0  # of the Student distribution that is sampled: tails heavier than the posterior's
-STRETCH = 1.2
-# Effective sample size below which the sample missed the posterior, and the Gaussian stands.
-LEAST_SAMPLE = 12.0
+TOLERANCE = 0.2
+FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
+POINTS = 256  # of importance sampling about one minimum
+# Share of the points that must count, in effect: for that sampling to be done in one round, and
+# to be trusted after a second one.
+DONE, TRUSTED = 0.8, 0.5
+# Minima that are this much less probable, as a logarithm, leave no trace.
+NEGLIGIBLE = 12.0
+KERNELS, POINTS_A_KERNEL = 64, 8
+KERNEL_WIDTH = 0.6  # in standard deviations; Silverman's rule for 64 points in 5 dimensions
+ROUNDS = 3
+ENOUGH = 0.25  # share of the points that must count for the last round
 
 
 class Posterior:
-    """Moments of the pose given an image.
+    """Moments of the pose given an image; the prior is flat in the pose but for the scene's.
 
-    In the chart the posterior is nearly Gaussian, and the cubature points (I. Arasaratnam and
-    S. Haykin, 2009) carry it to the pose with the bend of the valley. Where the log-posterior at
-    these points is not the quadratic one, such as at the edge where a detector turns away from
-    the lamp, importance sampling on a fixed low-discrepancy set takes over.
+    Three ways, each for what the one before cannot do. In the chart most posteriors are nearly
+    Gaussian, and the cubature points (I. Arasaratnam and S. Haykin, 2009) carry them to the pose
+    with the bend of the valley. Importance sampling knows a somewhat bent posterior. One with
+    several minima, edges or rings is covered by fits to randomised images and priors (D. Oliver
+    et al., 1996); kernels on these are sampled, weighted and moved until enough points count
+    (population Monte Carlo, O. Cappe et al., 2004).
 
     Parameters
     ----------
     image_fit
         What made the fits.
+    rng
+        Source of the numbers that every posterior is sampled with; they are drawn here, once, so
+        that an image has one answer.
     """
 
-    def __init__(self, image_fit: ImageFit) -> None:
+    def __init__(self, image_fit: ImageFit, rng: np.random.Generator) -> None:
         self._fit = image_fit
-        size = 5 + len(image_fit.names)
+        size = self._size = 5 + len(image_fit.names)
         self._cubature = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
-        # Centred in their cells, so that no point lies at infinity.
-        uniform = qmc.Sobol(size + 1, scramble=False).random(POINTS) + 0.5 / POINTS
-        scale = np.sqrt(chdtri(FREEDOM, uniform[:, -1]) / FREEDOM)
-        student = ndtri(uniform[:, :-1]) / scale[:, None]
-        self._student = STRETCH * student
-        self._log_density = -0.5 * (FREEDOM + size) * np.log1p((student**2).sum(axis=1) / FREEDOM)
+        self._student, self._log_tilt = _student_points(size)
+        self._log_density = _log_student(self._student)
+        self._noise = rng.standard_normal((KERNELS, image_fit.model.array.side**2))
+        self._pull = rng.standard_normal((KERNELS, size))
+        shape = (ROUNDS, KERNELS, POINTS_A_KERNEL)
+        scale = np.sqrt(rng.chisquare(FREEDOM, shape) / FREEDOM)
+        self._kernel = rng.standard_normal((*shape, size)) / scale[..., None]
 
     @np.errstate(under="ignore")  # of points that weigh nothing
-    def moments(self, readings: Array, fit: Fit, roll: float = 0.0) -> tuple[Array, Array]:
+    def moments(self, readings: Array, fits: list[Fit], roll: float = 0.0) -> tuple[Array, Array]:
         """Mean and covariance of the pose.
 
         Parameters
         ----------
         readings
             Counts, shape ``(n,)``.
-        fit
-            The best fit to them.
+        fits
+            What `ImageFit.refine` made of them, best first, each in a minimum of its own.
         roll
             Roll of the follower, rad.
 
@@ -66,28 +78,108 @@ class Posterior:
         numpy.linalg.LinAlgError
             Where the information is not positive definite.
         """
-        centre = fit.coordinates
-        covariance: Array = np.asarray(np.linalg.inv(fit.information), dtype=np.float64)
-        poses, cost = self._at(self._cubature, readings, centre, covariance, roll)[1:]
-        gaussian = _moments(poses, np.full(len(poses), 1 / len(poses)))
-        if np.abs(cost - fit.cost - 0.5 * len(centre)).max() <= TOLERANCE:
-            return gaussian
-        for _ in range(2):  # the second time about the moments that the first one found
-            points, poses, cost = self._at(self._student, readings, centre, covariance, roll)
-            log_weights = -cost - self._log_density
-            weights = np.exp(log_weights - log_weights.max())
-            weights /= weights.sum()
-            if 1 / (weights @ weights) < LEAST_SAMPLE:
-                return gaussian
-            centre, covariance = _moments(points, weights)
-        return _moments(poses, weights)
+        rivals = rivalling(fits)
+        if len(rivals) == 1:
+            found = self._about(readings, rivals[0], roll)
+            if found is not None:
+                return found
+        return self._everywhere(readings, rivals, roll)
 
-    def _at(
-        self, standard: Array, readings: Array, centre: Array, covariance: Array, roll: float
-    ) -> tuple[Array, Array, Array]:
-        """Return points about a centre, with their poses and negative log-posteriors."""
-        points = centre + standard @ np.linalg.cholesky(covariance).T
-        return points, *self._fit.cost(readings, points, roll)
+    def _about(self, readings: Array, fit: Fit, roll: float) -> tuple[Array, Array] | None:
+        """Return the moments of a posterior with one plain minimum, ``None`` for any other."""
+        mean, covariance = fit.coordinates, np.linalg.inv(fit.information)
+        points = mean + self._cubature @ np.linalg.cholesky(covariance).T
+        poses, cost, _ = self._fit.cost(readings, points, roll)
+        if np.abs(cost - fit.cost - 0.5 * self._size).max() <= TOLERANCE:
+            return _moments(poses, np.full(len(poses), 1 / len(poses)))
+        for least in (DONE, TRUSTED):
+            points = mean + self._student @ np.linalg.cholesky(covariance).T
+            poses, cost, correction = self._fit.cost(readings, points, roll)
+            weights, count = _weights(correction - cost + self._log_tilt - self._log_density)
+            if count > least * POINTS:
+                return _moments(poses, weights)
+            if count < 8 * self._size:
+                return None
+            # Once more, about the moments that the first round found.
+            mean, covariance = _moments(points, weights)
+        return None
+
+    def _everywhere(self, readings: Array, fits: list[Fit], roll: float) -> tuple[Array, Array]:
+        """Return the moments of a posterior of any shape."""
+        centres = self._fit.randomised(readings, fits, self._noise, self._pull, roll)
+        for kernel in self._kernel:
+            off = centres - centres.mean(axis=0)
+            spread = off.T @ off / len(off) + 1e-12 * np.eye(self._size)
+            # As narrow as what the image says there, and not wider than the whole.
+            information = self._fit.information(readings, centres, roll) + np.linalg.inv(spread)
+            factors = KERNEL_WIDTH * np.linalg.cholesky(np.linalg.inv(information))
+            points = centres[:, None] + kernel @ np.swapaxes(factors, 1, 2)
+            points = points.reshape(-1, self._size)
+            poses, cost, correction = self._fit.cost(readings, points, roll)
+            standard = (points - centres[:, None]) @ np.swapaxes(np.linalg.inv(factors), 1, 2)
+            volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+            density = logsumexp(_log_student(standard) - volume[:, None], axis=0)
+            log_weights = correction - cost - density
+            weights, count = _weights(log_weights)
+            if count > ENOUGH * len(points):
+                break
+            centres = points[_resampled(log_weights)]
+        mean, covariance = _moments(poses, weights)
+        # What so few points leave uncertain of the moments themselves.
+        return mean, covariance * (1 + (self._size + 2) / count)
+
+
+def rivalling(fits: list[Fit]) -> list[Fit]:
+    """Return the fits that are not negligible beside the best, which comes first."""
+    return [fit for fit in fits if fit.cost - fits[0].cost < NEGLIGIBLE]
+
+
+def _student_points(size: int) -> tuple[Array, Array]:
+    """Points of a Student distribution, in pairs of opposites, and the logarithm of a tilt.
+
+    With the tilt on the importance weights a standard Gaussian has exactly its mean and its
+    covariance, which a few hundred points alone would miss by several percent.
+    """
+    # Centred in their cells, so that no point lies at infinity.
+    half = POINTS // 2
+    uniform = qmc.Sobol(size + 1, scramble=False).random(half) + 0.5 / half
+    scale = np.sqrt(chdtri(FREEDOM, uniform[:, -1]) / FREEDOM)
+    points = ndtri(uniform[:, :-1]) / scale[:, None]
+    points = np.concatenate([points, -points])
+    log_weights = -0.5 * (points**2).sum(axis=1) - _log_student(points)
+    rows, columns = np.triu_indices(size)
+    products = points[:, rows] * points[:, columns]
+    target = (rows == columns).astype(float)
+    tilt = np.zeros(len(rows))
+    for _ in range(50):  # Newton's method on a convex function
+        weights, _ = _weights(log_weights + products @ tilt)
+        off = products - weights @ products
+        tilt -= np.linalg.solve((off.T * weights) @ off, weights @ products - target)
+    return points, products @ tilt
+
+
+def _log_student(standard: Array) -> Array:
+    """Logarithm of the standard Student density without its constant, shape ``(...)``."""
+    size = standard.shape[-1]
+    return -0.5 * (FREEDOM + size) * np.log1p((standard * standard).sum(axis=-1) / FREEDOM)
+
+
+def _weights(log_weights: Array) -> tuple[Array, float]:
+    """Return weights of sum 1, and how many equal ones they are worth."""
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    return weights, float(1 / (weights @ weights))
+
+
+def _resampled(log_weights: Array) -> Array:
+    """Return the indices of `KERNELS` points, by weights flattened until as many count."""
+    share = 1.0
+    weights, count = _weights(log_weights)
+    while count < KERNELS and share > 1e-3:
+        share *= 0.7
+        weights, count = _weights(share * log_weights)
+    steps = (np.arange(KERNELS) + 0.5) / KERNELS
+    return np.minimum(np.searchsorted(np.cumsum(weights), steps), len(weights) - 1)
 
 
 def _moments(values: Array, weights: Array) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ open is a choice: the scene `eren2016` and `RECONSTRUCTION` hold ours, `paper_ch
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -23,9 +23,10 @@ from uuv_optical_array.scene import Scene
 Motion = Literal["shift", "yaw"]
 UNITS: dict[Motion, str] = {"shift": "m", "yaw": "deg"}
 # The steps of the paper's curves, in these units.
-STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.linspace(0, 30, 31)}
+STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
 THRESHOLD_DEG = 15.0  # the angle from which the paper calls a move detected
 SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
+FLAT = 1e-9  # share of the peak below which differences are rounding
 RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)
 
 
@@ -146,7 +147,8 @@ def angles_deg(
     Returns
     -------
     Array
-        Degrees in [0, 180], shape ``(n,)``.
+        Degrees in [0, 180], shape ``(n,)``; nan where the aligned image is flat, so that
+        rounding alone decides where its peak is.
 
     Raises
     ------
@@ -166,7 +168,10 @@ def angles_deg(
         in_paper_axes[1:, YAW] = np.radians(moved)
     poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
     on_axis_counts = float(model.expected(poses[0]).max())
-    vectors = choice.signature(choice.images(model, poses), on_axis_counts, model.scene)
+    images = choice.images(model, poses)
+    if np.ptp(images[..., 0, :, :]) <= FLAT * on_axis_counts:
+        return np.full(len(moved), np.nan)
+    vectors = choice.signature(images, on_axis_counts, model.scene)
     angles = np.degrees(spectral_angle(vectors[..., :1, :], vectors[..., 1:, :]))
     return angles.reshape(-1, len(moved)).mean(axis=0)
 
@@ -203,8 +208,19 @@ class Statement:
     relation: str
     ours: Callable[[Angles], float]
 
+    @property
+    def label(self) -> str:
+        """The paper's number as it is printed: ``12``, ``> 15``, or its words."""
+        if self.paper is None:
+            return self.relation
+        sign = {"is": "", "above": "> ", "below": "< "}[self.relation]
+        return f"{sign}{self.paper:g}"
+
     def met(self, ours: float) -> bool | None:
-        """Whether our number lies on the stated side; ``None`` where no side is stated."""
+        """Whether our number lies on the stated side; ``None`` where no side is stated.
+
+        A number that is nan lies on neither.
+        """
         if self.paper is None or self.relation not in ("above", "below"):
             return None
         return ours > self.paper if self.relation == "above" else ours < self.paper
@@ -228,7 +244,7 @@ def _curved_less_planar(angles: Angles, steps: Array) -> Array:
     return angles(curved, steps) - angles(planar, steps)
 
 
-def _worst_near(angles: Angles) -> float:
+def _largest_near(angles: Angles) -> float:
     difference = _curved_less_planar(angles, NEAR)
     return float(difference[np.abs(difference).argmax()])
 
@@ -261,18 +277,18 @@ STATEMENTS = (
     Statement(
         "4a",
         "curved less planar, shift > 0.6 m, mean",
-        {**_BOTH, "shift_m": FAR.tolist(), "of_these": "mean"},
+        {**_BOTH, "shift_m": FAR.tolist(), "statistic": "mean"},
         2.0,
         "is",
         lambda angles: float(_curved_less_planar(angles, FAR).mean()),
     ),
     Statement(
         "4a",
-        "curved less planar, shift <= 0.6 m, worst",
-        {**_BOTH, "shift_m": NEAR.tolist(), "of_these": "largest in magnitude"},
+        "curved less planar, shift <= 0.6 m, largest",
+        {**_BOTH, "shift_m": NEAR.tolist(), "statistic": "largest in magnitude"},
         None,
         "similar",
-        _worst_near,
+        _largest_near,
     ),
     _at("4b", Conditions("planar", 21, 4.0, "yaw"), 5.0, "is", 5.0),
     _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
@@ -287,6 +303,26 @@ STATEMENTS = (
     _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
     _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
 )
+
+
+def score(ours: Sequence[float]) -> tuple[int, float]:
+    """Sum up numbers of all `STATEMENTS`.
+
+    Parameters
+    ----------
+    ours
+        One a statement, deg.
+
+    Returns
+    -------
+    met : int
+        On how many of the stated sides they lie.
+    rms_deg : float
+        Root mean square of what they are off the stated angles.
+    """
+    pairs = list(zip(STATEMENTS, ours, strict=True))
+    off = [value - s.paper for s, value in pairs if s.relation == "is" and s.paper is not None]
+    return sum(s.met(value) is True for s, value in pairs), float(np.sqrt(np.mean(np.square(off))))
 
 
 def panels() -> dict[str, list[Conditions]]:

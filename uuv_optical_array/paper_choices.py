@@ -29,11 +29,6 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
     list of Choice
         The reconstruction first.
     """
-
-    def read(model: ForwardModel, poses: Array) -> Array:
-        return model.expose(np.broadcast_to(poses, (NOISE_DRAWS, *poses.shape)), rng)
-
-    one_count = _with_effects(sensor_noise={"sigma_counts": 1.0}, adc={"bits": 10})
     return [
         RECONSTRUCTION,
         *(Choice(f"beam sigma {deg:g} deg", _with_sigma(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
@@ -57,9 +52,18 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
         Choice("skewness of differences", signature=_differences),
         Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
         Choice("yaw about the array", poses=_about_array),
-        Choice("10 bits", _without("sensor_noise"), images=ForwardModel.expose),
-        Choice("10 bits, noise of 1 count", one_count, images=read),
+        Choice("10 bits", _ten_bits, images=ForwardModel.expose),
+        noisy(rng),
     ]
+
+
+def noisy(rng: np.random.Generator) -> Choice:
+    """Return the choice with noise: 10 bits, 1 count, the mean of `NOISE_DRAWS` pairs of images."""
+
+    def read(model: ForwardModel, poses: Array) -> Array:
+        return model.expose(np.broadcast_to(poses, (NOISE_DRAWS, *poses.shape)), rng)
+
+    return Choice("10 bits, noise of 1 count", _ten_bits_and_noise, images=read)
 
 
 def _with_sigma(sigma_deg: float) -> Callable[[Scene], Scene]:
@@ -82,6 +86,14 @@ def _without(*names: str) -> Callable[[Scene], Scene]:
         return dataclasses.replace(scene, effects=kept)
 
     return change
+
+
+def _ten_bits(scene: Scene) -> Scene:
+    return _with_effects(adc={"bits": 10})(_without("sensor_noise", "shot_noise")(scene))
+
+
+def _ten_bits_and_noise(scene: Scene) -> Scene:
+    return _with_effects(sensor_noise={"sigma_counts": 1.0})(_ten_bits(scene))
 
 
 def _blur_of_11_detectors(scene: Scene) -> Scene:

@@ -100,8 +100,9 @@ def _stated(axes: Axes, panel: str, motion: Motion) -> None:
         else:
             up = statement.relation == "above"
             axes.plot(step, angle, "k_", ms=12, mew=2, zorder=4)
-            side = statement.conditions["detectors_per_side"]
-            text, place = f"{side} x {side}\n{statement.label}", (0, 26 if up else -26)
+            side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
+            which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
+            text, place = f"{which}\n{statement.label}", (0, 26 if up else -26)
         axes.annotate(
             text,
             (step, angle),

@@ -1,20 +1,23 @@
 """Detector arrays: where each photodiode sits and where it looks."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from uuv_optical_array.pose import Array
 from uuv_optical_array.quantity import Quantity
 
+Shape: TypeAlias = Literal["planar", "curved"]
+
 
 @dataclass(frozen=True)
 class ArraySettings:
     """The array of a scene; defaults are the vehicle of Eren et al. (2016)."""
 
-    shape: Literal["planar", "curved"]
+    shape: Shape
     detectors_per_side: Annotated[int, Quantity("detectors in a row, and rows", "", 2, 501)]
     width_m: Annotated[float, Quantity("outermost detector to outermost", "m", 0.01, 10)] = 0.4
     bow_m: Annotated[float, Quantity("base_link forward to the array's frame", "m", -50, 50)] = 0.4
@@ -33,6 +36,13 @@ class ArraySettings:
                 f"radius_m: {self.radius_m:g} m is too small; the corner detectors lie "
                 f"{corner:.4g} m off the axis, so the radius must be larger"
             )
+
+    def with_shape(self, shape: Shape) -> "ArraySettings":
+        """Return the settings with another shape; a new sphere is as curved as the paper's."""
+        if shape == self.shape:
+            return self
+        radius_m = 0.32 * (self.width_m / 0.4) if shape == "curved" else None
+        return dataclasses.replace(self, shape=shape, radius_m=radius_m)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uuv_optical_array.array import Shape
 from uuv_optical_array.pose import DOF_NAMES
 from uuv_optical_array.record import FollowRecord
 
 # The specification of Eren et al. (2016), which the errors are drawn against.
 SPECIFICATION = np.array([0.2, 0.2, 0.2, 10.0, 10.0])  # m and deg
 LEADER, FOLLOWER = "#e08a00", "#1f6fb4"
+SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
 MOMENTS = 6
 
 

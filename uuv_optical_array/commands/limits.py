@@ -3,7 +3,7 @@
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,10 +11,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from uuv_optical_array import files
+from uuv_optical_array.array import Shape
 from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.picture import SPECIFICATION, save
+from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
 from uuv_optical_array.pose import DOF_NAMES, Array
 from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
@@ -43,7 +44,6 @@ POSE = {
     "pitch-deg": Quantity("bow down", "deg", -90, 90),
     "yaw-deg": Quantity("bow to port", "deg", -180, 180),
 }
-Shape = Literal["planar", "curved"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 IN_DEGREES = np.array([1, 1, 1, *np.degrees([1, 1])])
 BEHIND_M = np.linspace(4, 8, 81)  # the working volume of Eren et al. (2016)
@@ -51,7 +51,6 @@ ASIDE_M = np.linspace(-1, 1, 81)
 # What a row of the picture shows: the worst of these degrees of freedom.
 ROWS = {"x, along the beam (m)": [0], "y and z, across (m)": [1, 2], "pitch and yaw (deg)": [3, 4]}
 LEVELS = np.outer(10.0 ** np.arange(-3, 4), [1, 3]).ravel()
-COLOURS = {"planar": "#c8401e", "curved": "#1f6fb4"}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -82,13 +81,10 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def with_shape(scene: Scene, shape: Shape) -> Scene:
-    """Return the scene with an array of another shape; a sphere is as curved as the paper's."""
+    """Return the scene with an array of another shape."""
     if shape == scene.array.shape:
         return scene
-    radius_m = 0.32 * (scene.array.width_m / 0.4) if shape == "curved" else None
-    return dataclasses.replace(
-        scene, array=dataclasses.replace(scene.array, shape=shape, radius_m=radius_m)
-    )
+    return dataclasses.replace(scene, array=scene.array.with_shape(shape))
 
 
 def report(model: ForwardModel, pose: Array) -> str:
@@ -135,7 +131,7 @@ def _curves(axes: Axes, bounds: dict[Shape, Array], wanted: float) -> None:
     low, high = wanted / 1000, wanted * 100
     for shape, bound in bounds.items():
         shown = np.minimum(bound, 10 * high)  # what is unobservable runs out of the picture
-        colour, middle = COLOURS[shape], shown[:, len(ASIDE_M) // 2]
+        colour, middle = SHAPE_COLOURS[shape], shown[:, len(ASIDE_M) // 2]
         axes.fill_between(
             BEHIND_M, shown.min(axis=1), shown.max(axis=1), color=colour, alpha=0.25, lw=0
         )
@@ -190,7 +186,7 @@ def draw_limits(scene: Scene, path: Path) -> None:
     grid[0, 0].set_title("line: on the beam's axis; band: up to 1 m aside")
     grid[0, 0].legend(loc="upper left")
     for axes, shape in zip(grid[0, 1:], SHAPES, strict=True):
-        axes.set_title(f"{shape} array, from above", color=COLOURS[shape])
+        axes.set_title(f"{shape} array, from above", color=SHAPE_COLOURS[shape])
     for axes in grid[-1]:
         axes.set_xlabel("base_link behind the lamp (m)")
     bar = figure.colorbar(mesh, ax=grid[:, 1:], extend="both", aspect=40)

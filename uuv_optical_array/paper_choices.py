@@ -1,0 +1,169 @@
+"""What Eren et al. (2016) leave open, filled in otherwise, one choice at a time."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.effects import check_effects, hanning_blur
+from uuv_optical_array.features import key_parameters, skewness
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.paper import RECONSTRUCTION, Choice, paper_signature, scene_signature
+from uuv_optical_array.pose import Array, rotation_matrix
+from uuv_optical_array.scene import Scene
+
+NOISE_DRAWS = 25
+
+
+def alternatives(rng: np.random.Generator) -> list[Choice]:
+    """Return the reconstruction and, one at a time, other choices.
+
+    Parameters
+    ----------
+    rng
+        Source of the noise, where a choice has noise.
+
+    Returns
+    -------
+    list of Choice
+        The reconstruction first.
+    """
+    return [
+        RECONSTRUCTION,
+        *(Choice(f"beam sigma {deg:g} deg", _with_sigma(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
+        *(
+            Choice(f"attenuation {k:g} /m", _with_effects(attenuation={"k_per_m": k}))
+            for k in (0.05, 0.2)
+        ),
+        Choice("no blur", _without("forward_scatter")),
+        *(
+            Choice(f"blur {m:g} m wide", _with_effects(forward_scatter={"window_m": m}))
+            for m in (0.1, 0.4)
+        ),
+        Choice("blur of 11 detectors always", _blur_of_11_detectors),
+        Choice("blur, dark beyond the border", images=_dark_border),
+        Choice("peak between detectors", signature=_subdetector),
+        Choice("column, row from 0", signature=_from_zero),
+        Choice("column, row from the centre", signature=_from_centre),
+        Choice("the same, per half width", signature=_per_half_width),
+        Choice("peak over full scale", signature=_over_full_scale),
+        Choice("sample skewness", signature=_sample_skewness),
+        Choice("skewness of differences", signature=_differences),
+        Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
+        Choice("yaw about the array", poses=_about_array),
+        Choice("10 bits", _ten_bits, images=ForwardModel.expose),
+        noisy(rng),
+    ]
+
+
+def noisy(rng: np.random.Generator) -> Choice:
+    """Return the choice with noise: 10 bits, 1 count, the mean of `NOISE_DRAWS` pairs of images."""
+
+    def read(model: ForwardModel, poses: Array) -> Array:
+        return model.expose(np.broadcast_to(poses, (NOISE_DRAWS, *poses.shape)), rng)
+
+    return Choice("10 bits, noise of 1 count", _ten_bits_and_noise, images=read)
+
+
+def _with_sigma(sigma_deg: float) -> Callable[[Scene], Scene]:
+    def change(scene: Scene) -> Scene:
+        lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
+        return dataclasses.replace(scene, lamp=lamp)
+
+    return change
+
+
+def _with_effects(**changed: dict[str, Any]) -> Callable[[Scene], Scene]:
+    return lambda scene: dataclasses.replace(
+        scene, effects=check_effects({**scene.effects, **changed})
+    )
+
+
+def _without(*names: str) -> Callable[[Scene], Scene]:
+    def change(scene: Scene) -> Scene:
+        kept = {name: values for name, values in scene.effects.items() if name not in names}
+        return dataclasses.replace(scene, effects=kept)
+
+    return change
+
+
+def _ten_bits(scene: Scene) -> Scene:
+    return _with_effects(adc={"bits": 10})(_without("sensor_noise", "shot_noise")(scene))
+
+
+def _ten_bits_and_noise(scene: Scene) -> Scene:
+    return _with_effects(sensor_noise={"sigma_counts": 1.0})(_ten_bits(scene))
+
+
+def _blur_of_11_detectors(scene: Scene) -> Scene:
+    spacing_m = scene.array.width_m / (scene.array.detectors_per_side - 1)
+    # The first and the last of the 11 samples are zero.
+    return _with_effects(forward_scatter={"window_m": 10 * spacing_m})(scene)
+
+
+def _dark_border(model: ForwardModel, poses: Array) -> Array:
+    """Blur without mirroring: beyond the outermost detectors there is no light."""
+    blur = model.scene.effects.get("forward_scatter")
+    if blur is None:
+        return model.expected(poses)
+    bare = ForwardModel(_without("forward_scatter")(model.scene))
+    bare.power = model.power
+    side = model.array.side
+    # The middle of a blur three times as wide meets no mirror.
+    wide = hanning_blur(3 * side, model.array.spacing_m, blur["window_m"])
+    matrix = wide[side : 2 * side, side : 2 * side]
+    return matrix @ bare.expected(poses) @ matrix.T
+
+
+def _about_array(poses: Array, scene: Scene) -> Array:
+    """Turn about the array's centre: it stays where the aligned one is."""
+    bow = rotation_matrix(poses[:, 3], poses[:, 4])[..., 0]
+    moved = poses.copy()
+    moved[:, :3] += scene.array.bow_m * (np.array([1.0, 0.0, 0.0]) - bow)
+    return moved
+
+
+def _subdetector(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    return paper_signature(images, on_axis_counts, "subdetector")
+
+
+def _over_full_scale(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    return scene_signature(images, scene.full_scale_counts, scene)
+
+
+def _from_zero(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    vectors = scene_signature(images, on_axis_counts, scene)
+    vectors[..., 1:3] -= 1 / images.shape[-1]
+    return vectors
+
+
+def _from_centre(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
+    vectors[..., 1:3] /= images.shape[-1]
+    return vectors
+
+
+def _per_half_width(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
+    vectors[..., 1:3] *= 2 / (images.shape[-1] - 1)
+    return vectors
+
+
+def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    vectors = scene_signature(images, on_axis_counts, scene)
+    n = images.shape[-1]
+    vectors[..., 3:] *= np.sqrt(n * (n - 1)) / (n - 2)
+    return vectors
+
+
+def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    """Take differences of neighbours, one fewer than detectors, for the gradient."""
+    vectors = scene_signature(images, on_axis_counts, scene)
+    at = key_parameters(images, on_axis_counts, "detector")[..., 1:3] + (images.shape[-1] - 1) / 2
+    column, row = np.moveaxis(at.round().astype(int), -1, 0)
+    horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
+    vertical = np.take_along_axis(images, column[..., None, None], axis=-1)[..., 0]
+    vectors[..., 3] = skewness(np.diff(horizontal))
+    vectors[..., 4] = skewness(np.diff(vertical))
+    return vectors

@@ -257,17 +257,8 @@ def by_shape(fails=()):
     ]
 
 
-# A planar array sees nearly the same in two attitudes and along a bent valley between them; the
-# other arrays lose their sight of the pose in dim, narrow or close light.
-OVERCONFIDENT = {
-    *("the whole table-planar", "peak on the border-planar", "half saturated-curved"),
-    *("half saturated-planar", "all saturated-curved", "all saturated-planar"),
-    *("edge of the beam-curved", "edge of the beam-planar", "near grazing-planar"),
-    *("0.3 m-curved", "0.3 m-planar", "30 m-planar", "beam of 0.5 deg-curved"),
-    *("beam of 0.5 deg-planar", "beam of 3 deg-curved"),
-    *("beam of 20 deg-planar", "beam of 60 deg-planar", "ill-conditioned-planar"),
-    *("roll of 20 deg-planar", "outside the table-planar"),
-}
+# What is left: sparse arrays whose few lit detectors fit many poses, on a table of 5^5 rows.
+OVERCONFIDENT = {"edge of the beam-planar", "0.3 m-curved", "beam of 0.5 deg-curved"}
 
 
 @each_method

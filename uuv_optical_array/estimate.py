@@ -205,12 +205,11 @@ class Estimator:
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
         readings = readings.ravel()
         vector = self._vectors(parameters)
-        angles, _ = self._index.nearest(vector, 2)
+        angles, rows = self._index.nearest(vector, POOL * self.candidates)
         try:
-            minima = self._minima(readings, vector, roll)
+            minima, misfit = self._minima(readings, vector, rows, roll)
             if not minima:
                 raise NoPose("no fit: no start led to a finite likelihood")
-            misfit = self._fit.misfit(readings, minima[0], roll)
             if not misfit <= self.max_misfit:
                 raise NoPose(
                     f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
@@ -238,27 +237,30 @@ class Estimator:
             tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
         )
 
-    def _minima(self, readings: Array, vector: Array, roll: float) -> list[Fit]:
-        """Return the best fit of each minimum that is found, best first.
+    def _minima(
+        self, readings: Array, vector: Array, rows: NDArray[np.intp], roll: float
+    ) -> tuple[list[Fit], float]:
+        """Return the best fit of each minimum that is found, best first, and its misfit.
 
-        Where the first starts lead to rivals, or to a fit that noise can hardly explain, there
-        are more of them.
+        Where the first starts, from the nearest rows, lead to rivals or to a fit that noise can
+        hardly explain, there are more of them.
         """
         minima: list[Fit] = []
+        misfit = float("inf")
         tried, count = 0, self.candidates
         while True:
-            _, rows = self._index.nearest(vector, POOL * count)
-            rows = rows[self._far_apart(rows, count)]
-            starts = turned_about_beam(self.table.poses[rows[tried:]], roll)
+            chosen = rows[self._far_apart(rows, count)][tried:]
+            starts = turned_about_beam(self.table.poses[chosen], roll)
             minima = _distinct(minima + self._fit.refine(readings, starts, roll))
-            settled = len(rivalling(minima)) == 1 or tried > 0
-            if minima and settled:
+            if minima:
                 misfit = self._fit.misfit(readings, minima[0], roll)
-                if misfit <= self._plausible_misfit:
-                    return minima
+                settled = tried > 0 or len(rivalling(minima)) == 1
+                if settled and misfit <= self._plausible_misfit:
+                    return minima, misfit
             tried, count = count, 4 * count
             if tried >= min(MOST_STARTS, len(self.table.poses)):
-                return minima
+                return minima, misfit
+            _, rows = self._index.nearest(vector, POOL * count)
 
     def _far_apart(self, rows: NDArray[np.intp], count: int) -> list[int]:
         """Choose the first of table rows, and then always the one farthest from those chosen."""

@@ -8,7 +8,7 @@ from uuv_optical_array.fit import Fit, ImageFit
 from uuv_optical_array.pose import Array
 
 # How far the log-posterior may be from the quadratic one at the cubature points.
-TOLERANCE = 0.2
+TOLERANCE = 0.5
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
 POINTS = 256  # of importance sampling about one minimum
 # Share of the points that must count, in effect: for that sampling to be done in one round, and
@@ -89,9 +89,11 @@ class Posterior:
         """Return the moments of a posterior with one plain minimum, ``None`` for any other."""
         mean, covariance = fit.coordinates, np.linalg.inv(fit.information)
         points = mean + self._cubature @ np.linalg.cholesky(covariance).T
-        poses, cost, _ = self._fit.cost(readings, points, roll)
-        if np.abs(cost - fit.cost - 0.5 * self._size).max() <= TOLERANCE:
-            return _moments(poses, np.full(len(poses), 1 / len(poses)))
+        poses, cost, correction = self._fit.cost(readings, points, roll)
+        excess = cost - fit.cost - 0.5 * self._size
+        if np.abs(excess).max() <= TOLERANCE:
+            weights, _ = _weights(correction - excess)
+            return _moments(poses, weights)
         for least in (DONE, TRUSTED):
             points = mean + self._student @ np.linalg.cholesky(covariance).T
             poses, cost, correction = self._fit.cost(readings, points, roll)

@@ -240,6 +240,14 @@ def test_a_batch_with_one_bad_query_is_refused_and_an_empty_one_is_answered():
     assert angles.shape == found.shape == (0, 2)
 
 
+def test_a_single_query_almost_opposite_to_every_row_has_an_exact_angle():
+    # By the chord alone the nearest of these would be off by some 1e-13 rad.
+    rows = [[-math.cos(d), math.sin(d), 0.0] for d in (1e-4, 1e-3, 1e-5)]
+    angles, found = SpectralIndex(rows).nearest([2.0, 0.0, 0.0], 2)
+    np.testing.assert_array_equal(found, [1, 0])
+    np.testing.assert_allclose(angles, math.pi - np.array([1e-3, 1e-4]), rtol=0, atol=1e-15)
+
+
 def test_more_neighbours_than_rows_gives_every_row_once():
     angles, found = SpectralIndex(np.eye(3)).nearest([3.0, 2.0, 1.0], 99)
     np.testing.assert_array_equal(found, [0, 1, 2])

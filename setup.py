@@ -47,7 +47,7 @@ setup(
         # A compiled kernel for light at very many poses.
         "fast": ["numba"],
         # What uuv_array peers measures us against.
-        "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral"],
+        "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # colcon test runs pytest because this extra names it.
         "test": ["hypothesis", "mypy", "numba", "pytest<9", "pytest-benchmark", "ruff"],
     },

@@ -222,6 +222,8 @@ def test_a_single_vector_is_scaled_as_one_of_many_to_the_last_bit(length):
     rows = np.random.default_rng(length).standard_normal((300, length))
     angles = [SpectralIndex(rows).nearest(row)[0][0] for row in rows[::10]]
     assert angles == [0.0] * 30
+    rows *= 10.0 ** np.random.default_rng(length).integers(-140, 140, (300, 1))
+    rows[::7] *= 10.0 ** np.random.default_rng(length).integers(-150, 1, (43, length))
     np.testing.assert_array_equal([sam._unit_vector(row) for row in rows], unit_vectors(rows))
 
 

@@ -124,7 +124,7 @@ class LateRays(Rays):
 
     def __getattr__(self, name: str) -> Array:
         """Trace the rays; only reached while they are missing."""
-        if name.startswith("_"):
+        if name not in Rays.__dataclass_fields__:
             raise AttributeError(name)
         array, poses, roll = self._asked
         self.__dict__.update(vars(trace(array, *lamp_in_body(poses, roll))))

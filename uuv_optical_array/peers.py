@@ -241,7 +241,7 @@ def hard_cases(rows: Array) -> dict[str, HardCase]:
     rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     across = np.roll(rows[400], 1)
     across -= (across @ rows[400]) * rows[400]
-    across /= np.linalg.norm(across)
+    across /= np.linalg.norm(across)  # so that a step along it is an angle
     between = rows.copy()
     between[20] = rows[400] - 3e-9 * across
     near = rows[400] + 1e-9 * across
@@ -276,8 +276,9 @@ def verdict(build: Callable[[Array], Search], case: HardCase) -> str:
     if np.isnan(angle):
         return f"row {row}, NaN"
     if row not in case.rows_right:
-        away = f" at {spectral_angle(case.rows[row], case.query):.1e} rad" if row >= 0 else ""
-        return f"wrong row{away}"
+        if row < 0 or not case.rows[row].any():
+            return f"wrong row: {row}"
+        return f"wrong row at {spectral_angle(case.rows[row], case.query):.1e} rad"
     if abs(angle - case.angle) > 1e-3 * case.angle:
         return f"wrong angle: {angle:.2g}"
     return "right"

@@ -9,7 +9,8 @@ import pytest
 from uuv_optical_array import bulk, peers
 from uuv_optical_array.commands import main
 from uuv_optical_array.commands import peers as command
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.sam import spectral_angle
+from uuv_optical_array.scene import load_scene, scene_from_settings
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +45,27 @@ def test_signatures_are_those_of_lit_poses_and_the_same_for_a_seed(rows):
     assert len(np.unique(rows, axis=0)) == 600
 
 
+def test_poses_without_light_are_drawn_again():
+    values = load_scene("reference").settings()
+    values["lamp"]["beam_sigma_deg"] = 2.0
+    scene = scene_from_settings(values, "narrow")
+    vectors = peers.signatures(scene, 300, np.random.default_rng(1))
+    assert (vectors[:, 0] * 1023 >= scene.signature.peak_weight * (1 - 1e-12)).all()
+
+
+def test_the_exact_truth_is_that_of_stable_angles_where_cosines_are_all_one():
+    rng = np.random.default_rng(8)
+    for query in rng.standard_normal((20, 6)):
+        rows = query + 1e-9 * rng.standard_normal((50, 6))
+        assert peers.nearest_exactly(rows, query) == {int(spectral_angle(rows, query).argmin())}
+
+
 def test_the_exact_truth_tells_apart_what_float64_cannot():
     tiny = 2.0**-60
     rows = np.array([[1, 2 * tiny], [1, tiny], [2, 2 * tiny], [-1, 0], [4, tiny * 12]])
     assert peers.nearest_exactly(rows, np.array([3.0, tiny])) == {1, 2}
     assert peers.nearest_exactly(rows, np.array([-3.0, tiny])) == {3}
+    assert peers.nearest_exactly(-rows[:2], np.array([3.0, -3 * tiny])) == {0}
     assert peers.nearest_exactly(np.array([[1.0, 1.0], [1.0, -1.0]]), np.array([1.0, 0])) == {0, 1}
 
 

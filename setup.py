@@ -44,8 +44,12 @@ setup(
             "ros-std-msgs",
             "transforms3d",
         ],
+        # A compiled kernel for light at very many poses.
+        "fast": ["numba"],
+        # What uuv_array peers measures us against.
+        "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # colcon test runs pytest because this extra names it.
-        "test": ["hypothesis", "mypy", "pytest<9", "pytest-benchmark", "ruff"],
+        "test": ["hypothesis", "mypy", "numba", "pytest<9", "pytest-benchmark", "ruff"],
     },
     entry_points={
         "console_scripts": [

@@ -1,12 +1,14 @@
 """The spectral angle against closed forms, and the nearest rows against an exact brute force."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uuv_optical_array import sam
 from uuv_optical_array.features import key_parameters, lifted
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.sam import SpectralIndex, spectral_angle, unit_vectors
@@ -146,6 +148,10 @@ def test_the_nearest_rows_are_those_of_an_exact_brute_force(case):
         equal = [i for i, other in enumerate(rows) if other == row]
         chosen = [i for i in found.tolist() if i in equal]
         assert chosen == equal[: len(chosen)]
+    # In a batch, whatever its company.
+    together = SpectralIndex(np.array(rows, dtype=float)).nearest([rows[0], query, rows[-1]], k)
+    np.testing.assert_array_equal(together[1][1], found)
+    np.testing.assert_allclose(together[0][1], angles, atol=4e-16)
 
 
 def test_random_rows_come_in_the_order_of_a_dense_matrix_product():
@@ -182,6 +188,66 @@ def test_a_tie_far_larger_than_k_still_gives_the_lowest_row_numbers(k):
     angles, found = SpectralIndex(rows).nearest([0, 0, 0, 1], k)
     np.testing.assert_array_equal(found, np.arange(1, k + 1))
     np.testing.assert_allclose(angles, np.full(k, math.pi / 4), rtol=1e-15)
+
+
+def exact_order(rows, query):
+    """Rows by the exact angle and then by number: cos^2 with its sign, in whole fractions."""
+    query, *rows = [[Fraction(float(x)) for x in vector] for vector in (query, *rows)]
+    dots = [sum(a * b for a, b in zip(row, query, strict=True)) for row in rows]
+    near = [dot * abs(dot) / sum(a * a for a in row) for dot, row in zip(dots, rows, strict=True)]
+    return sorted(range(len(rows)), key=lambda i: (-near[i], i))
+
+
+@pytest.mark.parametrize("candidates", [1, 7, 1 << 20])
+@pytest.mark.parametrize("k", [1, 4, 99])
+def test_a_batch_comes_in_the_order_of_exact_fractions(monkeypatch, k, candidates):
+    monkeypatch.setattr(sam, "CANDIDATES", candidates)
+    rng = np.random.default_rng(k)
+    rows = rng.standard_normal((60, 6))
+    rows[40:] = rows[rng.integers(0, 40, 20)]  # some thrice, so that a tie outgrows a small k
+    rows[50:55] = rows[0]
+    turned = rows[:5] + 1e-9 * rng.standard_normal((5, 6))
+    queries = np.concatenate([rows[[0, 45, 59]], turned, -rows[:2], rng.standard_normal((9, 6))])
+    angles, found = SpectralIndex(rows).nearest(queries, k)
+    assert angles.shape == found.shape == (len(queries), min(k, 60))
+    for query, own in zip(queries, found.tolist(), strict=True):
+        assert own == exact_order(rows, query)[:k]
+    assert (angles[:3, 0] == 0).all(), "a query that is a row is at no angle from it"
+    assert (angles[3:8, 0] < 1e-8).all()
+    assert (angles[3:8, 0] > 1e-11).all()
+
+
+@pytest.mark.parametrize("length", [2, 6, 7, 8, 25, 441])
+def test_a_single_vector_is_scaled_as_one_of_many_to_the_last_bit(length):
+    rows = np.random.default_rng(length).standard_normal((300, length))
+    angles = [SpectralIndex(rows).nearest(row)[0][0] for row in rows[::10]]
+    assert angles == [0.0] * 30
+    rows *= 10.0 ** np.random.default_rng(length).integers(-140, 140, (300, 1))
+    rows[::7] *= 10.0 ** np.random.default_rng(length).integers(-150, 1, (43, length))
+    np.testing.assert_array_equal([sam._unit_vector(row) for row in rows], unit_vectors(rows))
+
+
+@pytest.mark.parametrize("shape", [(), (2,), (4,), (5, 2), (1, 2, 3), (3, 0)])
+def test_a_query_of_another_length_is_refused_with_the_right_one(shape):
+    with pytest.raises(ValueError, match=r"give \(3,\) or \(q, 3\)"):
+        SpectralIndex(np.eye(3)).nearest(np.ones(shape))
+
+
+def test_a_batch_with_one_bad_query_is_refused_and_an_empty_one_is_answered():
+    index = SpectralIndex(np.eye(3))
+    for bad in ([0, 0, 0], [1, math.nan, 0], [math.inf, 0, 0]):
+        with pytest.raises(ValueError, match=r"zero|not finite"):
+            index.nearest([[1, 2, 3], bad])
+    angles, found = index.nearest(np.empty((0, 3)), 2)
+    assert angles.shape == found.shape == (0, 2)
+
+
+def test_a_single_query_almost_opposite_to_every_row_has_an_exact_angle():
+    # By the chord alone the nearest of these would be off by some 1e-13 rad.
+    rows = [[-math.cos(d), math.sin(d), 0.0] for d in (1e-4, 1e-3, 1e-5)]
+    angles, found = SpectralIndex(rows).nearest([2.0, 0.0, 0.0], 2)
+    np.testing.assert_array_equal(found, [1, 0])
+    np.testing.assert_allclose(angles, math.pi - np.array([1e-3, 1e-4]), rtol=0, atol=1e-15)
 
 
 def test_more_neighbours_than_rows_gives_every_row_once():

@@ -6,9 +6,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array import effects
+from uuv_optical_array import bulk, effects
 from uuv_optical_array.array import build_array
 from uuv_optical_array.light import (
+    LateRays,
     Light,
     irradiance,
     irradiance_with_derivatives,
@@ -40,14 +41,21 @@ class ForwardModel:
     ----------
     scene
         A checked scene.
+    compiled
+        Whether the light at very many poses is worked out by a kernel that Numba compiles (the
+        extra ``fast``), the same to rounding; ``None``: where one call repays loading it.
 
     Raises
     ------
     ValueError
-        Where the lamp cannot be set because no light reaches the aligned array.
+        Where the lamp cannot be set because no light reaches the aligned array, or where Numba
+        is asked for and not installed.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, compiled: bool | None = None) -> None:
+        if compiled:
+            bulk.kernel()
+        self.compiled = compiled
         self.scene = scene
         self.array = build_array(scene.array)
         self.plan = effects.plan(scene.effects, self.array)
@@ -99,7 +107,55 @@ class ForwardModel:
         ValueError
             For an offset of a setting that the scene does not have.
         """
-        return self.light_by_lamp(*lamp_in_body(poses, roll), offsets)
+        poses = np.asarray(poses, dtype=float)
+        side = self.array.side
+        if offsets or poses.size * side**2 <= 5 * bulk.BLOCK_READINGS:
+            return self.light_by_lamp(*lamp_in_body(poses, roll), offsets)
+        images = np.empty((*np.broadcast_shapes(poses.shape[:-1], np.shape(roll)), side, side))
+        self.write_light(images, poses, roll)
+        return images
+
+    def write_light(self, images: Array, poses: ArrayLike, roll: ArrayLike = 0.0) -> None:
+        """Write `light` at very many poses into an array, which may be used again and again.
+
+        Parameters
+        ----------
+        images
+            Result, shape ``(..., side, side)``, contiguous, counts.
+        poses, roll
+            As in `light`, broadcast to ``(...)``.
+
+        Raises
+        ------
+        ValueError
+            For images that are not contiguous or of another shape.
+        """
+        shape, side = images.shape[:-2], self.array.side
+        if images.shape != (*shape, side, side) or not images.flags.c_contiguous:
+            raise ValueError(f"images: shape {images.shape}; give contiguous (..., {side}, {side})")
+        poses = np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5)
+        rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1)
+        stack = images.reshape(-1, side, side)
+        # The first effect, where it is Beer's law, goes into the same exponential.
+        dimmed = next(iter(self.scene.effects), None) == "attenuation"
+        lamp_light = bulk.BulkLight(
+            self.array,
+            self._beam_sigma_rad,
+            self.power,
+            self.scene.effects["attenuation"]["k_per_m"] if dimmed else 0.0,
+            bulk.worthwhile(images.size) if self.compiled is None else self.compiled,
+        )
+        for start in range(0, len(stack), lamp_light.block):
+            part = slice(start, start + lamp_light.block)
+            image, where = stack[part], (poses[part], rolls[part])
+            lamp_light.write(image.reshape(-1, side**2), *where)
+            light = Light(image)
+            rays = LateRays(self.array, *where)
+            with np.errstate(under="ignore"):
+                for step in self.plan.light[dimmed:]:
+                    step(light, rays)
+            if light.image is not image:
+                image[...] = light.image
 
     def light_by_lamp(
         self, lamp: Array, axis: Array, offsets: Mapping[str, Array] = MappingProxyType({})

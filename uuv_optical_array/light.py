@@ -108,6 +108,29 @@ def trace(array: DetectorArray, lamp: Array, axis: Array) -> Rays:
     return Rays(range_m, off_axis_rad, cos_incidence, along_m, across_m, to_lamp, beam_axis)
 
 
+class LateRays(Rays):
+    """`Rays` that are traced when they are first asked for, which most effects never do.
+
+    Parameters
+    ----------
+    array
+        Detector array of n detectors.
+    poses, roll
+        As in `lamp_in_body`.
+    """
+
+    def __init__(self, array: DetectorArray, poses: Array, roll: Array) -> None:
+        self.__dict__["_asked"] = array, poses, roll
+
+    def __getattr__(self, name: str) -> Array:
+        """Trace the rays; only reached while they are missing."""
+        if name not in Rays.__dataclass_fields__:
+            raise AttributeError(name)
+        array, poses, roll = self._asked
+        self.__dict__.update(vars(trace(array, *lamp_in_body(poses, roll))))
+        return self.__dict__[name]
+
+
 def irradiance(rays: Rays, beam_sigma_rad: float, power: float = 1.0) -> Array:
     """Light on each detector: inverse square, Gaussian beam and Lambert's cosine.
 

@@ -1,10 +1,17 @@
 """The Spectral Angle Mapper: the angle between vectors, and the rows nearest by it."""
 
+import math
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from uuv_optical_array.pose import Array
+
+# Chords that differ by no more than this are ranked by the stable angle.
+APART, ROUNDING = 1 + 1e-9, 1e-15
+CANDIDATES = 1 << 20  # ranked at a time, which bounds the memory
 
 
 def unit_vectors(vectors: ArrayLike) -> Array:
@@ -31,10 +38,20 @@ def unit_vectors(vectors: ArrayLike) -> Array:
         raise ValueError("spectral angle: a vector is not finite; drop it before the match")
     if not largest.all():
         raise ValueError("spectral angle: a vector is zero and has no angle; drop it")
-    # By the largest component first, so that squares neither overflow nor underflow.
+    # Near one first, so that squares neither overflow nor underflow; by a power of two, which
+    # rounds nothing.
     with np.errstate(under="ignore"):
-        scaled = vectors / largest
-        return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+        scaled = np.ldexp(vectors, -np.frexp(largest)[1])
+        return scaled / np.sqrt(np.add.reduce(scaled * scaled, axis=-1, keepdims=True))
+
+
+def _unit_vector(vector: Array) -> Array:
+    """`unit_vectors` of a single one, to the last bit, in a third of the time."""
+    with np.errstate(under="ignore", over="ignore"):
+        squared = float(np.add.reduce(vector * vector))
+        if 1e-200 < squared < 1e200:
+            return vector / math.sqrt(squared)
+    return unit_vectors(vector)
 
 
 def _angle_between_units(u: Array, v: Array) -> Array:
@@ -92,37 +109,65 @@ class SpectralIndex:
         self._tree = cKDTree(self._units, leafsize=16, balanced_tree=False, compact_nodes=False)
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
-        """Find the rows nearest to one vector, by angle and then by row number.
+        """Find the rows nearest to a vector, or to each of many, by angle and then by row number.
 
         Parameters
         ----------
         query
-            Finite and not zero, shape ``(n,)``.
+            Finite and not zero, shape ``(n,)`` or, many at once, ``(q, n)``.
         k
             How many, >= 1; fewer come back where the table has fewer.
 
         Returns
         -------
         angles : Array
-            Ascending, rad, shape ``(min(k, m),)``.
+            Ascending, rad, shape ``(min(k, m),)`` or ``(q, min(k, m))``.
         rows : ndarray of int
             Row numbers, in the same order.
 
         Raises
         ------
         ValueError
-            For a query that has no direction.
+            For a query that has no direction, or is of another length than the rows.
         """
-        unit = unit_vectors(query)
+        query = np.asarray(query, dtype=float)
+        length = self._units.shape[1]
+        if query.ndim not in (1, 2) or query.shape[-1] != length:
+            raise ValueError(
+                f"spectral index: query of shape {query.shape}; give ({length},) or (q, {length})"
+            )
         k = min(k, len(self._units))
-        fetch = min(k + 4, len(self._units))
-        while True:
-            chords, found = self._tree.query(unit, k=fetch)
-            chords, found = np.atleast_1d(chords), np.atleast_1d(found)
-            # Until the last one fetched is clearly farther, a tie may lie outside.
-            if fetch == len(self._units) or chords[-1] > chords[k - 1] * (1 + 1e-9) + 1e-15:
-                break
-            fetch = min(4 * fetch, len(self._units))
-        angles = _angle_between_units(self._units[found], unit)
-        order = np.lexsort((found, angles))[:k]
-        return angles[order], found[order]
+        if query.ndim == 2:
+            return self._ranked(unit_vectors(query), k)
+        unit = _unit_vector(query)
+        if k < len(self._units):
+            chords, found = self._tree.query(unit, k + 1)
+            values = chords.tolist()
+            # Where all are clearly apart they are in order, and up to 60 deg the chord, taken by
+            # itself, is as good as the stable angle.
+            if values[-1] < 1 and all(b > a * APART + ROUNDING for a, b in pairwise(values)):
+                return 2 * np.arcsin(chords[:k] / 2), found[:k]
+        angles, rows = self._ranked(unit[None], k)
+        return angles[0], rows[0]
+
+    def _ranked(self, units: Array, k: int) -> tuple[Array, NDArray[np.intp]]:
+        """Find the `k` nearest rows to each unit vector, shape ``(q, n)``, ranked once more."""
+        angles, rows = np.empty((len(units), k)), np.empty((len(units), k), dtype=np.intp)
+        pending, fetch = np.arange(len(units)), k + 1
+        while len(pending):
+            fetch, unsettled = min(fetch, len(self._units)), []
+            step = max(1, CANDIDATES // fetch)
+            for part in (pending[i : i + step] for i in range(0, len(pending), step)):
+                chords, found = self._tree.query(units[part], fetch)
+                chords, found = chords.reshape(-1, fetch), found.reshape(-1, fetch)
+                # Until the last one fetched is clearly farther, a tie may lie outside.
+                settled = chords[:, -1] > chords[:, k - 1] * APART + ROUNDING
+                settled |= fetch == len(self._units)
+                found, own = found[settled], part[settled]
+                stable = _angle_between_units(self._units[found], units[own, None])
+                order = np.lexsort((found, stable))[:, :k]
+                angles[own] = np.take_along_axis(stable, order, axis=1)
+                rows[own] = np.take_along_axis(found, order, axis=1)
+                unsettled.append(part[~settled])
+            pending, fetch = np.concatenate(unsettled), 4 * fetch
+        return angles, rows

@@ -4,6 +4,7 @@ A table is a folder of ``poses.npy`` (m, 5), ``parameters.npy`` (m, 5) and ``tab
 scene it was built from and the scene's fingerprint.
 """
 
+import math
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
@@ -14,6 +15,7 @@ import numpy as np
 import yaml
 
 from uuv_optical_array import files
+from uuv_optical_array.bulk import worthwhile
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import Array
@@ -77,10 +79,10 @@ def build_table(
     ValueError
         Where no pose of the grid has light.
     """
-    model = ForwardModel(scene)
     axes = grid_axes(scene.table)
     shape = tuple(len(axis) for axis in axes)
-    rows = int(np.prod(shape))
+    rows = math.prod(shape)
+    model = ForwardModel(scene, worthwhile(rows * scene.array.detectors_per_side**2))
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))
     kept = 0
     for start in progress(range(0, rows, BLOCK_POSES)):

@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import accuracy, follow, limits, paper, table
+from uuv_optical_array.commands import accuracy, follow, limits, paper, peers, table
 
-COMMANDS = (table, follow, limits, accuracy, paper)
+COMMANDS = (table, follow, limits, accuracy, paper, peers)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -1,0 +1,31 @@
+"""The light at 100,000 random poses, beside the exponentials of as many readings."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array import bulk
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene
+
+COUNT = 100_000
+LOW, HIGH = [-8, -0.6, -0.6, -0.35, -0.35], [-4, 0.6, 0.6, 0.35, 0.35]
+POSES = np.random.default_rng(1).uniform(LOW, HIGH, (COUNT, 5))
+
+
+@pytest.mark.benchmark(group=f"{COUNT:,} poses")
+@pytest.mark.parametrize("compiled", [False, True], ids=["NumPy", "Numba"])
+def test_light_at_random_poses(benchmark, compiled):
+    if compiled and not bulk.installed():
+        pytest.skip("Numba is not installed")
+    model = ForwardModel(load_scene("reference"), compiled)
+    images = np.empty((COUNT, 5, 5))
+    benchmark.pedantic(model.write_light, (images, POSES), rounds=10, warmup_rounds=1)
+    np.testing.assert_allclose(images[:5], model.light(POSES[:5]), rtol=1e-9)
+
+
+@pytest.mark.benchmark(group=f"{COUNT:,} poses")
+def test_the_exponentials_alone(benchmark):
+    exponents = np.random.default_rng(2).uniform(-20, 0, (COUNT, 5, 5))
+    images = np.empty_like(exponents)
+    benchmark.pedantic(np.exp, (exponents, images), rounds=10, warmup_rounds=1)
+    assert 0 < images.min() < images.max() < 1

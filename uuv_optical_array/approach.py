@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
-from uuv_optical_array.docking import DockingFilter
+from uuv_optical_array.docking import DockingSmoother
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
@@ -322,7 +322,7 @@ def simulate(
         "moments": dead_reckoned(by_moments),
         "least_squares": single[:done],
         "tracker": tracked[:done],
-        "docking": _docked(DockingFilter(model), images, single[:done]),
+        "docking": _docked(DockingSmoother(model), images, single[:done]),
     }
     return Result(
         {method: poses[method] - case.path for method in METHODS},
@@ -345,15 +345,13 @@ def _least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
     return single, tracked
 
 
-def _docked(docking: DockingFilter, images: Array, single: Array) -> Array:
-    """Filter runs from the first frame, whose single estimate is the guess."""
+def _docked(docking: DockingSmoother, images: Array, single: Array) -> Array:
+    """Smooth runs from the first frame, whose single estimate is the guess."""
     poses = np.full(single.shape, np.nan)
     begun = np.flatnonzero(~np.isnan(single[:, 0, 0]))
     if len(begun):
         for frame in range(FRAMES):
-            poses[begun, frame], _ = docking.update(
-                images[begun, frame], STEP_S, single[begun, 0]
-            )
+            poses[begun, frame], _ = docking.update(images[begun, frame], single[begun, 0])
     return poses
 
 

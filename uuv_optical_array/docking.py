@@ -1,31 +1,33 @@
-"""A filter of images for the approach to a lamp that stays where it is.
+"""A smoother of images for the approach to a lamp that stays where it is, such as a dock's.
 
 What frames have in common is worth more than their poses. Lamp and water stay the same during an
-approach, so they are part of the state, not of every frame anew; and a vehicle under way moves
-along its own heading, so its path says where it points. The state is kept in the chart, in which
-an image is nearly linear, and each image is taken in by Gauss-Newton steps on its exact
-likelihood (B. Bell and F. Cathey, *The Iterated Kalman Filter Update as a Gauss-Newton Method*,
-1993).
+approach, so what is not known of them is estimated once, not in every frame anew; and a vehicle
+under way moves along its own heading, so that its path says where it points.
+
+The newest pose is the end of the most probable path through all images so far, found by the
+iterated Kalman smoother (B. Bell, *The Iterated Kalman Smoother as a Gauss-Newton Method*, 1994)
+with the damping of Levenberg and Marquardt (S. Sarkka and L. Svensson, 2020). A filter would have
+to keep what it made of the first images, far away, where the pose is hardly known and the
+likelihood bends; here they are looked at again from nearer by.
 """
 
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.chart import Chart
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import log_likelihood
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.pose import PITCH, YAW, Array
 from uuv_optical_array.quantity import Quantity
 
-# In the chart, at the start: so wide that the first image decides.
-FIRST_STD = 3.0
-STEPS = 8  # Gauss-Newton steps that an image may take
-ARRIVED = 1e-4  # Newton decrement below which they end
-DIFFERENCE = 1e-4  # step of the central differences, m and rad
-MAX_DECREMENT = 12.5  # longest step: five standard deviations
+# The first pose is known to be behind the lamp, no more.
+FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])
+SPEED, PITCH_RATE, YAW_RATE, MOTION = 5, 6, 7, 8
+STEPS = 12  # Gauss-Newton steps that a frame may take
+ARRIVED = 5e-3  # gain of the log-posterior below which they end
+GIVE_UP = 1e6  # damping beyond which no step gains
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class DockingSettings:
         float, Quantity("random change of the speed in 1 s", "m/s", 1e-4, 10)
     ] = 0.02
     slip_m: Annotated[
-        float, Quantity("random drift off the heading in 1 s", "m", 1e-5, 10)
+        float, Quantity("random drift off the heading in 1 s", "m", 1e-4, 10)
     ] = 0.02
     turn_std_deg_per_s: Annotated[
         float, Quantity("turn rate at the start, about 0", "deg/s", 1e-3, 500)
@@ -49,44 +51,56 @@ class DockingSettings:
     ] = 4.0
 
 
-class DockingFilter:
-    """Filter the images of n approaches at once.
+class DockingSmoother:
+    """Estimate the poses of n approaches, image after image.
 
-    The state is the chart's five coordinates, the scene's uncertain settings (its `prior`), the
-    speed ahead and the rates of pitch and yaw.
+    The state of a frame is the pose, the speed ahead, the rates of pitch and yaw and the
+    scene's uncertain settings (its `prior`), which do not change.
 
     Parameters
     ----------
     model
         Forward model of the scene.
+    step_s
+        Time between frames, s, > 0.
     settings
         Checked settings.
     """
 
-    def __init__(self, model: ForwardModel, settings: DockingSettings | None = None) -> None:
-        self.model = model
-        self.settings = s = settings or DockingSettings()
-        stds = model.scene.prior.nuisance_std()
-        self._names = tuple(stds)
-        self._moving = 5 + len(stds)  # where speed and rates begin
-        self._chart = Chart(
-            model.array.positions.mean(axis=0),
-            float(np.radians(model.scene.lamp.beam_sigma_deg)),
-            model.scene.effects.get("attenuation", {}).get("k_per_m", 0.0),
+    def __init__(
+        self, model: ForwardModel, step_s: float, settings: DockingSettings | None = None
+    ) -> None:
+        s = settings or DockingSettings()
+        self._model, self._step_s = model, step_s
+        nuisance_std = list(model.scene.prior.nuisance_std().values())
+        self._names = tuple(model.scene.prior.nuisance_std())
+        size = MOTION + len(nuisance_std)
+        # What an image sees: pose and settings, but no motion.
+        self._seen = np.r_[0:5, MOTION:size]
+        turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
+        self._first = np.zeros(size)
+        self._first[0] = -FIRST_RANGE_M
+        self._first_std = np.array(
+            [*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std]
         )
-        turn = np.radians(s.turn_std_deg_per_s)
-        first = [FIRST_STD] * 5 + list(stds.values()) + [s.speed_std_m_per_s, turn, turn]
-        self._first = np.diag(np.square(first))
-        walk = np.radians(s.turn_walk_deg_per_s)
-        self._walk = np.square([s.slip_m] * 3 + [s.speed_walk_m_per_s, walk, walk])
-        self._mean: Array | None = None
+        self._noise = np.zeros((size, size))
+        position, speed = step_s * s.slip_m**2, step_s * s.speed_walk_m_per_s**2
+        self._noise[range(3), range(3)], self._noise[SPEED, SPEED] = position, speed
+        # White-noise acceleration of both angles.
+        for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE)):
+            self._noise[np.ix_([angle, rate], [angle, rate])] = walk**2 * np.array(
+                [[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]]
+            )
+        self._noise_precision = np.linalg.inv(self._noise[:MOTION, :MOTION])
+        self.reset()
 
     def reset(self) -> None:
         """Forget the approach: the next images start a new one."""
-        self._mean = None
+        self._path: Array | None = None
+        self._readings: Array | None = None
 
     def update(
-        self, images: ArrayLike, step_s: float, guess: ArrayLike | None = None
+        self, images: ArrayLike, guess: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Take the next image of each approach.
 
@@ -94,8 +108,6 @@ class DockingFilter:
         ----------
         images
             Readings in counts, finite, shape ``(n, side, side)``.
-        step_s
-            Time since the images before, s, > 0; not used at the start.
         guess
             Poses near those of the first images, such as an `Estimator` finds, m and rad, shape
             ``(n, 5)``; needed at the start only.
@@ -103,7 +115,7 @@ class DockingFilter:
         Returns
         -------
         poses : Array
-            Mean of what is possible, m and rad, shape ``(n, 5)``.
+            Of these images, m and rad, shape ``(n, 5)``.
         covariances : Array
             Shape ``(n, 5, 5)``.
 
@@ -112,108 +124,133 @@ class DockingFilter:
         ValueError
             At the start, without a guess.
         """
-        readings = np.asarray(images, dtype=float)
-        readings = readings.reshape(len(readings), -1)
-        if self._mean is None:
+        images = np.asarray(images, dtype=float)
+        readings = images.reshape(len(images), 1, -1)
+        if self._path is None or self._readings is None:
             if guess is None:
                 raise ValueError("guess: missing; the first images need poses near theirs")
-            self._mean = np.zeros((len(readings), len(self._first)))
-            self._mean[:, :5] = self._chart.from_pose(np.asarray(guess, dtype=float), 0.0)
-            self._covariance = np.broadcast_to(self._first, (len(readings), *self._first.shape))
+            self._path = np.broadcast_to(self._first, (len(images), 1, len(self._first))).copy()
+            self._path[:, 0, :5] = guess
+            self._readings = readings
         else:
-            self._predict(step_s)
-        self._take(readings)
-        return self._poses()
+            ahead, _ = self._moved(self._path[:, -1])
+            self._path = np.concatenate([self._path, ahead[:, None]], axis=1)
+            self._readings = np.concatenate([self._readings, readings], axis=1)
+        covariances = self._refine()
+        return self._path[:, -1, :5].copy(), covariances
 
-    def _predict(self, step_s: float) -> None:
-        assert self._mean is not None
-        state, at = self._mean, self._moving
-        size = state.shape[1]
-        # What the motion depends on: the chart, speed and rates, and the drift along three axes.
-        motion = np.concatenate(
-            [state[:, :5], state[:, at:], np.zeros((len(state), 3))], axis=1
+    def _moved(self, states: Array) -> tuple[Array, Array]:
+        """Return the states a step later, shape ``(..., p)``, and their derivatives."""
+        step_s = self._step_s
+        pitch, yaw = (
+            states[..., angle] + step_s / 2 * states[..., rate]
+            for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE))
         )
-        nudges = DIFFERENCE * np.eye(11)
-        moved = self._moved(
-            np.concatenate([motion[None], motion + nudges[:, None], motion - nudges[:, None]]),
-            step_s,
-        )
-        slopes = np.moveaxis(moved[1:12] - moved[12:], 0, -1) / (2 * DIFFERENCE)
-        ahead = np.broadcast_to(np.eye(size), (len(state), size, size)).copy()
-        ahead[:, :5, :5], ahead[:, :5, at:] = slopes[..., :5], slopes[..., 5:8]
-        noise = np.zeros((len(state), size, 6))
-        noise[:, :5, :3] = slopes[..., 8:]
-        noise[:, at:, 3:] = np.eye(3)
-        spread = (noise * (self._walk * step_s)) @ np.swapaxes(noise, 1, 2)
-        self._covariance = ahead @ self._covariance @ np.swapaxes(ahead, 1, 2) + spread
-        self._mean = state.copy()
-        self._mean[:, :5] = moved[0]
-
-    def _moved(self, motion: Array, step_s: float) -> Array:
-        """Return the chart's coordinates a step later, shape ``(..., 5)``."""
-        poses, _, _ = self._chart.to_pose(motion[..., :5], 0.0)
-        turn = step_s * motion[..., 6:8]
-        # The chord of an arc points where the vehicle does half-way.
-        middle = poses[..., PITCH:] + turn / 2
-        heading = rotation_matrix(middle[..., 0], middle[..., 1])[..., 0]
-        poses[..., :3] += step_s * motion[..., 5, None] * heading + motion[..., 8:]
-        poses[..., PITCH:] += turn
-        return self._chart.from_pose(poses, 0.0)
+        sin_p, cos_p, sin_y, cos_y = np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
+        way = step_s * states[..., SPEED, None]
+        heading = np.stack([cos_p * cos_y, cos_p * sin_y, -sin_p], axis=-1)
+        by_pitch = way * np.stack([-sin_p * cos_y, -sin_p * sin_y, -cos_p], axis=-1)
+        by_yaw = way * np.stack([-cos_p * sin_y, cos_p * cos_y, np.zeros_like(yaw)], axis=-1)
+        ahead = states.copy()
+        ahead[..., :3] += way * heading
+        ahead[..., PITCH:SPEED] += step_s * states[..., PITCH_RATE:MOTION]
+        size = states.shape[-1]
+        slope = np.broadcast_to(np.eye(size), (*states.shape, size)).copy()
+        slope[..., :3, PITCH], slope[..., :3, YAW] = by_pitch, by_yaw
+        slope[..., :3, SPEED] = step_s * heading
+        slope[..., :3, PITCH_RATE] = step_s / 2 * by_pitch
+        slope[..., :3, YAW_RATE] = step_s / 2 * by_yaw
+        slope[..., PITCH, PITCH_RATE] = slope[..., YAW, YAW_RATE] = step_s
+        return ahead, slope
 
     @np.errstate(under="ignore")
-    def _take(self, readings: Array) -> None:
-        """Bring the state to the most probable one after the readings."""
-        assert self._mean is not None
-        prior, state = self._mean, self._mean.copy()
-        precision = np.linalg.inv(self._covariance)
-        cost, gradient, information = self._evaluate(readings, state, prior, precision)
-        damping = np.zeros(len(state))
-        diagonal = np.arange(state.shape[1])
+    def _refine(self) -> Array:
+        """Bring the paths to the most probable ones; return the covariances of their ends."""
+        assert self._path is not None and self._readings is not None
+        count = len(self._path)
+        covariances = np.empty((count, 5, 5))
+        damping = np.zeros(count)
+        cost, gradient, information = self._images(self._readings, self._path)
+        cost += self._motion_cost(self._path)
+        active: NDArray[np.intp] = np.arange(count)
         for _ in range(STEPS):
-            damped = information.copy()
-            damped[:, diagonal, diagonal] *= 1 + damping[:, None]
-            step = np.linalg.solve(damped, gradient[..., None])[..., 0]
-            decrement = 0.5 * (gradient * step).sum(axis=1)
-            if (decrement < ARRIVED).all():
+            path, at = self._path[active], damping[active]
+            trial, end = self._smoothed(path, gradient[active], information[active], at)
+            covariances[active] = end
+            new = self._images(self._readings[active], trial)
+            gain = cost[active] - new[0] - self._motion_cost(trial)
+            better = gain > 0
+            taken = active[better]
+            self._path[taken] = trial[better]
+            cost[taken] -= gain[better]
+            gradient[taken], information[taken] = new[1][better], new[2][better]
+            damping[active] = np.where(better, at * 0.1 * (at > 1e-4), np.maximum(10 * at, 1e-2))
+            # Only an undamped step proves that nothing is to gain.
+            arrived = (np.abs(gain) < ARRIVED) & (at < 1e-2) | (damping[active] > GIVE_UP)
+            active = active[~arrived]
+            if not len(active):
                 break
-            step *= np.minimum(1.0, np.sqrt(MAX_DECREMENT / np.maximum(decrement, 1e-300)))[:, None]
-            new = self._evaluate(readings, state + step, prior, precision)
-            better = new[0] <= cost
-            state[better] += step[better]
-            for mine, other in zip((cost, gradient, information), new, strict=True):
-                mine[better] = other[better]
-            damping = np.where(better, damping * 0.1, np.maximum(10 * damping, 1e-2))
-        self._mean, self._covariance = state, np.linalg.inv(information)
+        return covariances
 
-    def _evaluate(
-        self, readings: Array, state: Array, prior: Array, precision: Array
-    ) -> tuple[Array, Array, Array]:
-        """Return negative log-posterior, gradient of its opposite, and information."""
-        lamp, axis, by_chart = self._chart.to_lamp(state[:, :5], 0.0)
-        offsets = {name: state[:, 5 + i] for i, name in enumerate(self._names)}
-        light, by_lamp = self.model.linearised_by_lamp(lamp, axis, offsets)
-        variance, slope = self.model.variance(light)
+    def _images(self, readings: Array, path: Array) -> tuple[Array, Array, Array]:
+        """Return the images' negative log-likelihood, gradient of its opposite and information."""
+        offsets = {name: path[..., MOTION + i] for i, name in enumerate(self._names)}
+        light, jacobian = self._model.linearised(path[..., :5], 0.0, offsets)
+        variance, slope = self._model.variance(light)
         value, score, curvature = log_likelihood(
-            readings, light, variance, slope, self.model.limits
+            readings, light, variance, slope, self._model.limits
         )
-        jacobian = np.concatenate([by_lamp[..., :6] @ by_chart, by_lamp[..., 6:]], axis=-1)
-        off = state - prior
-        pull = (precision @ off[..., None])[..., 0]
-        gradient, information = -pull, precision.copy()
-        seen = self._moving
-        gradient[:, :seen] += (score[:, None, :] @ jacobian)[:, 0, :]
-        information[:, :seen, :seen] += (
-            np.swapaxes(jacobian * curvature[..., None], 1, 2) @ jacobian
-        )
-        return 0.5 * (off * pull).sum(axis=1) - value, gradient, information
+        gradient = (score[..., None, :] @ jacobian)[..., 0, :]
+        information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
+        return -value.sum(axis=1), gradient, information
 
-    def _poses(self) -> tuple[Array, Array]:
-        """Carry mean and covariance from the chart to the pose, by cubature."""
-        assert self._mean is not None
-        root = np.linalg.cholesky(self._covariance[:, :5, :5])
-        points = np.sqrt(5.0) * np.concatenate([np.eye(5), -np.eye(5)])
-        coordinates = self._mean[None, :, :5] + np.moveaxis(points @ np.swapaxes(root, 1, 2), 1, 0)
-        poses, _, _ = self._chart.to_pose(coordinates, 0.0)
-        mean = poses.mean(axis=0)
-        off = poses - mean
-        return mean, np.einsum("kni,knj->nij", off, off) / len(poses)
+    def _motion_cost(self, path: Array) -> Array:
+        """Return the negative log-prior of paths, without constants, shape ``(n,)``."""
+        first = (path[:, 0] - self._first) / self._first_std
+        ahead, _ = self._moved(path[:, :-1])
+        off = (path[:, 1:] - ahead)[..., :MOTION]
+        walked = np.einsum("nki,ij,nkj->n", off, self._noise_precision, off)
+        return 0.5 * ((first**2).sum(axis=1) + walked)
+
+    def _smoothed(
+        self, path: Array, gradient: Array, information: Array, damping: Array
+    ) -> tuple[Array, Array]:
+        """Take a Gauss-Newton step: a Kalman smoother of the problem made linear at `path`.
+
+        Returns
+        -------
+        path : Array
+            The most probable path of the linear problem, shape ``(n, k, p)``.
+        covariance : Array
+            Of the last pose, shape ``(n, 5, 5)``.
+        """
+        count, frames, size = path.shape
+        ahead, slopes = self._moved(path[:, :-1])
+        means, predicted = np.empty_like(path), np.empty_like(path)
+        spreads = np.empty((frames, count, size, size))
+        widened = np.empty_like(spreads)
+        diagonal, seen = np.arange(size), self._seen
+        for k in range(frames):
+            if k == 0:
+                predicted[:, 0], widened[0] = self._first, np.diag(self._first_std**2)
+            else:
+                slope = slopes[:, k - 1]
+                off = means[:, k - 1] - path[:, k - 1]
+                predicted[:, k] = ahead[:, k - 1] + (slope @ off[..., None])[..., 0]
+                widened[k] = slope @ spreads[k - 1] @ np.swapaxes(slope, 1, 2) + self._noise
+            joint = np.linalg.inv(widened[k])
+            pull = (joint @ (predicted[:, k] - path[:, k])[..., None])[..., 0]
+            pull[:, seen] += gradient[:, k]
+            joint[:, seen[:, None], seen] += information[:, k]
+            joint[:, diagonal, diagonal] *= 1 + damping[:, None]
+            spreads[k] = np.linalg.inv(joint)
+            means[:, k] = path[:, k] + (spreads[k] @ pull[..., None])[..., 0]
+        smoothed = means.copy()
+        for k in range(frames - 2, -1, -1):
+            # The gain is spread slope' widened^-1.
+            off = np.linalg.solve(widened[k + 1], (smoothed[:, k + 1] - predicted[:, k + 1])[..., None])
+            back = np.swapaxes(slopes[:, k], 1, 2) @ off
+            smoothed[:, k] += (spreads[k] @ back)[..., 0]
+        # What does not change is known best at the end.
+        smoothed[..., MOTION:] = smoothed[:, -1:, MOTION:]
+        return smoothed, spreads[-1][:, :5, :5]

@@ -13,14 +13,14 @@ from typing import Literal
 import numpy as np
 
 from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
-from uuv_optical_array.docking import DockingSmoother
+from uuv_optical_array.docking import DockingSettings, DockingSmoother
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.scene import Scene, scene_from_settings
-from uuv_optical_array.table import Progress, cached_table
+from uuv_optical_array.table import cached_table
 from uuv_optical_array.tracking import Tracker, TrackerSettings
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
@@ -37,6 +37,9 @@ GAIN_PER_C = -2 / 576
 TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 Noise = Literal["uniform", "gaussian", "averaged"]
+BATCH = 20
+# The simulated vehicle holds its speed and does not drift.
+DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
 METHODS = ("moments", "least_squares", "tracker", "docking")
 
 
@@ -99,9 +102,7 @@ def _cases() -> dict[str, Case]:
         "zigzag": Case(
             0.09,
             zigzag,
-            Published(
-                (0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)
-            ),
+            Published((0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)),
         ),
         "zigzag, murky": Case(
             0.2, zigzag, Published((0.26, 0.17, 0.01, 3, 4), (nan,) * 5, (0.36, 0.80, 0.86, 8, 9))
@@ -235,32 +236,34 @@ class Result:
     ----------
     errors
         By method, estimate less truth, m and rad, shape ``(n, FRAMES, 5)``; nan without a pose.
-    bounds
-        Least standard deviation of a single frame with what is known of the water, the
+    bound
+        Least standard deviation by a single frame with what is known of the water, the
         Cramer-Rao bound, m and rad, shape ``(FRAMES, 5)``.
+    run_bound
+        The same by all frames so far and what `DOCKING` says of the motion.
     """
 
     errors: Mapping[str, Array]
-    bounds: Array
+    bound: Array
+    run_bound: Array
 
-    def mean_end(self, method: str) -> Array:
-        """Mean error at the end, shape ``(5,)``."""
-        return np.asarray(np.nanmean(self.errors[method][:, -1], axis=0))
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return len(self.errors[METHODS[0]])
+
+    def mean(self, method: str) -> Array:
+        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.asarray(np.nanmean(self.errors[method], axis=0))
 
     def percentile_95(self, method: str, about_mean: bool = False) -> Array:
         """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
-        errors = self.errors[method]
-        if about_mean:
-            errors = errors - np.nanmean(errors, axis=0)
+        errors = self.errors[method] - (self.mean(method) if about_mean else 0.0)
         return np.asarray(np.nanpercentile(np.abs(errors), 95, axis=0))
 
-    def rms(self, method: str) -> Array:
-        """Root of the mean squared error, frame by frame, shape ``(FRAMES, 5)``."""
-        return np.asarray(np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)))
-
     def ratio(self, method: str) -> Array:
-        """RMS error over the bound of a single frame, shape ``(FRAMES, 5)``."""
-        return self.rms(method) / self.bounds
+        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
 
     def without_pose(self, method: str) -> int:
         """Count the frames without a pose."""
@@ -273,7 +276,7 @@ def simulate(
     choices: Choices,
     runs: int,
     rng: np.random.Generator,
-    progress: Progress = iter,
+    done: Callable[[int], object] = lambda runs: None,
 ) -> Result:
     """Run a case; an interrupt ends it with the runs it has.
 
@@ -287,8 +290,8 @@ def simulate(
         How many, >= 1.
     rng
         Source of calibration, offsets and noise.
-    progress
-        Wraps the loop over runs, such as ``tqdm.tqdm``.
+    done
+        Called with the number of runs after every batch.
 
     Returns
     -------
@@ -298,61 +301,64 @@ def simulate(
     Raises
     ------
     KeyboardInterrupt
-        Before the first run was done.
+        Before the first batch was done.
     """
     sea = believed(scene, case, choices)
     model = ForwardModel(sea)
     moments = MomentsMethod(calibrate(model, rng))
     estimator = Estimator(cached_table(sea), "least_squares")
-    offsets = draw_offsets(choices, runs, rng)
-    images = expose(model, case.path, offsets, choices.noise, rng)
-    single = np.full((runs, FRAMES, 5), np.nan)
-    tracked = np.full((runs, FRAMES, 5), np.nan)
-    done = 0
+    batches: dict[str, list[Array]] = {method: [] for method in METHODS}
     try:
-        for run in progress(range(runs)):
-            single[run], tracked[run] = _least_squares(estimator, images[run])
-            done = run + 1
+        for start in range(0, runs, BATCH):
+            count = min(BATCH, runs - start)
+            offsets = draw_offsets(choices, count, rng)
+            images = expose(model, case.path, offsets, choices.noise, rng)
+            found = {"moments": by_moments(moments, images)}
+            found["least_squares"], found["tracker"] = by_least_squares(estimator, images)
+            docking = DockingSmoother(model, STEP_S, DOCKING)
+            found["docking"] = by_docking(docking, images, found["least_squares"][:, 0])
+            for method, poses in found.items():
+                batches[method].append(poses - case.path)
+            done(count)
     except KeyboardInterrupt:
-        if not done:
+        if not batches[METHODS[-1]]:
             raise
-    images = images[:done]
-    by_moments = moments.calibration.poses(measure(images, model.array.spacing_m))
-    poses = {
-        "moments": dead_reckoned(by_moments),
-        "least_squares": single[:done],
-        "tracker": tracked[:done],
-        "docking": _docked(DockingSmoother(model), images, single[:done]),
-    }
+    whole = len(batches[METHODS[-1]])
     return Result(
-        {method: poses[method] - case.path for method in METHODS},
+        {method: np.concatenate(errors[:whole]) for method, errors in batches.items()},
         cramer_rao_bound(model, case.path).std,
+        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
     )
 
 
-def _least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
-    """Estimate the frames of one run, each by itself and as a track."""
-    scene = estimator.table.scene
-    tracker = Tracker(TrackerSettings())
-    single, tracked = np.full((FRAMES, 5), np.nan), np.full((FRAMES, 5), np.nan)
+def by_moments(method: MomentsMethod, images: Array) -> Array:
+    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
+    calibration = method.calibration
+    return dead_reckoned(calibration.poses(measure(images, calibration.spacing_m)))
+
+
+def by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
+    """Estimate all frames of all runs, each by itself and as a track."""
+    scene, runs = estimator.table.scene, len(images)
+    single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
     parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
-    for frame, image in enumerate(images):
-        with suppress(NoPose):
-            estimate = estimator.estimate(parameters[frame], image)
-            single[frame] = estimate.pose
-            stamp_ns = round(TIMES_S[frame] * 1e9)
-            tracked[frame] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
+    for run in range(runs):
+        tracker = Tracker(TrackerSettings())
+        for frame in range(FRAMES):
+            with suppress(NoPose):
+                estimate = estimator.estimate(parameters[run, frame], images[run, frame])
+                single[run, frame] = estimate.pose
+                stamp_ns = round(TIMES_S[frame] * 1e9)
+                track = tracker.update(stamp_ns, estimate.pose, estimate.covariance)
+                tracked[run, frame] = track.pose
     return single, tracked
 
 
-def _docked(docking: DockingSmoother, images: Array, single: Array) -> Array:
-    """Smooth runs from the first frame, whose single estimate is the guess."""
-    poses = np.full(single.shape, np.nan)
-    begun = np.flatnonzero(~np.isnan(single[:, 0, 0]))
+def by_docking(docking: DockingSmoother, images: Array, first: Array) -> Array:
+    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
+    poses = np.full((len(images), FRAMES, 5), np.nan)
+    begun = np.flatnonzero(~np.isnan(first[:, 0]))
     if len(begun):
         for frame in range(FRAMES):
-            poses[begun, frame], _ = docking.update(images[begun, frame], single[begun, 0])
+            poses[begun, frame], _ = docking.update(images[begun, frame], first[begun])
     return poses
-
-
-Simulate = Callable[..., Result]

@@ -40,9 +40,7 @@ class DockingSettings:
     speed_walk_m_per_s: Annotated[
         float, Quantity("random change of the speed in 1 s", "m/s", 1e-4, 10)
     ] = 0.02
-    slip_m: Annotated[
-        float, Quantity("random drift off the heading in 1 s", "m", 1e-4, 10)
-    ] = 0.02
+    slip_m: Annotated[float, Quantity("random drift off the heading in 1 s", "m", 1e-4, 10)] = 0.02
     turn_std_deg_per_s: Annotated[
         float, Quantity("turn rate at the start, about 0", "deg/s", 1e-3, 500)
     ] = 5.0
@@ -80,9 +78,7 @@ class DockingSmoother:
         turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
         self._first = np.zeros(size)
         self._first[0] = -FIRST_RANGE_M
-        self._first_std = np.array(
-            [*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std]
-        )
+        self._first_std = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std])
         self._noise = np.zeros((size, size))
         position, speed = step_s * s.slip_m**2, step_s * s.speed_walk_m_per_s**2
         self._noise[range(3), range(3)], self._noise[SPEED, SPEED] = position, speed
@@ -99,9 +95,7 @@ class DockingSmoother:
         self._path: Array | None = None
         self._readings: Array | None = None
 
-    def update(
-        self, images: ArrayLike, guess: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
+    def update(self, images: ArrayLike, guess: ArrayLike | None = None) -> tuple[Array, Array]:
         """Take the next image of each approach.
 
         Parameters
@@ -139,6 +133,35 @@ class DockingSmoother:
         covariances = self._refine()
         return self._path[:, -1, :5].copy(), covariances
 
+    def bound(self, poses: ArrayLike) -> Array:
+        """Bound what all images up to each frame can tell, with what is known of the motion.
+
+        The posterior Cramer-Rao bound (P. Tichavsky, C. Muravchik and A. Nehorai, 1998), made
+        linear at a path.
+
+        Parameters
+        ----------
+        poses
+            True poses, m and rad, shape ``(frames, 5)``, frames >= 2.
+
+        Returns
+        -------
+        Array
+            Least standard deviation of each frame's pose, m and rad, shape ``(frames, 5)``.
+        """
+        poses = np.asarray(poses, dtype=float)
+        path = np.zeros((1, len(poses), len(self._first)))
+        path[0, :, :5] = poses
+        steps = np.diff(poses, axis=0) / self._step_s
+        path[0, :-1, SPEED] = np.linalg.norm(steps[:, :3], axis=1)
+        path[0, :-1, PITCH_RATE:MOTION] = steps[:, PITCH:]
+        path[0, -1, SPEED:MOTION] = path[0, -2, SPEED:MOTION]
+        light = self._model.light(path[..., :5])
+        readings = light.reshape(1, len(poses), -1)
+        _, gradient, information = self._images(readings, path)
+        spreads = self._smoothed(path, 0 * gradient, information, np.zeros(1))[1]
+        return np.sqrt(np.diagonal(spreads[:, 0, :5, :5], axis1=1, axis2=2))
+
     def _moved(self, states: Array) -> tuple[Array, Array]:
         """Return the states a step later, shape ``(..., p)``, and their derivatives."""
         step_s = self._step_s
@@ -166,7 +189,8 @@ class DockingSmoother:
     @np.errstate(under="ignore")
     def _refine(self) -> Array:
         """Bring the paths to the most probable ones; return the covariances of their ends."""
-        assert self._path is not None and self._readings is not None
+        assert self._path is not None
+        assert self._readings is not None
         count = len(self._path)
         covariances = np.empty((count, 5, 5))
         damping = np.zeros(count)
@@ -175,8 +199,8 @@ class DockingSmoother:
         active: NDArray[np.intp] = np.arange(count)
         for _ in range(STEPS):
             path, at = self._path[active], damping[active]
-            trial, end = self._smoothed(path, gradient[active], information[active], at)
-            covariances[active] = end
+            trial, spreads = self._smoothed(path, gradient[active], information[active], at)
+            covariances[active] = spreads[-1][:, :5, :5]
             new = self._images(self._readings[active], trial)
             gain = cost[active] - new[0] - self._motion_cost(trial)
             better = gain > 0
@@ -221,8 +245,8 @@ class DockingSmoother:
         -------
         path : Array
             The most probable path of the linear problem, shape ``(n, k, p)``.
-        covariance : Array
-            Of the last pose, shape ``(n, 5, 5)``.
+        spreads : Array
+            Covariances given the images up to each frame, shape ``(k, n, p, p)``.
         """
         count, frames, size = path.shape
         ahead, slopes = self._moved(path[:, :-1])
@@ -248,9 +272,11 @@ class DockingSmoother:
         smoothed = means.copy()
         for k in range(frames - 2, -1, -1):
             # The gain is spread slope' widened^-1.
-            off = np.linalg.solve(widened[k + 1], (smoothed[:, k + 1] - predicted[:, k + 1])[..., None])
+            off = np.linalg.solve(
+                widened[k + 1], (smoothed[:, k + 1] - predicted[:, k + 1])[..., None]
+            )
             back = np.swapaxes(slopes[:, k], 1, 2) @ off
             smoothed[:, k] += (spreads[k] @ back)[..., 0]
         # What does not change is known best at the end.
         smoothed[..., MOTION:] = smoothed[:, -1:, MOTION:]
-        return smoothed, spreads[-1][:, :5, :5]
+        return smoothed, spreads

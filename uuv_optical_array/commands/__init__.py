@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import accuracy, follow, limits, table
+from uuv_optical_array.commands import accuracy, approach, follow, limits, table
 
-COMMANDS = (table, follow, limits, accuracy)
+COMMANDS = (table, follow, limits, accuracy, approach)
 
 
 def build_parser() -> argparse.ArgumentParser:

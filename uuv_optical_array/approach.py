@@ -258,8 +258,10 @@ class Result:
 
     def percentile_95(self, method: str, about_mean: bool = False) -> Array:
         """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
-        errors = self.errors[method] - (self.mean(method) if about_mean else 0.0)
-        return np.asarray(np.nanpercentile(np.abs(errors), 95, axis=0))
+        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
+        # The slow way only where a frame has no pose.
+        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
+        return np.asarray(percentile(errors, 95, axis=0))
 
     def ratio(self, method: str) -> Array:
         """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""

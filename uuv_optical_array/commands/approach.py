@@ -158,7 +158,7 @@ def report(name: str, told: dict[str, Any]) -> str:
     """Return a case in words."""
     heads = "".join(f"{head:>8}" for head in DOF_NAMES)
     units = "".join(f"{unit:>8}" for unit in ("m", "m", "m", "deg", "deg"))
-    parts = [f"{name}: {told['runs']} runs"]
+    parts = [f"{name}, runs: {told['runs']}"]
     for key, title in (
         ("mean_end", "mean error at the end"),
         ("start_95", "95 % of errors at the start"),

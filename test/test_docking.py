@@ -193,6 +193,28 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
     assert 3.0 < nees.mean() < 5.7
 
 
+def test_frames_that_are_summed_up_say_what_they_said(model):
+    """A window of a few frames finds what all of them find, and does not grow."""
+    rng = np.random.default_rng(7)
+    path = straight(16)
+    images = exposed(model, path, offsets(model, 8, rng), rng)
+    whole = DockingSmoother(model, STEP_S, SETTINGS)
+    short = DockingSmoother(model, STEP_S, dataclasses.replace(SETTINGS, frames=6))
+    guess = np.broadcast_to(path[0], (8, 5))
+    for frame in range(16):
+        expected, covariances = whole.update(images[:, frame], guess)
+        found, mine = short.update(images[:, frame], guess)
+        assert short._path.shape[1] <= 6
+    std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    assert np.abs((found - expected) / std).max() < 0.2
+    np.testing.assert_allclose(np.sqrt(np.diagonal(mine, axis1=1, axis2=2)), std, rtol=0.1)
+    # Six frames alone know the range less well.
+    alone = DockingSmoother(model, STEP_S, SETTINGS)
+    for frame in range(10, 16):
+        _, fewer = alone.update(images[:, frame], np.broadcast_to(path[10], (8, 5)))
+    assert (np.sqrt(fewer[:, 0, 0]) > 1.1 * std[:, 0]).all()
+
+
 def test_approaches_together_are_as_each_by_itself(model):
     rng = np.random.default_rng(5)
     path = straight(5)

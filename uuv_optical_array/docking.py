@@ -4,15 +4,15 @@ What frames have in common is worth more than their poses. Lamp and water stay t
 approach, so what is not known of them is estimated once, not in every frame anew; and a vehicle
 under way moves along its own heading, so that its path says where it points.
 
-The newest pose is the end of the most probable path through all images so far, found by the
+The newest pose is the end of the most probable path through the images so far, found by the
 iterated Kalman smoother (B. Bell, *The Iterated Kalman Smoother as a Gauss-Newton Method*, 1994)
-with the damping of Levenberg and Marquardt (S. Sarkka and L. Svensson, 2020). A filter would have
-to keep what it made of the first images, far away, where the pose is hardly known and the
-likelihood bends; here they are looked at again from nearer by.
+with the damping of Levenberg and Marquardt (S. Sarkka and L. Svensson, 2020). A filter would keep
+what it made of the first images, far away, where the likelihood bends; here they are looked at
+again from nearer by.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])
 SPEED, PITCH_RATE, YAW_RATE, MOTION = 5, 6, 7, 8
 STEPS = 12  # Gauss-Newton steps that a frame may take
 ARRIVED = 5e-3  # gain of the log-posterior below which they end
-GIVE_UP = 1e6  # damping beyond which no step gains
+FREE, GIVE_UP = 1e-2, 1e6  # damping below which a step is free, and beyond which none gains
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,26 @@ class DockingSettings:
     turn_walk_deg_per_s: Annotated[
         float, Quantity("random change of the turn rate in 1 s", "deg/s", 1e-3, 500)
     ] = 4.0
+    frames: Annotated[
+        int,
+        Quantity("newest frames that are looked at again; older ones are summed up", "", 2, 1e4),
+    ] = 100
+
+
+class _Prior(NamedTuple):
+    """What is known of the oldest state kept, before its image."""
+
+    mean: Array  # (n, p)
+    covariance: Array  # (n, p, p)
+
+
+class _Linear(NamedTuple):
+    """A Kalman smoother of the problem made linear at a path of k frames."""
+
+    path: Array  # the most probable one, (n, k, p)
+    spreads: Array  # covariances given the images up to each frame, (k, n, p, p)
+    predicted: Array  # states given the images before each frame, (n, k, p)
+    widened: Array  # their covariances, (k, n, p, p)
 
 
 class DockingSmoother:
@@ -76,9 +96,11 @@ class DockingSmoother:
         # What an image sees: pose and settings, but no motion.
         self._seen = np.r_[0:5, MOTION:size]
         turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
-        self._first = np.zeros(size)
-        self._first[0] = -FIRST_RANGE_M
-        self._first_std = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std])
+        self._frames = s.frames
+        first = np.zeros(size)
+        first[0] = -FIRST_RANGE_M
+        first_std = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std])
+        self._start = _Prior(first[None], np.diag(first_std**2)[None])
         self._noise = np.zeros((size, size))
         position, speed = step_s * s.slip_m**2, step_s * s.speed_walk_m_per_s**2
         self._noise[range(3), range(3)], self._noise[SPEED, SPEED] = position, speed
@@ -92,6 +114,7 @@ class DockingSmoother:
 
     def reset(self) -> None:
         """Forget the approach: the next images start a new one."""
+        self._prior = self._start
         self._path: Array | None = None
         self._readings: Array | None = None
 
@@ -123,7 +146,8 @@ class DockingSmoother:
         if self._path is None or self._readings is None:
             if guess is None:
                 raise ValueError("guess: missing; the first images need poses near theirs")
-            self._path = np.broadcast_to(self._first, (len(images), 1, len(self._first))).copy()
+            self._prior = _Prior(*(np.repeat(part, len(images), axis=0) for part in self._start))
+            self._path = self._prior.mean[:, None].copy()
             self._path[:, 0, :5] = guess
             self._readings = readings
         else:
@@ -131,13 +155,25 @@ class DockingSmoother:
             self._path = np.concatenate([self._path, ahead[:, None]], axis=1)
             self._readings = np.concatenate([self._readings, readings], axis=1)
         covariances = self._refine()
-        return self._path[:, -1, :5].copy(), covariances
+        poses = self._path[:, -1, :5].copy()
+        if self._path.shape[1] == self._frames:
+            self._sum_up_the_oldest()
+        return poses, covariances
+
+    def _sum_up_the_oldest(self) -> None:
+        """Put what the oldest image says into the prior of the next state."""
+        assert self._path is not None
+        assert self._readings is not None
+        _, gradient, information = self._images(self._readings, self._path)
+        free = np.zeros(len(self._path))
+        linear = self._smoothed(self._path, self._prior, gradient, information, free)
+        self._prior = _Prior(linear.predicted[:, 1], linear.widened[1])
+        self._path, self._readings = self._path[:, 1:], self._readings[:, 1:]
 
     def bound(self, poses: ArrayLike) -> Array:
         """Bound what all images up to each frame can tell, with what is known of the motion.
 
-        The posterior Cramer-Rao bound (P. Tichavsky, C. Muravchik and A. Nehorai, 1998), made
-        linear at a path.
+        The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), made linear at a path.
 
         Parameters
         ----------
@@ -150,7 +186,7 @@ class DockingSmoother:
             Least standard deviation of each frame's pose, m and rad, shape ``(frames, 5)``.
         """
         poses = np.asarray(poses, dtype=float)
-        path = np.zeros((1, len(poses), len(self._first)))
+        path = np.zeros((1, len(poses), self._start.mean.shape[1]))
         path[0, :, :5] = poses
         steps = np.diff(poses, axis=0) / self._step_s
         path[0, :-1, SPEED] = np.linalg.norm(steps[:, :3], axis=1)
@@ -159,7 +195,7 @@ class DockingSmoother:
         light = self._model.light(path[..., :5])
         readings = light.reshape(1, len(poses), -1)
         _, gradient, information = self._images(readings, path)
-        spreads = self._smoothed(path, 0 * gradient, information, np.zeros(1))[1]
+        spreads = self._smoothed(path, self._start, gradient, information, np.zeros(1)).spreads
         return np.sqrt(np.diagonal(spreads[:, 0, :5, :5], axis1=1, axis2=2))
 
     def _moved(self, states: Array) -> tuple[Array, Array]:
@@ -192,25 +228,26 @@ class DockingSmoother:
         assert self._path is not None
         assert self._readings is not None
         count = len(self._path)
-        covariances = np.empty((count, 5, 5))
-        damping = np.zeros(count)
+        covariances, damping = np.empty((count, 5, 5)), np.zeros(count)
         cost, gradient, information = self._images(self._readings, self._path)
-        cost += self._motion_cost(self._path)
+        cost += self._motion_cost(self._path, self._prior)
         active: NDArray[np.intp] = np.arange(count)
         for _ in range(STEPS):
             path, at = self._path[active], damping[active]
-            trial, spreads = self._smoothed(path, gradient[active], information[active], at)
-            covariances[active] = spreads[-1][:, :5, :5]
+            prior = _Prior(*(part[active] for part in self._prior))
+            linear = self._smoothed(path, prior, gradient[active], information[active], at)
+            trial, free = linear.path, at < FREE
+            covariances[active[free]] = linear.spreads[-1][free, :5, :5]
             new = self._images(self._readings[active], trial)
-            gain = cost[active] - new[0] - self._motion_cost(trial)
+            gain = cost[active] - new[0] - self._motion_cost(trial, prior)
             better = gain > 0
             taken = active[better]
             self._path[taken] = trial[better]
             cost[taken] -= gain[better]
             gradient[taken], information[taken] = new[1][better], new[2][better]
-            damping[active] = np.where(better, at * 0.1 * (at > 1e-4), np.maximum(10 * at, 1e-2))
+            damping[active] = np.where(better, at * 0.1 * (at > 1e-4), np.maximum(10 * at, FREE))
             # Only an undamped step proves that nothing is to gain.
-            arrived = (np.abs(gain) < ARRIVED) & (at < 1e-2) | (damping[active] > GIVE_UP)
+            arrived = (np.abs(gain) < ARRIVED) & free | (damping[active] > GIVE_UP)
             active = active[~arrived]
             if not len(active):
                 break
@@ -228,26 +265,19 @@ class DockingSmoother:
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
         return -value.sum(axis=1), gradient, information
 
-    def _motion_cost(self, path: Array) -> Array:
+    def _motion_cost(self, path: Array, prior: _Prior) -> Array:
         """Return the negative log-prior of paths, without constants, shape ``(n,)``."""
-        first = (path[:, 0] - self._first) / self._first_std
+        first = (path[:, 0] - prior.mean)[..., None]
+        begun = (np.swapaxes(first, 1, 2) @ np.linalg.solve(prior.covariance, first))[:, 0, 0]
         ahead, _ = self._moved(path[:, :-1])
         off = (path[:, 1:] - ahead)[..., :MOTION]
         walked = np.einsum("nki,ij,nkj->n", off, self._noise_precision, off)
-        return 0.5 * ((first**2).sum(axis=1) + walked)
+        return 0.5 * (begun + walked)
 
     def _smoothed(
-        self, path: Array, gradient: Array, information: Array, damping: Array
-    ) -> tuple[Array, Array]:
-        """Take a Gauss-Newton step: a Kalman smoother of the problem made linear at `path`.
-
-        Returns
-        -------
-        path : Array
-            The most probable path of the linear problem, shape ``(n, k, p)``.
-        spreads : Array
-            Covariances given the images up to each frame, shape ``(k, n, p, p)``.
-        """
+        self, path: Array, prior: _Prior, gradient: Array, information: Array, damping: Array
+    ) -> _Linear:
+        """Take a Gauss-Newton step from `path`."""
         count, frames, size = path.shape
         ahead, slopes = self._moved(path[:, :-1])
         means, predicted = np.empty_like(path), np.empty_like(path)
@@ -256,7 +286,7 @@ class DockingSmoother:
         diagonal, seen = np.arange(size), self._seen
         for k in range(frames):
             if k == 0:
-                predicted[:, 0], widened[0] = self._first, np.diag(self._first_std**2)
+                predicted[:, 0], widened[0] = prior
             else:
                 slope = slopes[:, k - 1]
                 off = means[:, k - 1] - path[:, k - 1]
@@ -279,4 +309,4 @@ class DockingSmoother:
             smoothed[:, k] += (spreads[k] @ back)[..., 0]
         # What does not change is known best at the end.
         smoothed[..., MOTION:] = smoothed[:, -1:, MOTION:]
-        return smoothed, spreads
+        return _Linear(smoothed, spreads, predicted, widened)

@@ -148,6 +148,20 @@ def test_the_path_is_the_most_probable_one(model):
         variance = model.scene.effects["sensor_noise"]["sigma_counts"] ** 2 + 1 / 12
         return total + 0.5 * ((images[0] - light) ** 2).sum() / variance
 
+    # What the smoother accepts steps by is the same function, but for a constant.
+    moved = found + 0.3 * rng.standard_normal((4, MOTION + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
+    moved[:, MOTION:] += 0.01
+    readings = images.reshape(1, 4, 25)
+    theirs = [
+        smoother._motion_cost(states[None], smoother._prior)
+        + smoother._images(readings, states[None])[0]
+        for states in (found, moved)
+    ]
+    mine = [
+        cost(np.concatenate([states[:, :MOTION].ravel(), states[0, MOTION:]]))
+        for states in (found, moved)
+    ]
+    assert theirs[1][0] - theirs[0][0] == pytest.approx(mine[1] - mine[0], rel=1e-9)
     assert images.min() > 0
     assert images.max() < 1023
     at = np.concatenate([found[:, :MOTION].ravel(), found[0, MOTION:]])

@@ -62,6 +62,7 @@ IN_DEGREES = np.array([1, 1, 1, *np.degrees([1, 1])])
 COLUMNS = ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")
 WIDE_BEAM_DEG = 15.0
 COLOURS = dict(zip(METHODS, ("#c8401e", "#8a8a8a", "#2c9c5a", "#1f4fb4"), strict=True))
+PUBLISHED = "#e08a00"
 ROWS = {
     "x, along the beam (m)": [0],
     "worse of y, z (m)": [1, 2],
@@ -201,8 +202,11 @@ def _panel(axes: Axes, case: Case, found: Result, dofs: list[int]) -> None:
     ):
         # fmax passes over what the paper does not give.
         value = float(np.fmax.reduce(np.array(told)[dofs]))
-        axes.plot(metres, value, "D", color="#e08a00", ms=9, mec="k", clip_on=False, zorder=5)
-    axes.plot([], [], "D", color="#e08a00", ms=9, mec="k", label="published")
+        axes.plot(metres, value, "D", color=PUBLISHED, ms=9, mec="k", clip_on=False, zorder=5)
+    aim = float(np.max((np.array(case.published.end_95) / AIM)[dofs]))
+    axes.plot(RANGES_M[-1], aim, "D", mfc="w", mec=PUBLISHED, mew=2, ms=8, clip_on=False, zorder=6)
+    axes.plot([], [], "D", color=PUBLISHED, ms=9, mec="k", label="published")
+    axes.plot([], [], "D", mfc="w", mec=PUBLISHED, mew=2, ms=8, label="the aim")
     axes.set(yscale="log", xlim=(RANGES_M[0], RANGES_M[-1]))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.4, which="both", lw=0.4)
@@ -220,7 +224,7 @@ def draw_approach(results: dict[str, Result], about: str, path: Path) -> None:
     path
         PNG file, written whole or not at all.
     """
-    figure = Figure(figsize=(5 * len(results), 11.5), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(results), 10.5), layout="constrained")
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)
     for column, (name, found) in enumerate(results.items()):
         for axes, (title, dofs) in zip(grid[:, column], ROWS.items(), strict=True):

@@ -3,9 +3,17 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import accuracy, follow, limits, paper, peers, table
+from uuv_optical_array.commands import (
+    accuracy,
+    approach,
+    follow,
+    limits,
+    paper,
+    peers,
+    table,
+)
 
-COMMANDS = (table, follow, limits, accuracy, paper, peers)
+COMMANDS = (table, follow, limits, accuracy, approach, paper, peers)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -130,7 +130,7 @@ def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, 
         truth = np.concatenate([fit.chart.from_pose(pose, roll), np.zeros(len(stds))])
         with np.errstate(under="ignore"):
             theirs = cost_of(sea, readings, pose, roll, np.zeros(len(stds)), stds.values())
-        _, [at_truth] = fit.cost(readings, truth[None], roll)
+        _, [at_truth], _ = fit.cost(readings, truth[None], roll)
         assert at_truth - best.cost == pytest.approx(theirs - ours, abs=2e-3)
 
 

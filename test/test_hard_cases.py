@@ -462,7 +462,9 @@ def test_a_float32_table_answers_in_float64(method, shape, number):
     if method == "least_squares":
         double = answer(Estimator(table, method), table.parameters[row], image)
         off = found.pose - double.pose
-        assert off @ np.linalg.solve(double.covariance, off) < 1e-2
+        # Minima that look alike may change places, and a sampled mean is good to a third of a
+        # standard deviation.
+        assert off @ np.linalg.solve(double.covariance, off) < 0.1
 
 
 @each_method

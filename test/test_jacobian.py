@@ -170,14 +170,24 @@ charts = st.builds(
     st.tuples(st.floats(-0.5, 1), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)).map(np.array),
     st.floats(math.radians(2), math.radians(30)),
     st.one_of(st.just(0.0), st.floats(1e-3, 0.2)),
+    st.booleans(),
 )
+
+
+def facing(chart, pose, roll):
+    """Cosine between the array's axis and the way to the lamp; positive where it sees it."""
+    lamp, _ = lamp_in_body(np.array(pose), roll)
+    sight = lamp - chart.centre
+    return sight[0] / np.linalg.norm(sight)
 
 
 @given(chart=charts, pose=poses, roll=rolls)
 @settings(reproducible, max_examples=100)
 def test_from_pose_to_the_chart_and_back(chart, pose, roll):
+    assume(facing(chart, pose, roll) > 0.01)
     coordinates = chart.from_pose(np.array(pose), roll)
-    back, *seen = chart.to_pose(coordinates, roll)
+    back, lamp, axis, _ = chart.to_pose(coordinates, roll)
+    seen = lamp, axis
     np.testing.assert_allclose(back, pose, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(seen, lamp_in_body(pose, roll), rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(chart.from_pose(back, roll), coordinates, rtol=1e-7, atol=1e-7)
@@ -194,15 +204,52 @@ def test_the_chart_holds_in_thick_water_too(k, r):
 @given(chart=charts, pose=poses, roll=rolls)
 @settings(reproducible, max_examples=100)
 def test_the_chart_is_where_the_lamp_stands_and_how_dim_it_is(chart, pose, roll):
+    assume(facing(chart, pose, roll) > 0.01)
     turn = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
     centre = turn.apply(chart.centre) + pose[:3]
     x, y, z = turn.inv().apply(-centre)
     r = np.linalg.norm(centre)
     off_axis = math.atan2(math.hypot(centre[1], centre[2]), -centre[0])
     dimness = math.log(r) + chart.k_per_m * r / 2 + (off_axis / chart.beam_sigma_rad) ** 2 / 4
-    expected = [math.atan2(y, x), math.asin(z / r), dimness, *pose[3:]]
+    azimuth, elevation = math.atan2(y, x), math.asin(z / r)
+    if chart.planar:
+        ahead = turn.inv().apply([1.0, 0.0, 0.0])  # against the beam
+        weight = chart.beam_sigma_rad**-2
+        share = weight / (weight + 3)
+        azimuth -= share * math.atan2(ahead[1], ahead[0])
+        elevation -= share * math.asin(ahead[2])
+        dimness -= 0.5 * math.log(facing(chart, pose, roll))
     coordinates = chart.from_pose(np.array(pose), roll)
+    expected = [azimuth, elevation, dimness, *pose[3:]]
     np.testing.assert_allclose(coordinates, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(chart=charts, pose=poses, roll=rolls)
+@settings(reproducible, max_examples=100)
+def test_the_volume_of_the_chart_is_the_determinant_of_its_derivative(chart, pose, roll):
+    assume(facing(chart, pose, roll) > 0.05)
+    coordinates = chart.from_pose(np.array(pose), roll)
+    derivative = differentiate(lambda at: chart.to_pose(at, roll)[0], coordinates)
+    log_volume = chart.to_pose(coordinates, roll)[3]
+    assert log_volume == pytest.approx(np.linalg.slogdet(derivative)[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("turn", [(0.1, -0.05), (-0.08, 0.12)])
+def test_the_lookalikes_of_a_planar_array_look_alike(turn):
+    """Turned as far in pitch and yaw without them, the image is a quite different one."""
+    model = make_model("planar", 5, EFFECTS["attenuation"])
+    centre = model.array.positions.mean(axis=0)
+    chart = Chart(centre, math.radians(8), 0.1, planar=True)
+    pose = np.array([-6.0, 0.2, -0.1, *turn])
+    image = model.light(pose)
+    others = chart.to_pose(chart.lookalikes(chart.from_pose(pose, 0.0)), 0.0)[0]
+    assert len(others) == 3
+    naive = np.array([[*pose[:3], -turn[0], -turn[1]], [*pose[:3], turn[1], -turn[0]]])
+    off = [np.abs(model.light(other) - image).max() for other in (*others, *naive)]
+    assert max(off[:3]) < 0.01 * image.max()
+    assert min(off[3:]) > 0.05 * image.max()
+    assert chart.lookalikes(np.zeros(7)).shape == (3, 7)
+    assert Chart(centre, math.radians(8), 0.1).lookalikes(np.zeros(5)).shape == (0, 5)
 
 
 @example(
@@ -211,6 +258,7 @@ def test_the_chart_is_where_the_lamp_stands_and_how_dim_it_is(chart, pose, roll)
 @given(chart=charts, pose=poses, roll=rolls)
 @settings(reproducible, max_examples=100)
 def test_the_derivatives_of_the_chart_are_those_of_the_lamp_seen_from_the_body(chart, pose, roll):
+    assume(facing(chart, pose, roll) > 0.05)
     coordinates = chart.from_pose(np.array(pose), roll)
 
     def lamp(at):

@@ -50,22 +50,32 @@ def scene(changes=(), effects=(), array=()):
     values["table"].update(changes)
     values["effects"].update(effects)
     values["array"].update(array)
+    values["array"] = {key: value for key, value in values["array"].items() if value is not None}
     return scene_from_settings(values, "posterior")
 
 
 def chain_moments(estimator, readings, roll):
-    """Mean and covariance of the pose, flat in the chart, by brute force."""
+    """Mean and covariance of the pose under its prior, by brute force."""
     fit, table = estimator._fit, estimator.table
     model = ForwardModel(table.scene)
     best = fit.refine(readings, table.poses[estimator_rows(estimator, readings)], roll)[0]
     factor = np.linalg.cholesky(np.linalg.inv(best.information))
     start = best.coordinates + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
 
+    axes = grid_axes(table.scene.table)
+    middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
+    wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
+
     def log_density(coordinates):
         poses = fit.chart.to_pose(coordinates, roll)[0]
+        steps = 1e-5 * np.concatenate([np.eye(5), -np.eye(5)])[:, None]
+        there = fit.chart.to_pose(coordinates + steps, roll)[0]
+        _, volume = np.linalg.slogdet(np.moveaxis(there[:5] - there[5:], 0, -1))
+        prior = 0.5 * (((poses - middle) / wide) ** 2).sum(axis=1)
         light = model.light(poses, roll).reshape(len(poses), -1)
         variance, slope = model.variance(light)
-        return log_likelihood(readings, light, variance, slope, Limits(0.0, 1023.0))[0]
+        likely = log_likelihood(readings, light, variance, slope, Limits(0.0, 1023.0))[0]
+        return likely + volume - prior
 
     with np.errstate(under="ignore"):
         samples = chains(log_density, start, STEPS, 2)
@@ -83,34 +93,41 @@ def signature(scene, images):
 
 
 WIDER = {"yaw_deg": [-60.0, 60.0, 9]}
+PLANAR = {"shape": "planar", "radius_m": None}
 FRAMES = {
-    "clean": ([-5.0, 0.1, -0.2, 0.05, -0.1], {}, 0.0),
-    "far and dim": ([-7.5, 0.5, -0.5, 0.2, -0.1], {}, 0.0),
-    "rolled": ([-5.5, -0.3, 0.2, 0.1, 0.2], {}, 0.35),
+    "clean": ([-5.0, 0.1, -0.2, 0.05, -0.1], {}, {}, 0.0),
+    "far and dim": ([-7.5, 0.5, -0.5, 0.2, -0.1], {}, {}, 0.0),
+    "rolled": ([-5.5, -0.3, 0.2, 0.1, 0.2], {}, {}, 0.35),
     # Detectors of the port edge stand within a few degrees of the sight line.
-    "near grazing": ([-4.5, 0.1, 0.1, 0.05, -1.0], WIDER, 0.0),
+    "near grazing": ([-4.5, 0.1, 0.1, 0.05, -1.0], WIDER, {}, 0.0),
+    # A ring of attitudes that look alike.
+    "planar": ([-6.0, 0.1, 0.1, 0.1, -0.1], {}, PLANAR, 0.0),
+    "planar and far": ([-8.0, 0.3, -0.2, -0.1, 0.2], {}, PLANAR, 0.2),
 }
+# A bent posterior is sampled by few hundred points, a plain one is known better.
+TOLERANCES = {"planar": (0.35, 0.3), "planar and far": (0.35, 0.3)}
 
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_mean_and_covariance_are_those_of_long_chains(frame):
-    pose, changes, roll = FRAMES[frame]
-    estimator = Estimator(build_table(scene(changes)), "least_squares")
+    pose, changes, array, roll = FRAMES[frame]
+    estimator = Estimator(build_table(scene(changes, array=array)), "least_squares")
     model = ForwardModel(estimator.table.scene)
     image = model.expose(pose, np.random.default_rng(20), roll)
     answer = estimator.estimate(signature(estimator.table.scene, image), image, roll)
     mean, covariance = chain_moments(estimator, image.ravel(), roll)
     std = np.sqrt(covariance.diagonal())
     # A tenth of a deviation is a hundredth of the mean squared error.
-    assert (np.abs(answer.pose - mean) < 0.12 * std).all()
-    np.testing.assert_allclose(np.sqrt(answer.covariance.diagonal()), std, rtol=0.1)
+    shift, share = TOLERANCES.get(frame, (0.12, 0.1))
+    assert (np.abs(answer.pose - mean) < shift * std).all()
+    np.testing.assert_allclose(np.sqrt(answer.covariance.diagonal()), std, rtol=share)
     np.testing.assert_allclose(
-        answer.covariance / np.outer(std, std), covariance / np.outer(std, std), atol=0.2
+        answer.covariance / np.outer(std, std), covariance / np.outer(std, std), atol=2 * share
     )
 
 
 def test_the_frame_near_grazing_is_one():
-    pose, changes, _ = FRAMES["near grazing"]
+    pose, changes, *_ = FRAMES["near grazing"]
     light = ForwardModel(scene(changes)).light(pose)
     assert (light == 0).any()
     assert ((light > 0) & (light < 0.05 * light.max())).any()

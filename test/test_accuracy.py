@@ -204,7 +204,7 @@ def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
     answer = json.loads(capsys.readouterr().out)
     run(*words)
     text = capsys.readouterr().out
-    assert text.startswith("least_squares in scene small, 40 random poses, seed 9\n")
+    assert text.startswith("least_squares in scene small, curved array, 40 random poses, seed 9\n")
     for name, ratio in answer["ratio_to_bound"].items():
         assert any(
             line.startswith(name) and line.endswith(f"{ratio:.3f}") for line in text.splitlines()

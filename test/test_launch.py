@@ -1,6 +1,8 @@
 """The launch file brings the graph up, its arguments and remaps work, and it ends cleanly."""
 
+import gc
 import unittest
+import warnings
 
 import pytest
 
@@ -81,3 +83,9 @@ class TestEnd(unittest.TestCase):
     def test_every_process_ends_with_exit_code_0(self, proc_info):
         launch_testing.asserts.assertExitCodes(proc_info)
         self.assertEqual(len(list(proc_info.processes())), 5)
+
+    def test_what_launch_testing_left_open_is_closed_here(self):
+        # It leaves an event loop to the garbage collector, which would warn in another test.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResourceWarning)
+            gc.collect()

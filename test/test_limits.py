@@ -427,7 +427,7 @@ def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path,
     picture = tmp_path / "limits.png"
     words = ("--x", -7, "--y", 0.5, "--z", -0.2, "--pitch-deg", 3, "--yaw-deg", -10)
     out = run(capsys, *words, "--shape", "planar", "--output", picture)
-    model = ForwardModel(command.with_shape(load_scene("follow"), "planar"))
+    model = ForwardModel(load_scene("follow").with_shape("planar"))
     pose = [-7, 0.5, -0.2, *np.radians([3, -10])]
     bound = cramer_rao_bound(model, pose)
     found = printed(out)
@@ -492,10 +492,10 @@ def test_a_picture_is_drawn_even_where_little_is_observable(tmp_path, shape, bea
 def test_another_shape_keeps_the_rest_of_the_scene():
     for shape in SHAPES:
         scene = make_scene(shape)
-        assert command.with_shape(scene, shape) is scene
+        assert scene.with_shape(shape) == scene
     planar, curved = make_scene("planar"), make_scene("curved")  # whose radius is the paper's
-    assert command.with_shape(planar, "curved").array == curved.array
-    assert command.with_shape(curved, "planar") == planar
+    assert planar.with_shape("curved").array == curved.array
+    assert curved.with_shape("planar") == planar
 
 
 @pytest.mark.usefixtures("coarse")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import yaml
 
 from uuv_optical_array import files
-from uuv_optical_array.array import ArraySettings
+from uuv_optical_array.array import ArraySettings, Shape
 from uuv_optical_array.effects import check_effects
 from uuv_optical_array.features import SignatureSettings
 from uuv_optical_array.light import LampSettings
@@ -96,6 +96,10 @@ class Scene:
         if "adc" in self.effects:
             limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
         return min(limits, default=self.lamp.reference_counts)
+
+    def with_shape(self, shape: Shape) -> "Scene":
+        """Return the scene with an array of another shape, as `ArraySettings.with_shape`."""
+        return dataclasses.replace(self, array=self.array.with_shape(shape))
 
     def settings(self) -> dict[str, Any]:
         """Return the whole scene as plain values, as a scene file holds it."""

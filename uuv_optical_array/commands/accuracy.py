@@ -14,6 +14,7 @@ from uuv_optical_array.commands.parser import (
     add_command,
     add_json,
     add_scene,
+    add_shape,
     bar,
 )
 from uuv_optical_array.estimate import METHODS, Estimator
@@ -35,6 +36,7 @@ examples:
   uuv_array accuracy                           20,000 poses of the reference scene
   uuv_array accuracy --scene follow --json     the default scene, as one JSON object
   uuv_array accuracy --method sam              the paper's method
+  uuv_array accuracy --shape planar            the same scene with a planar array
   uuv_array accuracy --nuisances               what estimating K and the lamp's power buys
 Ctrl-C ends the study early and reports the frames it has."""
 
@@ -70,6 +72,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "reference")
+    add_shape(parser)
     parser.add_argument(
         "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
     )
@@ -209,7 +212,13 @@ def run(options: argparse.Namespace) -> int:
     for name, quantity in NUMBERS.items():
         check(Annotated[int, quantity], getattr(options, name), f"--{name}")
     scene = load_scene(options.scene)
-    told = {"scene": scene.name, "method": options.method, "seed": options.seed}
+    scene = scene.with_shape(options.shape or scene.array.shape)
+    told = {
+        "scene": scene.name,
+        "shape": scene.array.shape,
+        "method": options.method,
+        "seed": options.seed,
+    }
     try:
         if options.nuisances:
             rows = compare(options, scene)
@@ -226,7 +235,8 @@ def run(options: argparse.Namespace) -> int:
         print("interrupted: nothing measured")
         return INTERRUPTED
     about = (
-        f"{options.method} in scene {scene.name}, {answer['poses']} random poses, "
+        f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
+        f"{answer['poses']} random poses, "
         f"seed {options.seed}"
     )
     print(json.dumps({**told, **answer}) if options.json else f"{about}\n\n{text}")

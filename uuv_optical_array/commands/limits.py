@@ -1,7 +1,6 @@
 """``uuv_array limits``: how well one image can fix the pose at all, whoever estimates it."""
 
 import argparse
-import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 
 from uuv_optical_array import files
 from uuv_optical_array.array import Shape
-from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
+from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene, add_shape
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
@@ -72,19 +71,10 @@ def add_parser(subparsers: Subparsers) -> None:
             metavar=quantity.unit.upper(),
             help=f"{quantity.text}, {quantity.unit} (default: %(default)g)",
         )
-    parser.add_argument(
-        "--shape", choices=SHAPES, help="array of the printed bound (default: the scene's)"
-    )
+    add_shape(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
     )
-
-
-def with_shape(scene: Scene, shape: Shape) -> Scene:
-    """Return the scene with an array of another shape."""
-    if shape == scene.array.shape:
-        return scene
-    return dataclasses.replace(scene, array=scene.array.with_shape(shape))
 
 
 def report(model: ForwardModel, pose: Array) -> str:
@@ -171,7 +161,7 @@ def draw_limits(scene: Scene, path: Path) -> None:
     path
         PNG file, written whole or not at all.
     """
-    stds = {shape: volume(ForwardModel(with_shape(scene, shape))) for shape in SHAPES}
+    stds = {shape: volume(ForwardModel(scene.with_shape(shape))) for shape in SHAPES}
     figure = Figure(figsize=(14, 10.5), layout="constrained")
     grid = figure.subplots(3, 3, sharex=True)
     norm = LogNorm(1e-2, 1e2)
@@ -208,7 +198,7 @@ def run(options: argparse.Namespace) -> int:
         ]
     )
     scene = load_scene(options.scene)
-    model = ForwardModel(with_shape(scene, options.shape or scene.array.shape))
+    model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
     output = files.user_path(options.output)
     draw_limits(scene, output)

@@ -2,9 +2,11 @@
 
 import argparse
 from collections.abc import Callable, Iterable
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar, get_args
 
 from tqdm import tqdm
+
+from uuv_optical_array.array import Shape
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 INTERRUPTED = 130  # exit code after Ctrl-C
@@ -36,6 +38,13 @@ def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the option that names a scene."""
     parser.add_argument(
         "--scene", default=default, help="ready scene or YAML file (default: %(default)s)"
+    )
+
+
+def add_shape(parser: argparse.ArgumentParser) -> None:
+    """Add the option that replaces the shape of the scene's array."""
+    parser.add_argument(
+        "--shape", choices=get_args(Shape), help="shape of the array (default: the scene's)"
     )
 
 

@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -20,6 +21,9 @@ os.environ.update(
     ROS_LOG_DIR=f"{SCRATCH.name}/log",
     XDG_CACHE_HOME=f"{SCRATCH.name}/cache",
 )
+# A shell ignores Ctrl-C for what it starts in the background, and so would every process of a test.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_unconfigure():

@@ -166,7 +166,7 @@ def test_a_hundred_thousand_images_leave_features_and_match_whole(table, kind):
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_thousands_of_images_leave_the_fit_whole(table, kind):
-    count = 4_000 // (2 * len(KINDS)) + 1
+    count = 2_000 // (2 * len(KINDS)) + 1
     images, parameters = thrown(table, kind, count)
     rolls = np.random.default_rng(3).choice([0.0, 0.0, 0.35, -3.0], count)
     poses_of(Estimator(table, "least_squares"), images, parameters, rolls)

@@ -8,12 +8,12 @@ from uuv_optical_array.fit import Fit, ImageFit
 from uuv_optical_array.pose import Array
 
 # How far the log-posterior may be from the quadratic one at the cubature points.
-TOLERANCE = 0.5
+TOLERANCE = 0.2
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
 POINTS = 256  # of importance sampling about one minimum
 # Share of the points that must count, in effect: for that sampling to be done in one round, and
 # to be trusted after a second one.
-DONE, TRUSTED = 0.7, 0.5
+DONE, TRUSTED = 0.6, 0.4
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
 KERNELS, POINTS_A_KERNEL = 64, 8
@@ -99,7 +99,8 @@ class Posterior:
             poses, cost, correction = self._fit.cost(readings, points, roll)
             weights, count = _weights(correction - cost + self._log_tilt - self._log_density)
             if count > least * POINTS:
-                return _moments(poses, weights)
+                found, covariance = _moments(poses, weights)
+                return found, covariance / (1 - 1 / count)
             if count < 8 * self._size:
                 return None
             # Once more, about the moments that the first round found.

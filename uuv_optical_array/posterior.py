@@ -1,6 +1,7 @@
 """What an image leaves possible: mean and covariance of the pose."""
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.special import chdtri, logsumexp, ndtri
 from scipy.stats import qmc
 
@@ -10,10 +11,11 @@ from uuv_optical_array.pose import Array
 # How far the log-posterior may be from the quadratic one at the cubature points.
 TOLERANCE = 0.2
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
-POINTS = 256  # of importance sampling about one minimum
+POINTS = 256, 512  # of importance sampling about one minimum; with nuisances
+MOST_TILT = 2.0
 # Share of the points that must count, in effect: for that sampling to be done in one round, and
 # to be trusted after a second one.
-DONE, TRUSTED = 0.6, 0.4
+DONE, TRUSTED = 0.6, 0.3
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
 KERNELS, POINTS_A_KERNEL = 64, 8
@@ -98,7 +100,7 @@ class Posterior:
             points = mean + self._student @ np.linalg.cholesky(covariance).T
             poses, cost, correction = self._fit.cost(readings, points, roll)
             weights, count = _weights(correction - cost + self._log_tilt - self._log_density)
-            if count > least * POINTS:
+            if count > least * len(points):
                 found, covariance = _moments(poses, weights)
                 return found, covariance / (1 - 1 / count)
             if count < 8 * self._size:
@@ -140,11 +142,11 @@ def rivalling(fits: list[Fit]) -> list[Fit]:
 def _student_points(size: int) -> tuple[Array, Array]:
     """Points of a Student distribution, in pairs of opposites, and the logarithm of a tilt.
 
-    With the tilt on the importance weights a standard Gaussian has exactly its moments E[x_i x_j]
-    and E[x_i^2 x_j^2], which a few hundred points alone would miss by several percent.
+    With the tilt on the importance weights a standard Gaussian has its moments E[x_i x_j] and
+    E[x_i^2 x_j^2], which a few hundred points alone would miss by several percent.
     """
     # Centred in their cells, so that no point lies at infinity.
-    half = POINTS // 2
+    half = POINTS[size > 5] // 2
     uniform = qmc.Sobol(size + 1, scramble=False).random(half) + 0.5 / half
     scale = np.sqrt(chdtri(FREEDOM, uniform[:, -1]) / FREEDOM)
     points = ndtri(uniform[:, :-1]) / scale[:, None]
@@ -155,13 +157,22 @@ def _student_points(size: int) -> tuple[Array, Array]:
     powers = np.concatenate([products, products**2], axis=1)
     same = rows == columns
     moments = np.concatenate([np.where(same, 1.0, 0.0), np.where(same, 3.0, 1.0)])
-    tilt = np.zeros(len(moments))
-    for _ in range(100):  # Newton's method on a convex function, its steps kept short
+
+    # The tilt of least entropy is where this convex function is least.
+    def excess(tilt: Array) -> tuple[float, Array]:
+        tilted = log_weights + powers @ tilt
+        weights, _ = _weights(tilted)
+        return float(logsumexp(tilted) - moments @ tilt), weights @ powers - moments
+
+    def curvature(tilt: Array) -> Array:
         weights, _ = _weights(log_weights + powers @ tilt)
         off = powers - weights @ powers
-        step = np.linalg.solve((off.T * weights) @ off, weights @ powers - moments)
-        tilt -= step / max(1.0, float(np.abs(step).max()))
-    return points, powers @ tilt
+        return (off.T * weights) @ off
+
+    start = np.zeros(len(moments))
+    found = minimize(excess, start, jac=True, hess=curvature, method="trust-exact")
+    # A point far out, of which a Gaussian has nothing, is not to be blown up for it.
+    return points, np.clip(powers @ found.x, -MOST_TILT, MOST_TILT)
 
 
 def _log_student(standard: Array) -> Array:

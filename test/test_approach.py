@@ -1,0 +1,327 @@
+"""``uuv_array approach``: paths and noise against theory, then real runs, cut short and whole."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
+from scipy.stats import kstest, norm, uniform
+
+from uuv_optical_array import approach
+from uuv_optical_array.approach import (
+    CASES,
+    FRAMES,
+    METHODS,
+    RANGES_M,
+    Choices,
+    Result,
+    believed,
+    draw_offsets,
+    expose,
+    simulate,
+)
+from uuv_optical_array.commands import approach as command
+from uuv_optical_array.commands import main
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene
+
+WIDTH = 10.23  # 1 % of 1023 counts
+
+
+@pytest.fixture(scope="module")
+def tank_file(tmp_path_factory):
+    """The tank with a table that is quickly built."""
+    settings = load_scene("eren2017_tank").settings()
+    settings["table"] = {key: [*span[:2], 5] for key, span in settings["table"].items()}
+    path = tmp_path_factory.mktemp("scene") / "tank.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def tank(tank_file):
+    return load_scene(tank_file)
+
+
+def run(*words, code=0):
+    with pytest.raises(SystemExit) as end:
+        main(["approach", *map(str, words)])
+    if isinstance(end.value.code, str):
+        assert code == 1, end.value.code
+        assert "\n" not in end.value.code
+        return end.value.code
+    assert (end.value.code or 0) == code
+    return ""
+
+
+# --- Paths ---------------------------------------------------------------------------------------
+
+
+def test_a_run_is_41_frames_from_8_5_to_4_5_m():
+    assert FRAMES == 41
+    for case in CASES.values():
+        np.testing.assert_allclose(case.path[:, 0], -np.linspace(8.5, 4.5, 41))
+
+
+def test_a_dive_goes_down_by_its_pitch():
+    path = CASES["dive"].path
+    np.testing.assert_allclose(path[:, 2], -np.tan(np.radians(10)) * np.linspace(0, 4, 41))
+    np.testing.assert_allclose(np.degrees(path[:, 3]), 10)
+    assert not path[:, [1, 4]].any()
+
+
+def test_a_zigzag_leaves_and_comes_back():
+    path = CASES["zigzag"].path
+    np.testing.assert_allclose(path[0, 1:3], [-0.2, 0.1])
+    assert path[-1, 1] == pytest.approx(-0.2, abs=1e-12)
+    np.testing.assert_allclose(path[:, 2], 0.1)
+    np.testing.assert_allclose(np.degrees(path[[0, -1], 4]), [-10, 10])
+
+    def yaw_deg(seconds):
+        return np.interp(seconds, [3, 5], [-10, 10])
+
+    farthest, _ = quad(lambda s: 0.5 * np.tan(np.radians(yaw_deg(s))), 0, 4, points=[3])
+    assert path[20, 1] == pytest.approx(-0.2 + farthest, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_vehicle_moves_along_its_heading(name):
+    path = CASES[name].path
+    ways = np.diff(path[:, :3], axis=0)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    middle = (path[1:, 3:] + path[:-1, 3:]) / 2
+    headings = Rotation.from_euler("ZY", middle[:, ::-1]).apply([1, 0, 0])
+    np.testing.assert_allclose(ways, headings, atol=1e-4)
+
+
+# --- What is drawn -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_offsets_have_the_papers_spread(share):
+    drawn = draw_offsets(Choices(offset_share=share), 20_000, np.random.default_rng(1))
+    degrees = np.expm1(drawn["lamp.power"]) / (-2 / 576)
+    for values, std in ((degrees, 3 * share), (drawn["attenuation.k_per_m"], 0.015 * share)):
+        assert kstest(values, norm(0, std).cdf).pvalue > 1e-3
+    both = np.corrcoef(drawn["lamp.power"], drawn["attenuation.k_per_m"])[0, 1]
+    assert abs(both) < 4 / np.sqrt(20_000)
+
+
+@pytest.mark.parametrize(
+    ("noise", "mean", "std"),
+    [
+        ("uniform", WIDTH / 2, WIDTH / 12**0.5),
+        ("gaussian", 0.0, WIDTH),
+        ("averaged", WIDTH / 2, ((WIDTH**2 / 12 + 1 / 12) / 10) ** 0.5),
+    ],
+)
+def test_noise_is_the_one_named_and_the_estimator_believes_it(tank, noise, mean, std):
+    case = CASES["zigzag"]
+    scene = believed(tank, case, Choices(noise))
+    # Without the converter, whose rounding is taken into account apart.
+    effects = {name: values for name, values in scene.effects.items() if name != "adc"}
+    plain = dataclasses.replace(scene, effects=effects)
+    model = ForwardModel(scene if noise == "averaged" else plain)
+    rng = np.random.default_rng(2)
+    sea = draw_offsets(Choices(noise), 30, rng)
+    images = expose(model, case.path, sea, noise, rng)
+    assert images.shape == (30, FRAMES, 5, 5)
+    ambient = scene.effects["ambient"]["level_counts"]
+    dark = dataclasses.replace(plain, effects={**effects, "ambient": {"level_counts": 0.0}})
+    lit = ForwardModel(dark)
+    for index in range(30):
+        off = {name: np.full(FRAMES, values[index]) for name, values in sea.items()}
+        residual = (images[index] - lit.light(case.path, 0.0, off))[images[index] < 1000]
+        assert abs(residual.mean() - mean) < 6 * std / np.sqrt(len(residual))
+    assert residual.std() == pytest.approx(std, rel=0.1)
+    assert ambient == pytest.approx(mean)
+    if noise == "uniform":
+        assert kstest(residual, uniform(0, WIDTH).cdf).pvalue > 1e-3
+        assert residual.min() >= 0
+        assert residual.max() <= WIDTH
+    # What the estimator believes of a reading, rounding included.
+    variance, slope = ForwardModel(scene).variance(np.array(500.0))
+    rounding = 0 if noise == "averaged" else 1 / 12
+    assert variance == pytest.approx(std**2 + rounding, rel=1e-9)
+    assert slope == 0
+
+
+def test_the_lamp_stays_the_same_in_murkier_water(tank):
+    clear, murky = (believed(tank, CASES[name], Choices()) for name in ("zigzag", "zigzag, murky"))
+    poses = CASES["zigzag"].path
+    clear_light, murky_light = (
+        ForwardModel(scene).light(poses) - scene.effects["ambient"]["level_counts"]
+        for scene in (clear, murky)
+    )
+    brightest = clear_light.max(axis=(1, 2)), murky_light.max(axis=(1, 2))
+    lost_m = np.log(brightest[0] / brightest[1]) / 0.11
+    # The brightest detector sits on the sphere, 0.19 m in front of base_link.
+    np.testing.assert_allclose(lost_m, np.linalg.norm(poses[:, :3], axis=1) - 0.19, atol=0.02)
+
+
+def test_a_scene_without_attenuation_is_refused(tank):
+    effects = {name: v for name, v in tank.effects.items() if name != "attenuation"}
+    prior = dataclasses.replace(tank.prior, k_std_per_m=0.0)
+    clear = dataclasses.replace(tank, effects=effects, prior=prior)
+    with pytest.raises(ValueError, match=r"no effects.attenuation; add it"):
+        believed(clear, CASES["dive"], Choices())
+
+
+# --- Statistics ----------------------------------------------------------------------------------
+
+
+def test_statistics_of_planted_errors_are_the_closed_ones():
+    rng = np.random.default_rng(3)
+    bound = rng.uniform(0.1, 2, (FRAMES, 5))
+    errors = 0.5 + 2 * bound * rng.standard_normal((4000, FRAMES, 5))
+    errors[7, 3] = np.nan
+    found = Result(dict.fromkeys(METHODS, errors), bound, bound)
+    assert found.runs == 4000
+    assert found.without_pose("docking") == 1
+    np.testing.assert_allclose(found.mean("docking"), 0.5, atol=0.35)
+    np.testing.assert_allclose(found.ratio("docking"), np.sqrt(4 + (0.5 / bound) ** 2), rtol=0.06)
+    spread = found.percentile_95("docking", about_mean=True)
+    np.testing.assert_allclose(spread, 1.96 * 2 * bound, rtol=0.1)
+    both = norm(0.5, 2 * bound)
+    np.testing.assert_allclose(
+        both.cdf(found.percentile_95("docking")) - both.cdf(-found.percentile_95("docking")),
+        0.95,
+        atol=0.02,
+    )
+
+
+def test_an_interrupt_keeps_the_batches_before_it(tank, monkeypatch):
+    monkeypatch.setattr(approach, "BATCH", 2)
+    batches = []
+
+    def stop(count):
+        batches.append(count)
+        if len(batches) == 2:
+            raise KeyboardInterrupt
+
+    found = simulate(tank, CASES["dive"], Choices(), 10, np.random.default_rng(4), stop)
+    assert batches == [2, 2]
+    assert found.runs == 4
+    assert all(errors.shape == (4, FRAMES, 5) for errors in found.errors.values())
+
+
+def test_an_interrupt_before_the_first_batch_is_passed_on(tank, monkeypatch):
+    def stop(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(approach, "by_moments", stop)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(4))
+
+
+def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother():
+    class Docking:
+        def update(self, images, first):
+            assert len(images) == len(first) == 1
+            return first, None
+
+    first = np.array([[np.nan] * 5, [1.0] * 5])
+    poses = approach.by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
+    assert np.isnan(poses[0]).all()
+    assert (poses[1] == 1).all()
+
+
+# --- The command ---------------------------------------------------------------------------------
+
+
+def test_json_has_every_case_and_method_and_a_seed_fixes_it(
+    tank, tank_file, tmp_path, capsys, monkeypatch
+):
+    # Two of the three, for the time.
+    cases = {name: CASES[name] for name in ("dive", "zigzag, murky")}
+    monkeypatch.setattr(command, "CASES", cases)
+    picture = tmp_path / "approach.png"
+    run("--scene", tank_file, "--runs", 2, "--seed", 5, "--json", "--output", picture)
+    told = json.loads(capsys.readouterr().out)
+    assert told["picture"] == str(picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    again = simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(5))
+    assert told["cases"]["dive"] == command.as_object(CASES["dive"], again)
+    assert told["asked_runs"] == 2
+    assert list(told["cases"]) == list(cases)
+    for name, case in told["cases"].items():
+        assert case["runs"] == 2
+        assert case["published"]["end_95"]["x_m"] == CASES[name].published.end_95[0]
+        assert list(case["methods"]) == list(METHODS)
+        for values in case["methods"].values():
+            assert all(np.isfinite(number) for number in values["end_95"].values())
+            assert list(values["ratio_to_bound"])[-1] == "4.5 m"
+        # The estimators that look at the whole image find the lamp.
+        assert abs(case["methods"]["docking"]["mean_end"]["x_m"]) < 0.5
+    assert told["cases"]["dive"]["published"]["start_95"]["yaw_deg"] is None
+
+
+def test_it_prints_tables_of_the_runs_it_has(tank_file, tmp_path, capsys, monkeypatch):
+    simulated = command.simulate
+
+    def interrupted(tank, case, choices, runs, rng, done):
+        if case is CASES["zigzag"]:
+            raise KeyboardInterrupt
+        return simulated(tank, case, choices, 1, rng, done)
+
+    monkeypatch.setattr(command, "simulate", interrupted)
+    run("--scene", tank_file, "--runs", 1, "--output", tmp_path / "cut.png")
+    text = capsys.readouterr().out
+    assert "dive, runs: 1" in text
+    assert "zigzag" not in text
+    # The aim: a fifth of 0.43, 0.20 and 0.28 m, and angles as published.
+    (aim,) = [line for line in text.splitlines() if "the aim" in line]
+    assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
+    monkeypatch.setattr(
+        command, "simulate", lambda *words: (_ for _ in ()).throw(KeyboardInterrupt)
+    )
+    run("--scene", tank_file, code=130)
+    assert "interrupted: nothing measured" in capsys.readouterr().out
+
+
+def test_choices_are_compared(tank_file, capsys, monkeypatch):
+    planted = Result(
+        {method: np.full((1, FRAMES, 5), 0.25) for method in METHODS},
+        np.ones((FRAMES, 5)),
+        np.ones((FRAMES, 5)),
+    )
+    asked = []
+
+    def simulated(tank, case, choices, runs, rng, done):
+        asked.append((tank.lamp.beam_sigma_deg, choices.noise, choices.offset_share))
+        return planted
+
+    monkeypatch.setattr(command, "simulate", simulated)
+    run("--scene", tank_file, "--choices", "--runs", 1)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 3 * (1 + 5 * len(METHODS))
+    assert asked[::3] == [
+        (8.0, "uniform", 1.0),
+        (8.0, "gaussian", 1.0),
+        (8.0, "averaged", 1.0),
+        (8.0, "uniform", 0.5),
+        (15.0, "uniform", 1.0),
+    ]
+    run("--scene", tank_file, "--choices", "--runs", 1, "--json")
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert len(rows) == 15
+    assert rows[0]["methods"]["moments"]["end_95"]["x_m"] == pytest.approx(0.25)
+
+
+def test_bad_numbers_are_named():
+    assert "--runs: 0 is out of bounds" in run("--runs", 0, code=1)
+    assert "--seed: -1 is out of bounds" in run("--seed", -1, code=1)
+
+
+def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
+    assert len(RANGES_M) == FRAMES
+    found = simulate(tank, CASES["dive"], Choices(), 5, np.random.default_rng(6))
+    last = {m: np.sqrt(np.nanmean(found.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
+    assert (last["docking"][1:] < last["least_squares"][1:]).all()
+    assert (last["docking"][:3] < last["moments"][:3] / 3).all()
+    ratio = np.sqrt(np.mean(found.ratio("least_squares")[20:] ** 2))
+    # 5 runs of 21 frames, each with nuisances of its own.
+    assert 0.7 < ratio < 1.3

@@ -1,0 +1,279 @@
+"""The docking smoother: against dense algebra, an independent optimiser, and its own statistics."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.docking import MOTION, DockingSettings, DockingSmoother
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.likelihood import information
+from uuv_optical_array.scene import load_scene
+
+STEP_S = 0.2
+SETTINGS = DockingSettings(speed_walk_m_per_s=0.03, slip_m=0.02, turn_walk_deg_per_s=3.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ForwardModel(load_scene("eren2017_tank"))
+
+
+def straight(frames, yaw_deg=6.0, start=(-6.0, -0.1, 0.1)):
+    """Straight ahead at 0.5 m/s."""
+    heading = Rotation.from_euler("ZY", [yaw_deg, -4], degrees=True).apply([1, 0, 0])
+    places = start + 0.5 * STEP_S * np.arange(frames)[:, None] * heading
+    angles = np.broadcast_to(np.radians([-4, yaw_deg]), (frames, 2))
+    return np.concatenate([places, angles], axis=1)
+
+
+def offsets(model, runs, rng):
+    return {
+        name: rng.normal(0, std, runs) for name, std in model.scene.prior.nuisance_std().items()
+    }
+
+
+def exposed(model, path, off, rng):
+    shape = (len(off["lamp.power"]), len(path))
+    spread = {name: np.broadcast_to(values[:, None], shape) for name, values in off.items()}
+    return model.expose(np.broadcast_to(path, (*shape, 5)), rng, 0.0, spread)
+
+
+def step(state):
+    """A step of the motion, by SciPy's rotations."""
+    ahead = state.copy()
+    pitch, yaw = state[3:5] + STEP_S / 2 * state[6:8]
+    ahead[:3] += STEP_S * state[5] * Rotation.from_euler("ZY", [yaw, pitch]).apply([1, 0, 0])
+    ahead[3:5] += STEP_S * state[6:8]
+    return ahead
+
+
+def noise_of_motion(size):
+    """Process noise by what the settings mean, one number at a time."""
+    walk, noise = np.radians(SETTINGS.turn_walk_deg_per_s) ** 2, np.zeros((size, size))
+    for axis in range(3):
+        noise[axis, axis] = SETTINGS.slip_m**2 * STEP_S
+    noise[5, 5] = SETTINGS.speed_walk_m_per_s**2 * STEP_S
+    for angle, rate in ((3, 6), (4, 7)):
+        noise[angle, angle] = walk * STEP_S**3 / 3
+        noise[angle, rate] = noise[rate, angle] = walk * STEP_S**2 / 2
+        noise[rate, rate] = walk * STEP_S
+    return noise
+
+
+def first_prior(model):
+    turn = np.radians(SETTINGS.turn_std_deg_per_s)
+    stds = model.scene.prior.nuisance_std().values()
+    mean = np.zeros(MOTION + len(stds))
+    mean[0] = -6.0
+    return mean, np.array([10, 5, 5, 2, 2, SETTINGS.speed_std_m_per_s, turn, turn, *stds])
+
+
+def test_motion_is_that_of_the_heading_and_its_derivatives_are_right(model):
+    smoother = DockingSmoother(model, STEP_S, SETTINGS)
+    rng = np.random.default_rng(1)
+    states = rng.normal(0, 0.4, (20, MOTION + 2))
+    ahead, slopes = smoother._moved(states)
+    np.testing.assert_allclose(ahead, [step(state) for state in states], atol=1e-12)
+    for state, slope in zip(states, slopes, strict=True):
+        nudges = 1e-6 * np.eye(len(state))
+        numeric = [(step(state + nudge) - step(state - nudge)) / 2e-6 for nudge in nudges]
+        np.testing.assert_allclose(slope, np.transpose(numeric), atol=1e-8)
+
+
+def test_bound_is_the_inverse_of_the_dense_information(model):
+    """All frames' states in one information matrix, inverted whole, for each number of frames."""
+    path = straight(6)
+    found = DockingSmoother(model, STEP_S, SETTINGS).bound(path)
+    size = MOTION + 2
+    noise = np.linalg.inv(noise_of_motion(size)[:MOTION, :MOTION])
+    states = np.zeros((6, size))
+    states[:, :5], states[:, 5] = path, 0.5
+    off = {name: np.zeros(6) for name in model.scene.prior.nuisance_std()}
+    light, jacobian = model.linearised(path, 0.0, off)
+    weights = information(light, *model.variance(light), model.limits)
+    for frames in range(1, 7):
+        # Unknowns: the motion of each frame, then the settings once.
+        whole = np.zeros((MOTION * frames + 2,) * 2)
+        settings = slice(MOTION * frames, None)
+        prior = first_prior(model)[1] ** -2.0
+        whole[range(MOTION), range(MOTION)] += prior[:MOTION]
+        whole[settings, settings] += np.diag(prior[MOTION:])
+        for k in range(frames):
+            seen = np.zeros((7, len(whole)))
+            seen[:5, MOTION * k : MOTION * k + 5] = np.eye(5)
+            seen[5:, settings] = np.eye(2)
+            image = jacobian[k].T @ (weights[k][:, None] * jacobian[k])
+            whole += seen.T @ image @ seen
+            if k:
+                nudges = 1e-6 * np.eye(size)[:MOTION]
+                before = states[k - 1]
+                slope = np.array([(step(before + n) - step(before - n)) / 2e-6 for n in nudges]).T
+                link = np.zeros((MOTION, len(whole)))
+                link[:, MOTION * (k - 1) : MOTION * k] = -slope[:MOTION]
+                link[:, MOTION * k : MOTION * (k + 1)] = np.eye(MOTION)
+                whole += link.T @ noise @ link
+        last = slice(MOTION * (frames - 1), MOTION * (frames - 1) + 5)
+        std = np.sqrt(np.diag(np.linalg.inv(whole))[last])
+        np.testing.assert_allclose(found[frames - 1], std, rtol=1e-5)
+
+
+def test_the_path_is_the_most_probable_one(model):
+    """An optimiser without derivatives of ours, from the path found, gains next to nothing."""
+    rng = np.random.default_rng(3)
+    path = straight(4)
+    off = offsets(model, 1, rng)
+    images = exposed(model, path, off, rng)
+    smoother = DockingSmoother(model, STEP_S, SETTINGS)
+    for frame in range(4):
+        poses, _ = smoother.update(images[:, frame], path[None, 0])
+    found = smoother._path[0]
+    mean, std = first_prior(model)
+    precision = np.linalg.inv(noise_of_motion(MOTION + 2)[:MOTION, :MOTION])
+
+    def cost(numbers):
+        """The negative log-posterior, with Gaussian readings: none is at a limit."""
+        states = np.empty((4, MOTION + 2))
+        states[:, :MOTION] = numbers[:-2].reshape(4, MOTION)
+        states[:, MOTION:] = numbers[-2:]
+        total = 0.5 * (((states[0] - mean) / std) ** 2).sum()
+        for before, after in itertools.pairwise(states):
+            apart = (after - step(before))[:MOTION]
+            total += 0.5 * apart @ precision @ apart
+        spread = {"lamp.power": states[:, 8], "attenuation.k_per_m": states[:, 9]}
+        light = model.light(states[:, :5], 0.0, spread)
+        variance = model.scene.effects["sensor_noise"]["sigma_counts"] ** 2 + 1 / 12
+        return total + 0.5 * ((images[0] - light) ** 2).sum() / variance
+
+    # What the smoother accepts steps by is the same function, but for a constant.
+    moved = found + 0.3 * rng.standard_normal((4, MOTION + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
+    moved[:, MOTION:] += 0.01
+    readings = images.reshape(1, 4, 25)
+    theirs = [
+        smoother._motion_cost(states[None], smoother._prior)
+        + smoother._images(readings, states[None])[0]
+        for states in (found, moved)
+    ]
+    mine = [
+        cost(np.concatenate([states[:, :MOTION].ravel(), states[0, MOTION:]]))
+        for states in (found, moved)
+    ]
+    assert theirs[1][0] - theirs[0][0] == pytest.approx(mine[1] - mine[0], rel=1e-9)
+    assert images.min() > 0
+    assert images.max() < 1023
+    at = np.concatenate([found[:, :MOTION].ravel(), found[0, MOTION:]])
+    scale = np.sqrt(np.diag(np.linalg.inv(_hessian(cost, at))))
+    best = minimize(lambda u: cost(at + scale * u), np.zeros(len(at)), method="BFGS")
+    assert cost(at) - best.fun < 0.02
+    np.testing.assert_array_equal(found[-1, :5], poses[0])
+
+
+def _hessian(function, at):
+    """Second differences, good to a few per cent: it only sets the scale of a search."""
+    steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2])
+    steps = np.concatenate([np.tile(steps, (len(at) - 2) // MOTION), [1e-3, 1e-3]])
+    nudges = np.diag(steps)
+    matrix = np.empty((len(at), len(at)))
+    for i, a in enumerate(nudges):
+        for j, b in enumerate(nudges[: i + 1]):
+            corners = (
+                function(at + a + b)
+                - function(at + a - b)
+                - function(at - a + b)
+                + function(at - a - b)
+            )
+            matrix[i, j] = matrix[j, i] = corners / (4 * steps[i] * steps[j])
+    return matrix
+
+
+def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
+    rng = np.random.default_rng(4)
+    path, runs = straight(12), 150
+    images = exposed(model, path, offsets(model, runs, rng), rng)
+    smoother = DockingSmoother(model, STEP_S, SETTINGS)
+    for frame in range(12):
+        poses, covariances = smoother.update(
+            images[:, frame], np.broadcast_to(path[0], (runs, 5)) + rng.normal(0, 0.02, (runs, 5))
+        )
+    errors = poses - path[-1]
+    ratio = np.sqrt(np.mean(errors**2, axis=0)) / smoother.bound(path)[-1]
+    # The path is straighter than the motion it is expected of, so errors may be smaller.
+    assert (ratio > 0.6).all()
+    assert (ratio < 1.1).all()
+    nees = (errors * np.linalg.solve(covariances, errors[..., None])[..., 0]).sum(axis=1)
+    assert 3.0 < nees.mean() < 5.7
+
+
+def test_frames_that_are_summed_up_say_what_they_said(model):
+    """A window of a few frames finds what all of them find, and does not grow."""
+    rng = np.random.default_rng(7)
+    path = straight(16)
+    images = exposed(model, path, offsets(model, 8, rng), rng)
+    whole = DockingSmoother(model, STEP_S, SETTINGS)
+    short = DockingSmoother(model, STEP_S, dataclasses.replace(SETTINGS, frames=6))
+    guess = np.broadcast_to(path[0], (8, 5))
+    for frame in range(16):
+        expected, covariances = whole.update(images[:, frame], guess)
+        found, mine = short.update(images[:, frame], guess)
+        assert short._path.shape[1] <= 6
+    std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    assert np.abs((found - expected) / std).max() < 0.2
+    np.testing.assert_allclose(np.sqrt(np.diagonal(mine, axis1=1, axis2=2)), std, rtol=0.1)
+    # Six frames alone know the range less well.
+    alone = DockingSmoother(model, STEP_S, SETTINGS)
+    for frame in range(10, 16):
+        _, fewer = alone.update(images[:, frame], np.broadcast_to(path[10], (8, 5)))
+    assert (np.sqrt(fewer[:, 0, 0]) > 1.1 * std[:, 0]).all()
+
+
+def test_approaches_together_are_as_each_by_itself(model):
+    rng = np.random.default_rng(5)
+    path = straight(5)
+    images = exposed(model, path, offsets(model, 3, rng), rng)
+    guess = np.broadcast_to(path[0], (3, 5))
+    together, alone = DockingSmoother(model, STEP_S), DockingSmoother(model, STEP_S)
+    for frame in range(5):
+        many = together.update(images[:, frame], guess)
+    for run in range(3):
+        alone.reset()
+        for frame in range(5):
+            pose, covariance = alone.update(images[run : run + 1, frame], guess[:1])
+        np.testing.assert_allclose(pose[0], many[0][run], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(covariance[0], many[1][run], rtol=1e-9)
+
+
+def test_the_first_images_need_a_guess(model):
+    smoother = DockingSmoother(model, STEP_S)
+    with pytest.raises(ValueError, match="guess: missing"):
+        smoother.update(np.ones((1, 5, 5)))
+
+
+def test_a_known_sea_has_no_settings_to_estimate(model):
+    known = dataclasses.replace(
+        model.scene,
+        prior=dataclasses.replace(model.scene.prior, lamp_power_std=0.0, k_std_per_m=0.0),
+    )
+    path = straight(6)
+    smoother = DockingSmoother(ForwardModel(known), STEP_S, SETTINGS)
+    vague = DockingSmoother(model, STEP_S, SETTINGS)
+    assert (smoother.bound(path) < vague.bound(path)).all()
+    images = ForwardModel(known).expected(path)
+    for image in images:
+        poses, _ = smoother.update(image[None], path[None, 0])
+    np.testing.assert_allclose(poses[0], path[-1], atol=5e-3)
+
+
+@pytest.mark.parametrize("counts", [0.0, 1023.0])
+def test_dark_and_saturated_images_leave_a_finite_pose_and_an_honest_doubt(model, counts):
+    smoother = DockingSmoother(model, STEP_S)
+    path = straight(3)
+    first = smoother.update(model.expected(path[:1]), path[:1])[1]
+    for _ in range(3):
+        poses, covariances = smoother.update(np.full((1, 5, 5), counts))
+    assert np.isfinite(poses).all()
+    assert (np.linalg.eigvalsh(covariances[0]) > 0).all()
+    if counts == 0:
+        assert covariances[0, 0, 0] > first[0, 0, 0]

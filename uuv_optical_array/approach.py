@@ -1,0 +1,366 @@
+"""The Monte Carlo of Eren et al. (Sensors 2017, 17(8), 1741) again: approaches to a lamp.
+
+A follower closes from 8.5 m to 4.5 m at 0.5 m/s and sees 41 images. In each run the water's
+temperature (and so the detectors' gain) and its attenuation are off by a constant that nobody
+knows. Published are mean errors at the end and 95 % errors at the start and at the end.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Literal
+
+import numpy as np
+
+from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
+from uuv_optical_array.docking import DockingSettings, DockingSmoother
+from uuv_optical_array.estimate import Estimator, NoPose
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.limits import cramer_rao_bound
+from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.scene import Scene, scene_from_settings
+from uuv_optical_array.table import cached_table
+from uuv_optical_array.tracking import Tracker, TrackerSettings
+
+FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
+STEP_S = 1 / RATE_HZ
+FRAMES = round((FAR_M - NEAR_M) / SPEED_M_PER_S * RATE_HZ) + 1
+TIMES_S = STEP_S * np.arange(FRAMES)
+RANGES_M = FAR_M - SPEED_M_PER_S * TIMES_S
+TURN_RATE_DEG_PER_S = 10.0
+FULL_SCALE = 1023.0
+NOISE_SHARE = 0.01  # of full scale
+AVERAGED = 10
+# 2 mV of 576 mV for each degree by which the water's temperature is off.
+GAIN_PER_C = -2 / 576
+TEMPERATURE_C, K_PER_M = 3.0, 0.015
+
+Noise = Literal["uniform", "gaussian", "averaged"]
+BATCH = 20
+# The simulated vehicle holds its speed and does not drift.
+DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
+METHODS = ("moments", "least_squares", "tracker", "docking")
+
+
+@dataclasses.dataclass(frozen=True)
+class Published:
+    """Errors of the paper: x, y, z in m, pitch and yaw in deg; nan where it gives none."""
+
+    mean_end: tuple[float, ...]
+    start_95: tuple[float, ...]
+    end_95: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A case of the paper.
+
+    Parameters
+    ----------
+    k_per_m
+        Attenuation that method and estimator believe in.
+    path
+        True poses, m and rad, shape ``(FRAMES, 5)``.
+    published
+        What the paper found.
+    """
+
+    k_per_m: float
+    path: Array
+    published: Published
+
+
+def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array:
+    """Follow the heading from y, z = `start`, with a constant speed towards the lamp."""
+    poses = np.zeros((FRAMES, 5))
+    poses[:, PITCH], poses[:, YAW] = np.radians(pitch_deg), np.radians(yaw_deg)
+    heading = rotation_matrix(poses[:, PITCH], poses[:, YAW])[..., 0]
+    slope = heading[:, 1:] / heading[:, :1]
+    steps = SPEED_M_PER_S * STEP_S * (slope[1:] + slope[:-1]) / 2
+    poses[:, 0] = -RANGES_M
+    poses[:, 1:3] = start
+    poses[1:, 1:3] += np.cumsum(steps, axis=0)
+    return poses
+
+
+def _cases() -> dict[str, Case]:
+    nan, level = float("nan"), np.zeros(FRAMES)
+    # The paper's frame has y to starboard and z down. It does not say when a zigzag turns: here
+    # once, half-way.
+    half = TIMES_S[-1] / 2
+    yaw = np.clip((TIMES_S - half) * TURN_RATE_DEG_PER_S, -10.0, 10.0)
+    dive, zigzag = _path((0.0, 0.0), level + 10.0, level), _path((-0.2, 0.1), level, yaw)
+    return {
+        "dive": Case(
+            0.09,
+            dive,
+            Published(
+                (0.02, 0.02, 0.18, 5, 1), (0.83, 0.18, 0.22, 2, nan), (0.43, 0.20, 0.28, 1, 1)
+            ),
+        ),
+        "zigzag": Case(
+            0.09,
+            zigzag,
+            Published((0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)),
+        ),
+        "zigzag, murky": Case(
+            0.2, zigzag, Published((0.26, 0.17, 0.01, 3, 4), (nan,) * 5, (0.36, 0.80, 0.86, 8, 9))
+        ),
+    }
+
+
+CASES = _cases()
+
+
+@dataclasses.dataclass(frozen=True)
+class Choices:
+    """What the paper leaves open.
+
+    Parameters
+    ----------
+    noise
+        What noise of 1 % is: uniform from 0 to 1 % of full scale, Gaussian with that standard
+        deviation, or the mean of `AVERAGED` readings with the uniform one.
+    offset_share
+        Standard deviation of temperature and attenuation, as a share of what they are off "by up
+        to": 1, or 0.5 where that is the 95 % point.
+    """
+
+    noise: Noise = "uniform"
+    offset_share: float = 1.0
+
+
+def believed(scene: Scene, case: Case, choices: Choices) -> Scene:
+    """Return the scene as an estimator should believe it to be.
+
+    Parameters
+    ----------
+    scene
+        The tank. Its lamp is kept, whatever the water.
+    case, choices
+        Give the water, the noise and what is known of both.
+
+    Returns
+    -------
+    Scene
+        The mean of unipolar noise is an ambient level, its spread a Gaussian one.
+
+    Raises
+    ------
+    ValueError
+        For a scene without attenuation.
+    """
+    if "attenuation" not in scene.effects:
+        raise ValueError(f"scene {scene.name}: no effects.attenuation; add it")
+    width = NOISE_SHARE * FULL_SCALE
+    level, sigma = (0.0, width) if choices.noise == "gaussian" else (width / 2, width / 12**0.5)
+    if choices.noise == "averaged":
+        # The scene adds a whole rounding to a mean of which each reading was rounded.
+        sigma = ((sigma**2 + 1 / 12) / AVERAGED - 1 / 12) ** 0.5
+    settings = scene.settings()
+    settings["effects"]["ambient"] = {"level_counts": 0.0}
+    # What the same lamp gives in the water of the case.
+    lamp = settings["lamp"]
+    aligned = np.array([-lamp["reference_range_m"], 0.0, 0.0, 0.0, 0.0])
+    off = {"attenuation.k_per_m": np.array(case.k_per_m - scene.effects["attenuation"]["k_per_m"])}
+    dark = ForwardModel(scene_from_settings(settings, scene.name))
+    lamp["reference_counts"] = float(dark.light(aligned, 0.0, off).max())
+    settings["effects"]["attenuation"]["k_per_m"] = case.k_per_m
+    settings["effects"]["ambient"]["level_counts"] = level
+    settings["effects"]["sensor_noise"] = {"sigma_counts": sigma}
+    settings["prior"] = {
+        "lamp_power_std": choices.offset_share * TEMPERATURE_C * abs(GAIN_PER_C),
+        "k_std_per_m": choices.offset_share * K_PER_M,
+    }
+    return scene_from_settings(settings, scene.name)
+
+
+def draw_offsets(choices: Choices, runs: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Draw what is off in each run: the logarithm of the gain and the attenuation in 1/m."""
+    degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
+    return {
+        "lamp.power": np.log1p(GAIN_PER_C * degrees),
+        "attenuation.k_per_m": rng.normal(0.0, choices.offset_share * K_PER_M, runs),
+    }
+
+
+def expose(
+    model: ForwardModel,
+    path: Array,
+    offsets: Mapping[str, Array],
+    noise: Noise,
+    rng: np.random.Generator,
+) -> Array:
+    """Expose every image of every run.
+
+    Parameters
+    ----------
+    model
+        Of the scene that `believed` returned.
+    path
+        True poses, m and rad, shape ``(frames, 5)``.
+    offsets
+        What `draw_offsets` returned, for n runs.
+    noise
+        As in `Choices`.
+    rng
+        Source of the noise.
+
+    Returns
+    -------
+    Array
+        Counts, shape ``(n, frames, side, side)``.
+    """
+    shape = (len(offsets["lamp.power"]), len(path))
+    spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
+    light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)
+    width = NOISE_SHARE * FULL_SCALE
+    total = np.zeros_like(light)
+    readings = AVERAGED if noise == "averaged" else 1
+    for _ in range(readings):
+        # The mean of unipolar noise is in the light, as an ambient level.
+        error = rng.standard_normal(light.shape) if noise == "gaussian" else rng.random(light.shape)
+        image = light + width * (error if noise == "gaussian" else error - 0.5)
+        for step in (*model.plan.analogue, *model.plan.digital):
+            image = step(image)
+        total += image
+    return total / readings
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What a case showed, over n runs.
+
+    Parameters
+    ----------
+    errors
+        By method, estimate less truth, m and rad, shape ``(n, FRAMES, 5)``; nan without a pose.
+    bound
+        Least standard deviation by a single frame with what is known of the water, the
+        Cramer-Rao bound, m and rad, shape ``(FRAMES, 5)``.
+    run_bound
+        The same by all frames so far and what `DOCKING` says of the motion.
+    """
+
+    errors: Mapping[str, Array]
+    bound: Array
+    run_bound: Array
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return len(self.errors[METHODS[0]])
+
+    def mean(self, method: str) -> Array:
+        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.asarray(np.nanmean(self.errors[method], axis=0))
+
+    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
+        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
+        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
+        # The slow way only where a frame has no pose.
+        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
+        return np.asarray(percentile(errors, 95, axis=0))
+
+    def ratio(self, method: str) -> Array:
+        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
+
+    def without_pose(self, method: str) -> int:
+        """Count the frames without a pose."""
+        return int(np.isnan(self.errors[method][..., 0]).sum())
+
+
+def simulate(
+    scene: Scene,
+    case: Case,
+    choices: Choices,
+    runs: int,
+    rng: np.random.Generator,
+    done: Callable[[int], object] = lambda runs: None,
+) -> Result:
+    """Run a case; an interrupt ends it with the runs it has.
+
+    Parameters
+    ----------
+    scene
+        The tank.
+    case, choices
+        What to run.
+    runs
+        How many, >= 1.
+    rng
+        Source of calibration, offsets and noise.
+    done
+        Called with the number of runs after every batch.
+
+    Returns
+    -------
+    Result
+        Of every method in `METHODS`.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Before the first batch was done.
+    """
+    sea = believed(scene, case, choices)
+    model = ForwardModel(sea)
+    moments = MomentsMethod(calibrate(model, rng))
+    estimator = Estimator(cached_table(sea), "least_squares")
+    batches: dict[str, list[Array]] = {method: [] for method in METHODS}
+    try:
+        for start in range(0, runs, BATCH):
+            count = min(BATCH, runs - start)
+            offsets = draw_offsets(choices, count, rng)
+            images = expose(model, case.path, offsets, choices.noise, rng)
+            found = {"moments": by_moments(moments, images)}
+            found["least_squares"], found["tracker"] = by_least_squares(estimator, images)
+            docking = DockingSmoother(model, STEP_S, DOCKING)
+            found["docking"] = by_docking(docking, images, found["least_squares"][:, 0])
+            for method, poses in found.items():
+                batches[method].append(poses - case.path)
+            done(count)
+    except KeyboardInterrupt:
+        if not batches[METHODS[-1]]:
+            raise
+    whole = len(batches[METHODS[-1]])
+    return Result(
+        {method: np.concatenate(errors[:whole]) for method, errors in batches.items()},
+        cramer_rao_bound(model, case.path).std,
+        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
+    )
+
+
+def by_moments(method: MomentsMethod, images: Array) -> Array:
+    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
+    calibration = method.calibration
+    return dead_reckoned(calibration.poses(measure(images, calibration.spacing_m)))
+
+
+def by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
+    """Estimate all frames of all runs, each by itself and as a track."""
+    scene, runs = estimator.table.scene, len(images)
+    single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
+    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+    for run in range(runs):
+        tracker = Tracker(TrackerSettings())
+        for frame in range(FRAMES):
+            with suppress(NoPose):
+                estimate = estimator.estimate(parameters[run, frame], images[run, frame])
+                single[run, frame] = estimate.pose
+                stamp_ns = round(TIMES_S[frame] * 1e9)
+                track = tracker.update(stamp_ns, estimate.pose, estimate.covariance)
+                tracked[run, frame] = track.pose
+    return single, tracked
+
+
+def by_docking(docking: DockingSmoother, images: Array, first: Array) -> Array:
+    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
+    poses = np.full((len(images), FRAMES, 5), np.nan)
+    begun = np.flatnonzero(~np.isnan(first[:, 0]))
+    if len(begun):
+        for frame in range(FRAMES):
+            poses[begun, frame], _ = docking.update(images[begun, frame], first[begun])
+    return poses

@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import accuracy, approach, follow, limits, paper, table
+from uuv_optical_array.commands import accuracy, approach, follow, limits, paper, table, tradeoff
 
-COMMANDS = (table, follow, limits, accuracy, paper, approach)
+COMMANDS = (table, follow, limits, accuracy, paper, approach, tradeoff)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.pose import Array
+from uuv_optical_array.tradeoff import guess
 from uuv_optical_array.tradeoff_csv import Row
 
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
@@ -45,7 +46,8 @@ def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
 def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
     """Find the settings on each front: of median time and one of the two errors.
 
-    Both are rounded to steps of 10 %. Of settings that are then equal, the one of fewest
+    The middle of the volume can be had for nothing, so a setting has to be better than that. Time
+    and error are rounded to steps of 10 %. Of settings that are then equal, the one of fewest
     detectors is kept, and of those the one of the smallest table.
 
     Parameters
@@ -58,12 +60,15 @@ def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
     dict
         Which rows are on the front, shape ``(n,)``, by ``position`` and ``angle``.
     """
-    fair = [row.without_pose <= MOST_WITHOUT_POSE for row in rows]
     found = {}
-    for name, column in (("position", "position_m"), ("angle", "angle_deg")):
+    for name, column, free in zip(
+        ("position", "angle"), ("position_m", "angle_deg"), guess(), strict=True
+    ):
         costs = [
-            (row.median_ms if is_fair else np.inf, getattr(row, column))
-            for row, is_fair in zip(rows, fair, strict=True)
+            (row.median_ms, getattr(row, column))
+            if row.without_pose <= MOST_WITHOUT_POSE and getattr(row, column) < free
+            else (np.inf, np.inf)
+            for row in rows
         ]
         steps = np.round(np.log(np.reshape(costs, (-1, 2))) / np.log(STEP))
         on = pareto_front(steps)

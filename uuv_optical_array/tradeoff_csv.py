@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+import math
 import os
 import platform
 import typing
@@ -121,6 +122,13 @@ class Row:
     build_s: float
     load_average: float
 
+    def as_object(self) -> dict[str, Any]:
+        """Return plain values; None is not known."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in vars(self).items()
+        }
+
     @property
     def label(self) -> str:
         """The setting in words."""
@@ -159,7 +167,7 @@ class TableCost:
     load_average: float
 
 
-R = TypeVar("R", Row, TableCost)
+R = TypeVar("R", bound="Row | TableCost")
 
 
 def _read(kind: type[Any], line: dict[str, str]) -> Any:

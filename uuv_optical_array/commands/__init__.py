@@ -3,9 +3,18 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import accuracy, approach, follow, limits, paper, table, tradeoff
+from uuv_optical_array.commands import (
+    accuracy,
+    advise,
+    approach,
+    follow,
+    limits,
+    paper,
+    table,
+    tradeoff,
+)
 
-COMMANDS = (table, follow, limits, accuracy, paper, approach, tradeoff)
+COMMANDS = (table, follow, limits, accuracy, paper, approach, tradeoff, advise)
 
 
 def build_parser() -> argparse.ArgumentParser:

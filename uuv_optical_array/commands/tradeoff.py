@@ -203,13 +203,7 @@ def report(rows: list[Row]) -> str:
 
 def as_object(rows: list[Row]) -> dict[str, Any]:
     """Return rows as plain values, and which are on a front."""
-    told = [
-        {
-            key: value if not isinstance(value, float) or math.isfinite(value) else None
-            for key, value in vars(row).items()
-        }
-        for row in rows
-    ]
+    told = [row.as_object() for row in rows]
     on = {name: [rows[i].label for i in front.nonzero()[0]] for name, front in fronts(rows).items()}
     return {"settings": told, "fronts": on}
 

@@ -66,11 +66,12 @@ def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
     ):
         costs = [
             (row.median_ms, getattr(row, column))
-            if row.without_pose <= MOST_WITHOUT_POSE and getattr(row, column) < free
+            if row.without_pose <= MOST_WITHOUT_POSE
             else (np.inf, np.inf)
             for row in rows
         ]
         steps = np.round(np.log(np.reshape(costs, (-1, 2))) / np.log(STEP))
+        steps[~(steps[:, 1] < np.round(np.log(free) / np.log(STEP)))] = np.inf
         on = pareto_front(steps)
         simplest: dict[tuple[float, ...], int] = {}
         by_cost = sorted(on.nonzero()[0], key=lambda i: simplicity(rows[i]))

@@ -70,6 +70,11 @@ def table_cost(table: SignatureTable, steps: int, build_s: float, scratch: Path)
     -------
     TableCost
         What was measured.
+
+    Raises
+    ------
+    ValueError
+        Where a process cannot open it, for lack of memory for instance.
     """
     with tempfile.TemporaryDirectory(prefix=".table.", dir=scratch) as folder:
         path = Path(folder) / "table"
@@ -78,9 +83,12 @@ def table_cost(table: SignatureTable, steps: int, build_s: float, scratch: Path)
         told = subprocess.run(
             [sys.executable, "-m", "uuv_optical_array.table_cost", str(path)],
             capture_output=True,
-            check=True,
+            check=False,
             text=True,
         )
+    if told.returncode:
+        why = (told.stderr.splitlines() or [f"exit code {told.returncode}"])[-1]
+        raise ValueError(f"table of {len(table.poses)} poses: a process cannot open it: {why}")
     found = json.loads(told.stdout)
     rows, load = len(table.poses), load_average()
     return TableCost(steps, rows, build_s, file_mb, load_average=load, **found)

@@ -126,7 +126,7 @@ def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
     ):
         axes.annotate(
             text,
-            (0.33, value),
+            (0.22, value),
             xycoords=axes.get_yaxis_transform(),
             xytext=(0, 3),
             textcoords="offset points",
@@ -230,15 +230,10 @@ def _legend(axes: Axes, rows: Sequence[Row]) -> None:
         mark("downwards: tables of 1e3 poses and more", "", lw=0.8),
         mark("front: nothing is faster and better by 10 %", "", color="k", lw=1),
     ]
-    for place, handles in ((0.0, left), (0.3, right)):
-        legend = axes.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(place, 1.05),
-            fontsize=9.5,
-            frameon=False,
-        )
-        axes.add_artist(legend)
+    about: dict[str, Any] = {"loc": "upper left", "fontsize": 9.5, "frameon": False}
+    first = axes.legend(handles=left, bbox_to_anchor=(0, 1.05), **about)
+    axes.legend(handles=right, bbox_to_anchor=(0.3, 1.05), **about)
+    axes.add_artist(first)
 
 
 def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:

@@ -145,7 +145,8 @@ class Measurement:
         def rounds_of(seconds: float) -> Progress:
             return lambda rounds: _advance(bar, seconds, rounds)
 
-        with tqdm(total=sum(expected), bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+        total = sum(expected) * (1 + 1e-9)  # rounding must not take the bar beyond its end
+        with tqdm(total=total, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
             for group, seconds in zip(groups, expected, strict=True):
                 side, table = group.detectors_per_side, f" {group.steps}^5" if group.steps else ""
                 bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")

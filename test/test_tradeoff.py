@@ -40,7 +40,7 @@ from uuv_optical_array.tradeoff import (
     position_and_angle,
     volume_table,
 )
-from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row, TableCost, read_csv
+from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row, TableCost, at_one_speed, read_csv
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]
@@ -138,6 +138,18 @@ def test_settings_within_a_step_are_alike_and_the_simplest_is_kept():
         row(side=3, position=0.500, ms=2.0),
     ]
     assert fronts(rows)["position"].tolist() == [False, False, True, False]
+
+
+def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
+    """The same two settings, one of them measured while everything took three times as long."""
+    slow = row(position=0.5, ms=3.0, p99_ms=6.0, model_ms=1.5, models=2.0)
+    rows = [slow, row(position=0.1, ms=2.0, p99_ms=3.0, model_ms=0.5, models=4.0)]
+    assert fronts(rows)["position"].tolist() == [True, True]
+    told = at_one_speed(rows)
+    assert [line.model_ms for line in told] == [1.0, 1.0]
+    assert [line.median_ms for line in told] == pytest.approx([2.0, 4.0])
+    assert [line.p99_ms for line in told] == pytest.approx([4.0, 6.0])
+    assert at_one_speed([]) == []
 
 
 def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
@@ -249,7 +261,7 @@ def test_methods_take_turns_on_every_image(scene):
 
         return pose
 
-    found = compare({"a": answer("a", 1.0), "b": answer("b", -2.0)}, model, poses, images)
+    found = compare({"a": answer("a", 1.0), "b": answer("b", -2.0)}, model, model, poses, images)
     assert heard[2:] == [(n, i) for i in range(4) for n in ("ab" if i % 2 == 0 else "ba")]
     np.testing.assert_allclose(found["a"].errors, 1.0)
     np.testing.assert_allclose(found["b"].errors[[0, 1, 3]], -2.0)

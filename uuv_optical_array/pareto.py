@@ -44,7 +44,7 @@ def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
 
 
 def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
-    """Find the settings on each front: of median time and one of the two errors.
+    """Find the settings on each front: of median time, in models, and one of the two errors.
 
     The middle of the volume can be had for nothing, so a setting has to be better than that. Time
     and error are rounded to steps of 10 %. Of settings that are then equal, the one of fewest
@@ -65,7 +65,7 @@ def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
         ("position", "angle"), ("position_m", "angle_deg"), guess(), strict=True
     ):
         costs = [
-            (row.median_ms, getattr(row, column))
+            (row.models, getattr(row, column))
             if row.without_pose <= MOST_WITHOUT_POSE
             else (np.inf, np.inf)
             for row in rows
@@ -89,4 +89,4 @@ def simplicity(row: Row) -> tuple[float, ...]:
 def numbered(rows: Sequence[Row]) -> list[int]:
     """Return the places in `rows` of the settings on any front, the fastest first."""
     on = np.any(list(fronts(rows).values()), axis=0)
-    return sorted(on.nonzero()[0].tolist(), key=lambda i: rows[i].median_ms)
+    return sorted(on.nonzero()[0].tolist(), key=lambda i: rows[i].models)

@@ -142,6 +142,7 @@ def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
 def compare(
     answers: Mapping[str, Answer],
     model: ForwardModel,
+    yardstick: ForwardModel,
     poses: Array,
     images: Array,
     progress: Progress = iter,
@@ -153,7 +154,9 @@ def compare(
     answers
         From an image to a pose, by name; one that raises `NoPose` has none.
     model
-        Of the scene; its time is taken between frames.
+        Of the scene.
+    yardstick
+        The model whose time is taken between frames, to tell how fast the machine is just then.
     poses
         True poses, m and rad, shape ``(n, 5)``, n >= 1.
     images
@@ -183,7 +186,7 @@ def compare(
             frame_s[name][i] = time.perf_counter() - began
         if i % MODEL_EVERY == 0:
             began = time.perf_counter()
-            model.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
+            yardstick.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
             model_s.append(time.perf_counter() - began)
     unknown = np.full((count, 5, 5), np.nan)
     return {
@@ -259,7 +262,7 @@ def measure(
     list
         A row for each of the group's methods.
     """
-    scene = group.scene(scene)
+    yardstick, scene = ForwardModel(scene), group.scene(scene)
     side = group.detectors_per_side
     rng = np.random.default_rng([seed, side, SHAPES.index(group.shape)])
     model = ForwardModel(scene)
@@ -279,7 +282,7 @@ def measure(
             if on_table:
                 on_table(table, build_s)
             answers = _ours(table, group.methods)
-    found = compare(answers, model, poses, images, progress)
+    found = compare(answers, model, yardstick, poses, images, progress)
     bound = position_and_angle(cramer_rao_bound(model, poses).std)
     floor = position_and_angle(known_volume_std(model, poses))
     made = []
@@ -322,7 +325,8 @@ def expected_s(scene: Scene, groups: list[Group], frames: int) -> list[float]:
             began = time.perf_counter()
             table = build_table(model.scene)
             row_s = (time.perf_counter() - began) / len(table.poses)
-            found = compare(_ours(table, METHODS), model, poses, model.expose(poses, rng))
+            images = model.expose(poses, rng)
+            found = compare(_ours(table, METHODS), model, model, poses, images)
             samples[key] = row_s, sum(float(study.frame_s.mean()) for study in found.values())
         row_s, frame_s = samples[key]
         if group.methods == (MOMENTS,):

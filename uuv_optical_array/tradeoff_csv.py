@@ -6,8 +6,9 @@ import io
 import math
 import os
 import platform
+import statistics
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -94,9 +95,10 @@ class Row:
     median_ms, p99_ms
         From image to pose.
     model_ms
-        One forward model with Jacobian of `accuracy.MODEL_POSES` poses, median.
+        One forward model with Jacobian of `accuracy.MODEL_POSES` poses, of the scene's own array,
+        timed between the frames, median.
     models
-        `median_ms` over `model_ms`.
+        `median_ms` over `model_ms`: a time that hardly depends on how busy the machine is.
     build_s
         Building table or calibration.
     load_average
@@ -135,6 +137,20 @@ class Row:
         side = self.detectors_per_side
         table = f", table {self.table_rows:.0e}".replace("e+0", "e") if self.table_rows else ""
         return f"{self.method}, {self.shape} {side} x {side}{table}"
+
+
+def at_one_speed(rows: Sequence[Row]) -> list[Row]:
+    """Return rows with times as if the machine had been as fast for all as for the median one."""
+    model_ms = statistics.median([row.model_ms for row in rows]) if rows else 0.0
+    return [
+        dataclasses.replace(
+            row,
+            median_ms=row.median_ms * model_ms / row.model_ms,
+            p99_ms=row.p99_ms * model_ms / row.model_ms,
+            model_ms=model_ms,
+        )
+        for row in rows
+    ]
 
 
 @dataclass(frozen=True)

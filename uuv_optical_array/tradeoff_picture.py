@@ -16,7 +16,7 @@ from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.picture import SPECIFICATION, save
 from uuv_optical_array.pose import Array
 from uuv_optical_array.tradeoff import guess
-from uuv_optical_array.tradeoff_csv import Row, TableCost
+from uuv_optical_array.tradeoff_csv import Row, TableCost, at_one_speed
 
 COLOURS = {
     "look_up": "#7a4fa3",
@@ -113,7 +113,9 @@ def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
                 alpha=0.9,
                 zorder=3,
             )
-    axes.set(xscale="log", yscale="log", xlabel="time from image to pose, median (ms)")
+    model_ms = rows[0].model_ms
+    axes.set(xscale="log", yscale="log")
+    axes.set_xlabel(f"time from image to pose, median (ms; a forward model takes {model_ms:.2g})")
     axes.set_ylabel(label, fontsize=12)
     axes.axhline(WANTED[which], color="#2c9c5a", ls="--", lw=1.6, zorder=1)
     axes.axhline(guess()[which], color="0.5", ls=":", lw=1.4, zorder=1)
@@ -248,6 +250,7 @@ def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:
     path
         PNG file, written whole or not at all.
     """
+    rows = at_one_speed(rows)
     figure = Figure(figsize=(14, 9.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 1])
     for place, name in enumerate(ERRORS):

@@ -33,6 +33,7 @@ from uuv_optical_array.tradeoff_csv import (
     Origin,
     Row,
     TableCost,
+    at_one_speed,
 )
 from uuv_optical_array.tradeoff_picture import draw_table_cost, draw_tradeoff
 
@@ -178,7 +179,8 @@ def _advance(bar: Any, seconds: float, rounds: Iterable[int]) -> Iterator[int]:
 
 
 def report(rows: list[Row]) -> str:
-    """Return the settings on a front in words."""
+    """Return the settings on a front in words, with times at one speed of the machine."""
+    rows = at_one_speed(rows)
     numbers = numbered(rows)
     line = "{:>3} {:<46}{:>9}{:>8}{:>9}{:>9}{:>8}  {}"
     parts = [line.format("no", "setting", "position", "angle", "median", "99 %", "models", "front")]

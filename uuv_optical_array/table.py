@@ -23,6 +23,7 @@ from uuv_optical_array.scene import Scene, TableSettings, scene_from_settings
 
 FORMAT = 1
 BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the cache
+BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger ones
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 
@@ -85,8 +86,9 @@ def build_table(
     model = ForwardModel(scene, worthwhile(rows * scene.array.detectors_per_side**2))
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))
     kept = 0
-    for start in progress(range(0, rows, BLOCK_POSES)):
-        index = np.unravel_index(np.arange(start, min(start + BLOCK_POSES, rows)), shape)
+    size = min(BLOCK_POSES, max(BLOCK_READINGS // model.array.side**2, 1))
+    for start in progress(range(0, rows, size)):
+        index = np.unravel_index(np.arange(start, min(start + size, rows)), shape)
         block = np.stack([axis[i] for axis, i in zip(axes, index, strict=True)], axis=-1)
         images = model.expected(block)
         lit = images.max(axis=(1, 2)) >= min_peak_counts

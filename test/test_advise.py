@@ -1,0 +1,182 @@
+"""``uuv_array advise``: its choice on measurements made by hand."""
+
+import json
+import math
+
+import pytest
+import yaml
+
+from uuv_optical_array.advice import Need, advise
+from uuv_optical_array.commands import advise as command
+from uuv_optical_array.commands import main
+from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row
+
+NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
+
+
+def row(method="least_squares", side=5, rows=1024, position=0.1, angle=5.0, p99=50.0, **others):
+    values = {
+        **{"shape": "curved", "steps": 4, "without_pose": 0.0, "median_ms": 5.0},
+        **{"bound_position_m": 0.1, "bound_angle_deg": 1.0, "floor_position_m": 0.1},
+        **{"floor_angle_deg": 1.0, "model_ms": 0.5, "models": 10.0, "build_s": 0.1},
+        **{"load_average": 1.0, **others},
+    }
+    return Row(
+        method=method,
+        detectors_per_side=side,
+        table_rows=rows,
+        position_m=position,
+        angle_deg=angle,
+        p99_ms=p99,
+        **values,
+    )
+
+
+def run(*words, code=0):
+    with pytest.raises(SystemExit) as stopped:
+        main(["advise", *map(str, words)])
+    if code is not str:
+        assert stopped.value.code == code
+    return stopped.value.code
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("reference")
+
+
+@pytest.fixture
+def folder(scene, tmp_path):
+    """Measurements of this machine: 3 x 3 is too coarse, 7 x 7 too slow at 100 Hz."""
+    rows = [
+        row("moments", 3, 0, position=0.01, p99=0.1, steps=0),
+        row(side=3, position=0.25, p99=8.0),
+        row(side=5, rows=100_000, steps=10, p99=9.0, median_ms=2.0),
+        row(side=5, position=0.12, p99=10.0),
+        row("sam", 5, 1024, position=0.6, p99=0.5),
+        row(side=7, position=0.05, angle=1.0, p99=20.0),
+    ]
+    Ledger(tmp_path / "tradeoff.csv", Row, Origin.here(scene, "quick", 300, 3)).append(rows)
+    return tmp_path
+
+
+def test_cheapest_is_fewest_detectors_then_smallest_table_then_least_time():
+    best = row(side=3, rows=1000, median_ms=9.0)
+    others = [
+        row(side=5, rows=10, median_ms=0.1),
+        row(side=3, rows=2000, median_ms=0.1),
+        row(side=3, rows=1000, median_ms=9.1),
+    ]
+    for at in range(4):
+        assert advise([*others[:at], best, *others[at:]], NEED).row is best
+
+
+@pytest.mark.parametrize(
+    "flaw",
+    [
+        {"position": 0.201},
+        {"angle": 10.1},
+        {"p99": 100.1},
+        {"without_pose": 0.011},
+        {"position": math.nan, "angle": math.nan, "without_pose": 1.0},
+        {"method": "look_up"},
+    ],
+)
+def test_each_limit_counts_and_published_methods_are_no_choice(flaw):
+    kept = row(side=21, position=0.2, angle=10.0, p99=100.0, without_pose=0.01, median_ms=99.0)
+    found = advise([row(side=2, **flaw), kept], NEED)
+    assert found.row is kept
+    assert found.lacks == {}
+
+
+def test_nearest_is_the_one_whose_worst_value_is_least_off():
+    slow = row(position=0.1, angle=1.0, p99=160.0)
+    both = row(position=0.3, angle=15.0, p99=1.0)
+    coarse = row(position=0.5, angle=1.0, p99=1.0)
+    found = advise([slow, coarse, both, row(position=math.nan)], NEED)
+    assert found.row is both
+    assert found.lacks == pytest.approx({"position_m": 0.1, "angle_deg": 5.0})
+    assert advise([slow, coarse], NEED).lacks == pytest.approx({"p99_ms": 60.0})
+
+
+def test_without_our_methods_there_is_no_advice():
+    with pytest.raises(ValueError, match="no setting of sam, "):
+        advise([row("moments")], NEED)
+
+
+def test_command_names_what_to_change(folder, scene, capsys):
+    run("--rate", 100, "--output", folder)
+    out = capsys.readouterr().out
+    assert out.startswith("100 Hz, 0.2 m, 10 deg: least_squares, curved 5 x 5, table 1e3\n")
+    # What is printed can be pasted into the scene file.
+    lines = out.partition("in the scene (reference):\n")[2].partition("parameter")[0]
+    pasted = {**scene.settings(), **yaml.safe_load(lines)}
+    made = scene_from_settings(pasted, "pasted")
+    assert made.array == scene.array
+    assert made.table.yaw_deg == (-20.0, 20.0, 4)
+    assert made.table.y_m == (-0.9, 0.9, 4)
+    assert "method: least_squares" in out.partition("parameter of the estimator_node:")[2]
+
+
+def test_command_says_that_none_does_and_what_the_nearest_lacks(folder, capsys):
+    run("--rate", 100, "--position", 0.08, "--output", folder, code=1)
+    out = capsys.readouterr().out
+    assert out.startswith("no setting keeps 100 Hz, 0.08 m, 10 deg; the nearest: ")
+    assert "least_squares, curved 5 x 5, table 1e5" in out.splitlines()[0]
+    assert "position is 0.1 m, 0.02 more than 0.08 (+25%)" in out
+    assert "99th percentile is" not in out
+
+
+def test_json_holds_the_same(folder, capsys):
+    run("--rate", 100, "--position", 0.08, "--output", folder, "--json", code=1)
+    told = json.loads(capsys.readouterr().out)
+    assert set(told) == {
+        *("scene", "asked", "met", "lacks", "found", "change", "measured", "settings"),
+        *("load_average", "complete"),
+    }
+    assert told["met"] is False
+    assert told["lacks"] == pytest.approx({"position_m": 0.02})
+    assert told["asked"] == {"rate_hz": 100.0, "position_m": 0.08, "angle_deg": 10.0}
+    assert told["found"]["table_rows"] == 100_000
+    assert told["change"]["estimator_node"] == {"method": "least_squares"}
+    assert told["change"]["scene"]["array"]["detectors_per_side"] == 5
+    assert told["settings"] == 6
+    run("--rate", 10, "--output", folder, "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert told["met"] is True
+    assert told["lacks"] == {}
+
+
+@pytest.mark.parametrize("field", ["fingerprint", "machine"])
+def test_measurements_of_elsewhere_do_not_count(field, scene, tmp_path, capsys, monkeypatch):
+    origin = vars(Origin.here(scene, "quick", 300, 1)) | {field: "another"}
+    Ledger(tmp_path / "tradeoff.csv", Row, Origin(**origin)).append([row(side=2)])
+    cache = tmp_path / "cache"
+    monkeypatch.setattr(command, "cache_folder", lambda scene: cache)
+
+    def go_on(measurement):
+        assert (measurement.mode, measurement.folder) == ("quick", cache)
+        measurement.settings.append([row(side=11, shape="planar")])
+
+    monkeypatch.setattr(command.Measurement, "go_on", go_on)
+    run("--output", tmp_path)
+    out, err = capsys.readouterr()
+    assert "planar 11 x 11" in out
+    assert "another scene or machine" in err
+    assert "radius_m" not in out
+
+
+def test_nothing_measured_and_interrupted(scene, tmp_path, capsys, monkeypatch):
+    def go_on(measurement):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "cache_folder", lambda scene: tmp_path)
+    monkeypatch.setattr(command.Measurement, "go_on", go_on)
+    run("--output", tmp_path, code=130)
+    assert capsys.readouterr().out == "interrupted: nothing measured\n"
+
+
+@pytest.mark.parametrize("words", [("--rate", "0"), ("--position", "nan"), ("--angle", "-1")])
+def test_needs_out_of_bounds_are_refused(words):
+    assert words[0] in run(*words, code=str)

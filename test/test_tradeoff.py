@@ -1,0 +1,508 @@
+"""``uuv_array tradeoff``: the front against its definition, studies, files, and whole runs."""
+
+import csv
+import dataclasses
+import json
+import math
+import re
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uuv_optical_array import table_cost as table_cost_module
+from uuv_optical_array import tradeoff
+from uuv_optical_array.accuracy import HIGH, LOW, study
+from uuv_optical_array.baselines import lookup, moments
+from uuv_optical_array.commands import main
+from uuv_optical_array.commands import tradeoff as command
+from uuv_optical_array.estimate import METHODS, Estimator, NoPose
+from uuv_optical_array.features import key_parameters
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.limits import cramer_rao_bound
+from uuv_optical_array.pareto import fronts, numbered, pareto_front
+from uuv_optical_array.quantity import Span
+from uuv_optical_array.scene import TableSettings, load_scene
+from uuv_optical_array.table import build_table, grid_axes
+from uuv_optical_array.table_cost import table_cost
+from uuv_optical_array.tradeoff import (
+    ALL_METHODS,
+    PUBLISHED,
+    SHAPES,
+    Group,
+    compare,
+    guess,
+    known_volume_std,
+    measure,
+    plan,
+    position_and_angle,
+    volume_table,
+)
+from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row, TableCost, at_one_speed, read_csv
+
+ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
+COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]
+NUMBER = st.sampled_from([0.0, 1.0, 2.0, 3.0, math.nan, math.inf, -math.inf])
+
+
+def row(method="sam", side=5, rows=1024, position=0.5, angle=5.0, ms=1.0, lost=0.0, **others):
+    values = {
+        **{"bound_position_m": 0.1, "bound_angle_deg": 1.0},
+        **{"floor_position_m": 0.1, "floor_angle_deg": 1.0},
+        **{"p99_ms": 2 * ms, "model_ms": 0.5, "models": 2 * ms, "build_s": 0.1},
+        **{"load_average": 1.0, "shape": "curved", "steps": 4, **others},
+    }
+    return Row(
+        method=method,
+        detectors_per_side=side,
+        table_rows=rows,
+        without_pose=lost,
+        position_m=position,
+        angle_deg=angle,
+        median_ms=ms,
+        **values,
+    )
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("reference")
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A trade-off of two arrays, one table size and both published methods, in seconds."""
+    monkeypatch.setattr(tradeoff, "SIDES", (3,))
+    monkeypatch.setattr(tradeoff, "SHAPES", ("curved",))
+    monkeypatch.setattr(tradeoff, "STEPS", (3, 4))
+    monkeypatch.setattr(tradeoff, "QUICK_STEPS", (3,))
+    monkeypatch.setattr(tradeoff, "QUICK_OWN_STEPS", (3, 4))
+    monkeypatch.setattr(tradeoff, "FRAMES", {"quick": 5, "full": 6})
+    monkeypatch.setattr(command, "FRAMES", tradeoff.FRAMES)
+    monkeypatch.setattr(moments, "SAMPLES", 2)
+    span = Span(-0.3, 0.3, 3)
+    coarse = TableSettings(Span(-8.0, -4.0, 3), span, span, Span(-30, 30, 3), Span(-30, 30, 3))
+    monkeypatch.setattr(lookup, "GRID", coarse)
+    # Every other test of the command can do without a process of its own.
+    monkeypatch.setattr(
+        command,
+        "table_cost",
+        lambda table, steps, build_s, folder: TableCost(
+            steps, len(table.poses), build_s, 1.0, 0.1, 2.0, 3.0, 1.0
+        ),
+    )
+
+
+def run(*words, code=0):
+    with pytest.raises(SystemExit) as stopped:
+        main([*map(str, words)])
+    if code is not str:
+        assert stopped.value.code == code
+    return stopped.value.code
+
+
+# --- the front -----------------------------------------------------------------------------
+
+
+def beaten(point, by):
+    """The definition: no worse in anything and better in something."""
+    return all(b <= a for a, b in zip(point, by, strict=True)) and any(
+        b < a for a, b in zip(point, by, strict=True)
+    )
+
+
+@given(st.integers(1, 3).flatmap(lambda k: st.lists(st.tuples(*[NUMBER] * k), max_size=12)))
+def test_front_is_what_its_definition_says(points):
+    costs = np.reshape(points, (len(points), len(points[0]) if points else 2))
+    real = [all(map(math.isfinite, point)) for point in points]
+    wanted = [
+        mine and not any(other and beaten(a, b) for b, other in zip(points, real, strict=True))
+        for a, mine in zip(points, real, strict=True)
+    ]
+    assert pareto_front(costs).tolist() == wanted
+
+
+@given(st.lists(st.tuples(st.floats(1, 9), st.floats(1, 9)), min_size=1, max_size=20))
+def test_front_of_real_numbers(points):
+    wanted = [not any(beaten(a, b) for b in points) for a in points]
+    assert pareto_front(points).tolist() == wanted
+
+
+def test_settings_within_a_step_are_alike_and_the_simplest_is_kept():
+    rows = [
+        row(side=7, position=0.500, ms=1.00),
+        row(side=5, position=0.505, ms=1.01, rows=9999),
+        row(side=5, position=0.504, ms=1.01, rows=1024),
+        row(side=3, position=0.500, ms=2.0),
+    ]
+    assert fronts(rows)["position"].tolist() == [False, False, True, False]
+
+
+def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
+    """The same two settings, one of them measured while everything took three times as long."""
+    slow = row(position=0.5, ms=3.0, p99_ms=6.0, model_ms=1.5, models=2.0)
+    rows = [slow, row(position=0.1, ms=2.0, p99_ms=3.0, model_ms=0.5, models=4.0)]
+    assert fronts(rows)["position"].tolist() == [True, True]
+    told = at_one_speed(rows)
+    assert [line.model_ms for line in told] == [1.0, 1.0]
+    assert [line.median_ms for line in told] == pytest.approx([2.0, 4.0])
+    assert [line.p99_ms for line in told] == pytest.approx([4.0, 6.0])
+    assert at_one_speed([]) == []
+
+
+def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
+    position, angle = guess()
+    rows = [
+        row(ms=0.1, lost=0.02),
+        row(ms=0.2, position=1.01 * position, angle=1.01 * angle),
+        row(ms=0.3, position=math.nan, angle=math.nan, lost=1.0),
+        row(ms=5.0, position=0.5, angle=2 * angle),
+        row(ms=7.0, position=2 * position, angle=1.0),
+    ]
+    found = fronts(rows)
+    assert found["position"].nonzero()[0].tolist() == [3]
+    assert found["angle"].nonzero()[0].tolist() == [4]
+    assert numbered(rows) == [3, 4]
+    assert numbered([]) == []
+
+
+# --- errors and bounds ---------------------------------------------------------------------
+
+
+def test_errors_are_distance_and_angle():
+    errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
+    assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
+    assert np.isnan(position_and_angle(np.empty((0, 5)))).all()
+
+
+def test_a_guess_errs_by_the_spread_of_the_volume():
+    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200_000, 5))
+    middle = (np.array(LOW) + HIGH) / 2
+    assert position_and_angle(poses - middle) == pytest.approx(guess(), rel=0.01)
+
+
+def test_known_volume_joins_image_and_spread(scene, monkeypatch):
+    information = np.array([0.0, 3.0, 300.0, 30.0, 1e6])
+    monkeypatch.setattr(
+        tradeoff,
+        "cramer_rao_bound",
+        lambda model, poses: dataclasses.make_dataclass("B", ["information"])(
+            np.diag(information)[None]
+        ),
+    )
+    spread = np.array([4.0, 1.8, 1.8, math.radians(40), math.radians(40)]) / math.sqrt(12)
+    wanted = 1 / np.sqrt(information + 1 / spread**2)
+    np.testing.assert_allclose(known_volume_std(None, np.zeros((1, 5)))[0], wanted, rtol=1e-12)
+
+
+def test_bound_with_the_volume_is_never_above_either(scene):
+    model = ForwardModel(Group("planar", 5, 4, METHODS).scene(scene))
+    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200, 5))
+    found = known_volume_std(model, poses)
+    assert (found <= (HIGH - LOW) / math.sqrt(12) * (1 + 1e-9)).all()
+    assert (found <= cramer_rao_bound(model, poses).std * (1 + 1e-9)).all()
+
+
+# --- what is measured ----------------------------------------------------------------------
+
+
+def test_tables_span_the_volume_of_the_study():
+    axes = grid_axes(volume_table(6))
+    np.testing.assert_allclose([axis[0] for axis in axes], LOW, atol=1e-12)
+    np.testing.assert_allclose([axis[-1] for axis in axes], HIGH, atol=1e-12)
+    assert [len(axis) for axis in axes] == [6] * 5
+
+
+def settings(groups):
+    return [(m, g.shape, g.detectors_per_side, g.steps) for g in groups for m in g.methods]
+
+
+@pytest.mark.parametrize("name", ["reference", "follow"])
+def test_full_plan_is_every_setting_once_and_quick_is_part_of_it(name):
+    scene = load_scene(name)
+    full, quick = settings(plan(scene, "full")), settings(plan(scene, "quick"))
+    wanted = {
+        (method, shape, side, steps)
+        for shape in SHAPES
+        for side in (3, 5, 7, 21)
+        for method in ALL_METHODS
+        for steps in ((0,) if method in PUBLISHED else (4, 6, 10, 16, 25))
+    }
+    assert sorted(full) == sorted(wanted)
+    assert len(set(quick)) == len(quick)
+    assert set(quick) < wanted
+    assert {setting[0] for setting in quick} == set(ALL_METHODS)
+    own = scene.array.shape, scene.array.detectors_per_side
+    assert full[0][1:3] == quick[0][1:3] == own
+
+
+def test_an_array_of_another_size_is_measured_too(scene):
+    array = dataclasses.replace(scene.array, detectors_per_side=9)
+    groups = plan(dataclasses.replace(scene, array=array), "quick")
+    assert groups[0].detectors_per_side == 9
+    assert {group.detectors_per_side for group in groups} == {3, 5, 7, 9, 21}
+
+
+def test_methods_take_turns_on_every_image(scene):
+    model = ForwardModel(Group("curved", 3, 3, METHODS).scene(scene))
+    poses = np.random.default_rng(0).uniform(LOW, HIGH, (4, 5))
+    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
+    heard = []
+
+    def answer(name, offset):
+        def pose(image):
+            i = int(image[0, 0])
+            heard.append((name, i))
+            if name == "b" and i == 2:
+                raise NoPose("none")
+            return poses[i] + offset
+
+        return pose
+
+    found = compare({"a": answer("a", 1.0), "b": answer("b", -2.0)}, model, model, poses, images)
+    assert heard[2:] == [(n, i) for i in range(4) for n in ("ab" if i % 2 == 0 else "ba")]
+    np.testing.assert_allclose(found["a"].errors, 1.0)
+    np.testing.assert_allclose(found["b"].errors[[0, 1, 3]], -2.0)
+    assert found["b"].posed.tolist() == [True, True, False, True]
+    assert (found["a"].frame_s > 0).all()
+
+
+def test_rows_hold_the_errors_of_the_estimators_own_study(scene):
+    group = Group("curved", 3, 4, METHODS)
+    rows = {row.method: row for row in measure(scene, group, 12, 5)}
+    inside = group.scene(scene)
+    model, rng = ForwardModel(inside), np.random.default_rng([5, 3, 0])
+    poses = tradeoff.random_poses(model, 12, rng)
+    images = model.expose(poses, rng)
+    for method in METHODS:
+        found = study(Estimator(build_table(inside), method), poses, images)
+        rms, row = found.rms_error, rows[method]
+        assert row.position_m == pytest.approx(math.hypot(*rms[:3]), rel=1e-9)
+        assert row.angle_deg == pytest.approx(math.degrees(math.hypot(*rms[3:])), rel=1e-9)
+        assert row.bound_position_m == pytest.approx(math.hypot(*found.rms_bound[:3]), rel=1e-9)
+        assert row.table_rows == 4**5
+        assert 0 < row.median_ms <= row.p99_ms
+        assert row.models == pytest.approx(row.median_ms / row.model_ms)
+
+
+def test_moments_answer_each_frame_by_itself(scene, monkeypatch):
+    monkeypatch.setattr(moments, "SAMPLES", 2)
+    inside = Group("curved", 5, 0, ("moments",)).scene(scene)
+    answer = tradeoff._moments(inside, np.random.default_rng(0))
+    images = ForwardModel(inside).expected([[-5.0, 0.1, 0.2, 0.1, 0], [-7.0, -0.2, 0, 0, 0.1]])
+    first = answer(images[1])
+    answer(images[0])
+    np.testing.assert_array_equal(answer(images[1]), first)
+
+
+def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
+    inside = Group("curved", 41, 3, METHODS).scene(scene)
+    blocks = []
+    table = build_table(inside, progress=lambda rounds: blocks.extend(rounds) or blocks)
+    assert len(blocks) > 1
+    images = ForwardModel(inside).expected(table.poses)
+    wanted = key_parameters(images, inside.full_scale_counts, inside.signature.peak)
+    assert len(table.poses) == 3**5
+    np.testing.assert_allclose(table.parameters, wanted, rtol=1e-12, atol=1e-12)
+
+
+def test_table_cost_counts_files_and_memory(scene, tmp_path):
+    table = build_table(Group("curved", 3, 9, METHODS).scene(scene))
+    found = table_cost(table, 9, 1.5, tmp_path)
+    rows = 9**5
+    assert found.table_rows == rows
+    # Two files of five doubles a row, and a page of headers and text.
+    assert found.file_mb * 1e6 == pytest.approx(80 * rows, abs=4096)
+    # The index holds six doubles and a number for each row.
+    assert 56 * rows / 1e6 < found.memory_mb < 10 * 56 * rows / 1e6
+    assert found.memory_mb <= found.peak_mb < found.memory_mb + 200
+    assert found.load_s > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_table_that_no_process_can_open_is_one_line(scene, tmp_path, monkeypatch):
+    table = build_table(Group("curved", 3, 2, METHODS).scene(scene))
+    monkeypatch.setattr(table_cost_module, "save_table", lambda table, path: path.mkdir())
+    with pytest.raises(ValueError, match=r"table of 32 poses: a process cannot open it: .*Error"):
+        table_cost(table, 2, 1.0, tmp_path)
+
+
+# --- files ---------------------------------------------------------------------------------
+
+
+def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
+    rows = [row(position=0.1 + 0.2, bound_position_m=math.inf), row("moments", angle=math.nan)]
+    path = tmp_path / "t.csv"
+    ledger = Ledger(path, Row, ORIGIN)
+    ledger.append(rows[:1])
+    Ledger(path, Row, ORIGIN).append(rows[1:])
+    origin, found = read_csv(path, Row)
+    assert origin == ORIGIN
+    assert [str(vars(a)) for a in found] == [str(vars(b)) for b in rows]
+    with path.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert list(lines[0])[:8] == COLUMNS
+    assert (lines[0]["machine"], lines[0]["position_m"]) == ("a, b: 2 cores", repr(0.1 + 0.2))
+    assert len(path.read_text().splitlines()) == 3
+    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("fingerprint", "0" * 64),
+        ("machine", "abacus"),
+        ("mode", "full"),
+        ("frames", 8),
+        ("seed", 2),
+    ],
+)
+def test_rows_of_another_run_are_refused_by_name(tmp_path, field, value):
+    path = tmp_path / "t.csv"
+    Ledger(path, Row, ORIGIN).append([row()])
+    before = path.read_bytes()
+    other = dataclasses.replace(ORIGIN, **{field: value})
+    with pytest.raises(ValueError, match=f"another run .*{field} .*name another --output"):
+        Ledger(path, Row, other)
+    assert path.read_bytes() == before
+
+
+def test_a_scene_by_another_name_is_the_same_run(tmp_path):
+    Ledger(tmp_path / "t.csv", Row, ORIGIN).append([row()])
+    assert Ledger(tmp_path / "t.csv", Row, dataclasses.replace(ORIGIN, scene="b")).rows == [row()]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text[:-30],
+        lambda text: text.replace("curved,5", "curved,five"),
+        lambda text: "a,b\n1,2\n",
+        lambda text: text + text.splitlines()[1].replace(",quick,7,1,", ",quick,7,2,") + "\n",
+        lambda text: text.replace("reference", "\0"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(tmp_path, spoil):
+    path = tmp_path / "t.csv"
+    Ledger(path, Row, ORIGIN).append([row()])
+    spoilt = spoil(path.read_text())
+    if spoilt == path.read_text():
+        spoilt = "\0" + spoilt
+    path.write_text(spoilt)
+    with pytest.raises(ValueError, match=r"t\.csv: .*--output"):
+        read_csv(path, Row)
+
+
+def test_rows_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    ledger = Ledger(path, Row, ORIGIN)
+    ledger.append([row()])
+    before = path.read_bytes()
+
+    def fail(*names):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(KeyboardInterrupt):
+        ledger.append([row("moments")])
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
+    assert ledger.rows == [row()]
+
+
+# --- the command ---------------------------------------------------------------------------
+
+
+def assert_picture(path):
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert min(struct.unpack(">II", data[16:24])) >= 500
+    assert data[-8:-4] == b"IEND"
+
+
+def counted(monkeypatch, stop_after=None):
+    """Count what is measured, and press Ctrl-C before the group of that number."""
+    heard, honest = [], tradeoff.measure
+
+    def measured(scene, group, *others):
+        if len(heard) == stop_after:
+            raise KeyboardInterrupt
+        heard.append(group)
+        return honest(scene, group, *others)
+
+    monkeypatch.setattr(command, "measure", measured)
+    return heard
+
+
+def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "out"
+    first = counted(monkeypatch, stop_after=2)
+    run("tradeoff", "--output", folder, code=130)
+    kept = (folder / "tradeoff.csv").read_text()
+    assert len(kept.splitlines()) == 1 + 2 * len(METHODS)
+    for picture in ("tradeoff.png", "table_cost.png"):
+        assert_picture(folder / picture)
+    assert "interrupted: 6 of" in capsys.readouterr().out
+
+    second = counted(monkeypatch)
+    run("tradeoff", "--output", folder)
+    assert not set(first) & set(second)
+    assert {*first, *second} == set(plan(scene, "quick"))
+    whole = (folder / "tradeoff.csv").read_text()
+    assert whole.startswith(kept)
+
+    third = counted(monkeypatch)
+    run("tradeoff", "--output", folder)
+    assert third == []
+    assert (folder / "tradeoff.csv").read_text() == whole
+
+
+def test_what_is_printed_is_what_the_file_holds(small, tmp_path, capsys):
+    run("tradeoff", "--full", "--json", "--output", tmp_path)
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert re.search(r"16 settings; about \d+ min; into ", err)
+    assert told["complete"] is True
+    assert (told["scene"], told["mode"], told["frames"]) == ("reference", "full", 6)
+    with (tmp_path / "tradeoff.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == len(told["settings"]) == 2 * (2 * len(METHODS) + len(PUBLISHED))
+    for line, setting in zip(lines, told["settings"], strict=True):
+        for key, value in setting.items():
+            assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
+    assert set(told["fronts"]) == {"position", "angle"}
+    assert [*map(str, (tmp_path / "tradeoff.png", tmp_path / "table_cost.png"))] == told["pictures"]
+    with (tmp_path / "tables.csv").open(newline="") as file:
+        assert [int(line["steps"]) for line in csv.DictReader(file)] == [3, 4]
+
+
+def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monkeypatch):
+    Ledger(tmp_path / "tradeoff.csv", Row, ORIGIN).append([row()])
+    before = (tmp_path / "tradeoff.csv").read_bytes()
+    heard = counted(monkeypatch)
+    error = run("tradeoff", "--output", tmp_path, code=str)
+    assert error.startswith(f"uuv_array tradeoff: {tmp_path}/tradeoff.csv: ")
+    assert "\n" not in error
+    assert heard == []
+    assert (tmp_path / "tradeoff.csv").read_bytes() == before
+
+
+def test_nothing_is_drawn_of_nothing(small, tmp_path, capsys, monkeypatch):
+    counted(monkeypatch, stop_after=0)
+    run("tradeoff", "--output", tmp_path, code=130)
+    assert capsys.readouterr().out == "interrupted: nothing measured\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_seed_out_of_bounds_is_refused(tmp_path):
+    assert "--seed" in run("tradeoff", "--seed", "-1", "--output", tmp_path / "a", code=str)
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("name", ["tradeoff", "advise"])
+def test_help_has_examples(capsys, name):
+    run(name, "--help")
+    examples = capsys.readouterr().out.partition("examples:")[2]
+    assert len(re.findall(rf"^  uuv_array {name}\b", examples, re.MULTILINE)) >= 3

@@ -1,0 +1,202 @@
+"""``uuv_array advise``: the cheapest setting that meets a rate and an accuracy here."""
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from uuv_optical_array import files
+from uuv_optical_array.advice import Advice, Need, advise
+from uuv_optical_array.commands.parser import (
+    INTERRUPTED,
+    Subparsers,
+    add_command,
+    add_json,
+    add_scene,
+)
+from uuv_optical_array.commands.tradeoff import Measurement
+from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.scene import Scene, load_scene
+from uuv_optical_array.tradeoff import Group
+from uuv_optical_array.tradeoff_csv import SETTINGS_CSV, Origin, Row, read_csv, this_machine
+
+DESCRIPTION = """\
+Name the cheapest setting that keeps a rate and an accuracy: array, size of the table, and method of
+the estimator. Cheapest is fewest detectors, then the smallest table, then the least time. A rate is
+kept if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
+random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
+
+It reads what `uuv_array tradeoff` measured in this scene on this machine, in SCENE.tradeoff here or
+in the folder that --output names. Where that is not there it measures as the quick mode does, and
+keeps it in the user's cache. Exit code 1 says that no setting does."""
+
+EPILOG = """\
+examples:
+  uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
+  uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
+  uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
+Ctrl-C while it measures keeps what there is; the next call goes on."""
+
+NEEDS = {
+    "rate": ("rate_hz", Quantity("frames a second", "Hz", 0.001, 1e6)),
+    "position": ("position_m", Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3)),
+    "angle": ("angle_deg", Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360)),
+}
+DEFAULTS = {"rate": 10.0, "position": 0.2, "angle": 10.0}
+SEED = 1
+UNITS = {
+    "position_m": ("position", "m"),
+    "angle_deg": ("angle", "deg"),
+    "p99_ms": ("99th percentile", "ms"),
+    "without_pose": ("frames without a pose", "of all"),
+}
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = add_command(
+        subparsers,
+        "advise",
+        run,
+        "name the cheapest setting that keeps a rate and an accuracy",
+        DESCRIPTION,
+        EPILOG,
+    )
+    add_scene(parser, "reference")
+    for name, (_, quantity) in NEEDS.items():
+        parser.add_argument(
+            f"--{name}",
+            type=float,
+            default=DEFAULTS[name],
+            metavar=quantity.unit.upper(),
+            help=f"{quantity.text}, {quantity.unit} (default: %(default)g)",
+        )
+    add_json(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder that uuv_array tradeoff wrote (default: SCENE.tradeoff here, else the cache)",
+    )
+
+
+def cache_folder(scene: Scene) -> Path:
+    """Return the user's own folder of measurements in a scene on this machine."""
+    machine = "".join(letter if letter.isalnum() else "-" for letter in this_machine())
+    return files.cache_dir() / "tradeoff" / f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
+
+
+def measured(scene: Scene, folder: Path) -> tuple[Origin, list[Row]] | None:
+    """Return what was measured in a folder, if that is this scene on this machine."""
+    origin, rows = read_csv(folder / SETTINGS_CSV, Row)
+    if origin is None:
+        return None
+    if not origin.same_place(scene):
+        print(
+            f"{folder / SETTINGS_CSV} is of another scene or machine, so it does not count",
+            file=sys.stderr,
+        )
+        return None
+    return origin, rows
+
+
+def settings_of(scene: Scene, row: Row) -> dict[str, Any]:
+    """Return what to change for a row: groups of the scene, and the node's parameter."""
+    group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
+    settings = group.scene(scene).settings()
+    return {
+        "scene": {"array": settings["array"], "table": settings["table"]},
+        "estimator_node": {"method": row.method},
+    }
+
+
+def report(scene: Scene, need: Need, found: Advice) -> str:
+    """Return the advice in words."""
+    row = found.row
+    asked = f"{need.rate_hz:g} Hz, {need.position_m:g} m, {need.angle_deg:g} deg"
+    if found.lacks:
+        parts = [f"no setting keeps {asked}; the nearest: {row.label}"]
+        for name, by in found.lacks.items():
+            what, unit = UNITS[name]
+            limit = need.limits[name]
+            parts.append(
+                f"  {what} is {getattr(row, name):.3g} {unit}, "
+                f"{by:.2g} more than {limit:.3g} ({by / limit:+.0%})"
+            )
+    else:
+        parts = [f"{asked}: {row.label}"]
+    scene_lines = []
+    for group, values in settings_of(scene, row)["scene"].items():
+        scene_lines += [f"  {group}:", *(f"    {key}: {value}" for key, value in values.items())]
+    parts += [
+        "",
+        f"errors: {row.position_m:.3g} m, {row.angle_deg:.3g} deg RMS; "
+        f"{row.without_pose:.1%} of frames without a pose",
+        f"time: {row.median_ms:.3g} ms, 99th percentile {row.p99_ms:.3g} ms "
+        f"of {1e3 / need.rate_hz:.4g} ms; {row.models:.3g} forward models; without ROS",
+        "",
+        f"in the scene ({scene.name}):",
+        *scene_lines,
+        "parameter of the estimator_node:",
+        f"  method: {row.method}",
+    ]
+    return "\n".join(parts)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Find measurements or make them, and choose."""
+    need = Need(
+        **{
+            field: check(Annotated[float, quantity], getattr(options, name), f"--{name}")
+            for name, (field, quantity) in NEEDS.items()
+        }
+    )
+    scene = load_scene(options.scene)
+    cache = cache_folder(scene)
+    named = files.user_path(options.output or f"{scene.name}.tradeoff")
+    complete = True
+    known = measured(scene, named)
+    if known is None:
+        measurement = Measurement(scene, "quick", SEED, cache)
+        try:
+            measurement.go_on()
+        except KeyboardInterrupt:
+            complete = False
+        origin, rows, folder = measurement.settings.origin, measurement.settings.rows, cache
+    else:
+        (origin, rows), folder = known, named
+    if not rows:
+        print("interrupted: nothing measured")
+        return INTERRUPTED
+    found = advise(rows, need)
+    about = {
+        "measured": str(folder / SETTINGS_CSV),
+        "settings": len(rows),
+        "load_average": max(row.load_average for row in rows),
+        "complete": complete,
+    }
+    if options.json:
+        told = {
+            "scene": scene.name,
+            "asked": dataclasses.asdict(need),
+            "met": not found.lacks,
+            "lacks": {k: v if math.isfinite(v) else None for k, v in found.lacks.items()},
+            "found": found.row.as_object(),
+            "change": settings_of(scene, found.row),
+            **about,
+        }
+        print(json.dumps(told))
+    else:
+        print(report(scene, need, found))
+        print(
+            f"\nof {len(rows)} settings, {origin.frames} frames each, load average up to "
+            f"{about['load_average']:.1f}: {about['measured']}"
+        )
+        if not complete:
+            print("interrupted: some settings are not measured yet")
+    if not complete:
+        return INTERRUPTED
+    return 1 if found.lacks else 0

@@ -5,25 +5,6 @@ import sys
 
 from uuv_optical_array.commands import (
     accuracy,
-from uuv_optical_array.commands import (
-    accuracy,
-    advise,
-    approach,
-    follow,
-    limits,
-    paper,
-    peers,
-    table,
-    tradeoff,
-)
-
-COMMANDS = (follow, table, limits, accuracy, tradeoff, advise, approach, paper, peers)
-    approach,
-    follow,
-    limits,
-    paper,
-from uuv_optical_array.commands import (
-    accuracy,
     advise,
     approach,
     follow,

@@ -26,6 +26,7 @@ NUISANCES = {
     "lamp.power": "",
     "attenuation.k_per_m": "1/m",
     "ambient.level_counts": "counts",
+    "responsivity.temperature_c": "deg C",
 }
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
@@ -58,7 +59,7 @@ class ForwardModel:
         self.compiled = compiled
         self.scene = scene
         self.array = build_array(scene.array)
-        self.plan = effects.plan(scene.effects, self.array)
+        self.plan = effects.plan(scene.effects, self.array, scene.lamp)
         self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
         converted = "adc" in scene.effects
         clipped = converted or "saturation" in scene.effects

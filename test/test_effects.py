@@ -47,6 +47,11 @@ NOISES = ("sensor_noise", "shot_noise", "photodiode")
 LAMP = LampSettings(8.0, 900.0, 4.0)
 
 
+def test_every_effect_there_is_is_tried_here():
+    assert list(EVERY) == list(effects.check_effects(EVERY))
+    assert set(EVERY) == set(effects.EFFECTS)
+
+
 def make_model(**chosen):
     values = {
         "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},

@@ -10,10 +10,11 @@ from uuv_optical_array.commands import (
     limits,
     paper,
     peers,
+    render,
     table,
 )
 
-COMMANDS = (table, follow, limits, accuracy, approach, paper, peers)
+COMMANDS = (table, follow, limits, accuracy, approach, paper, peers, render)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -16,6 +16,15 @@ from uuv_optical_array.scene import load_scene, scene_from_settings
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "attenuation": {"k_per_m": 0.1},
+    "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
+    "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
+    "plume": {
+        "depth": 1.0,
+        "size_m": 0.2,
+        "speed_m_per_s": 0.1,
+        "distance_m": 3.0,
+        "seed": 5,
+    },
     "beam_spread": {"scattering_per_m": 0.2, "scattering_angle_deg": 3.0},
     "field_of_view": {"cosine_power": 2.0},
     "ambient": {"level_counts": 15.0},
@@ -59,12 +68,12 @@ def costs(poses: Any, rounds: int, number: int = 1) -> dict[str, float]:
     def seconds(call: Callable[..., Any]) -> float:
         start = time.perf_counter()
         for _ in range(number):
-            call(poses, rng)
+            call(poses, rng, time_s=12.3)
         return (time.perf_counter() - start) / number
 
     calls = {name: one.expose for name, one in models().items()}
     for call in calls.values():
-        call(poses, rng)
+        call(poses, rng, time_s=12.3)
     # Forwards and backwards, so that nobody always follows the same neighbour.
     turns = [list(calls), list(reversed(calls))]
     taken = [{name: seconds(calls[name]) for name in turns[i % 2]} for i in range(rounds)]

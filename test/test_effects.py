@@ -25,6 +25,15 @@ AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 # In physical order: water, noise, amplifier, converter.
 EVERY = {
     "attenuation": {"k_per_m": 0.1},
+    "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
+    "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
+    "plume": {
+        "depth": 1.0,
+        "size_m": 0.2,
+        "speed_m_per_s": 0.1,
+        "distance_m": 3.0,
+        "seed": 5,
+    },
     "beam_spread": {"scattering_per_m": 0.2, "scattering_angle_deg": 3.0},
     "field_of_view": {"cosine_power": 2.0},
     "ambient": {"level_counts": 15.0},
@@ -210,9 +219,9 @@ def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_ou
     stage, _ = effects.EFFECTS[left_out]
     others = {name: EVERY[name] for name in EVERY if name != left_out}
     model = make_model(**others)
-    expected = model.expose(AHEAD, np.random.default_rng(10))
+    expected = model.expose(AHEAD, np.random.default_rng(10), time_s=3.0)
     monkeypatch.setitem(effects.EFFECTS, left_out, (stage, never))
-    again = make_model(**others).expose(AHEAD, np.random.default_rng(10))
+    again = make_model(**others).expose(AHEAD, np.random.default_rng(10), time_s=3.0)
     np.testing.assert_array_equal(again, expected)
 
 
@@ -247,7 +256,7 @@ def test_no_effects_at_all_is_the_bare_light():
     ("chosen", "words"),
     [
         ({"attenuatoin": {"k_per_m": 0.1}}, ["effects.attenuatoin", "did you mean attenuation?"]),
-        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, beam_spread, field_of_view"]),
+        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, lamp_flicker, lamp_drift, plume"]),
         ({3: {}}, ["effects.3: unknown key"]),
         ({"adc": {"bit": 10}}, ["effects.adc.bit", "did you mean bits?"]),
         ({"adc": {"array": 10}}, ["effects.adc.array: unknown key"]),

@@ -79,5 +79,11 @@ def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, wor
     assert not (tmp_path / "sea.png").exists()
 
 
+def test_the_sheet_of_a_plume_is_that_of_its_moment(tmp_path):
+    model, rng = ForwardModel(load_scene("night_plume")), np.random.default_rng
+    early, late = (draw_scene(model, rng(0), tmp_path / "sheet.png", at) for at in (0.0, 30.0))
+    assert np.abs(early - late).max() > 50
+
+
 def test_render_refuses_a_seed_that_is_none(tmp_path):
     assert "--seed: -1 is out of bounds" in run("--seed", -1, "--output", tmp_path / "x.png")

@@ -60,6 +60,7 @@ class ForwardModel:
         self.scene = scene
         self.array = build_array(scene.array)
         self.plan = effects.plan(scene.effects, self.array, scene.lamp)
+        self.moves = not effects.MOVING.isdisjoint(scene.effects)
         self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
         converted = "adc" in scene.effects
         clipped = converted or "saturation" in scene.effects
@@ -230,7 +231,12 @@ class ForwardModel:
         )
 
     def _propagate(
-        self, lamp: Array, axis: Array, offsets: Mapping[str, Array], differentiate: bool
+        self,
+        lamp: Array,
+        axis: Array,
+        offsets: Mapping[str, Array],
+        differentiate: bool,
+        time_s: Array | None = None,
     ) -> Light:
         for name in offsets:
             if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
@@ -247,10 +253,10 @@ class ForwardModel:
                     rows = np.zeros((*flat.shape[:-1], len(offsets), flat.shape[-1]))
                     derivatives = np.concatenate([derivatives, rows], axis=-2)
                 planes = derivatives.reshape(*derivatives.shape[:-1], *shape[-2:])
-                light = Light(flat.reshape(shape), planes, offsets)
+                light = Light(flat.reshape(shape), planes, offsets, time_s)
             else:
                 flat = irradiance(rays, self._beam_sigma_rad, self.power)
-                light = Light(flat.reshape(shape), None, offsets)
+                light = Light(flat.reshape(shape), None, offsets, time_s)
             if "lamp.power" in offsets:
                 light.dim(np.exp(offsets["lamp.power"])[..., None, None])
                 light.slope_by("lamp.power", lambda: light.image)
@@ -294,6 +300,7 @@ class ForwardModel:
         rng: np.random.Generator | None = None,
         roll: ArrayLike = 0.0,
         offsets: Mapping[str, Array] = MappingProxyType({}),
+        time_s: ArrayLike | None = None,
     ) -> Array:
         """Image as the array reads it: light, noise, electronics, converter.
 
@@ -303,13 +310,21 @@ class ForwardModel:
             As in `light`.
         rng
             Source of the noise; a scene without noise draws nothing and needs none.
+        time_s
+            Moment of each image, s, shape ``(...)``, for what moves: flicker, drift, a plume.
+            ``None``: the scene without them, as estimators know it.
 
         Returns
         -------
         Array
             Shape ``(..., side, side)``, counts.
         """
-        image = self.light(poses, roll, offsets)
+        if time_s is None or not self.moves:
+            image = self.light(poses, roll, offsets)
+        else:
+            lamp, axis = lamp_in_body(poses, roll)
+            moments = np.broadcast_to(np.asarray(time_s, dtype=float), lamp.shape[:-1])
+            image = self._propagate(lamp, axis, offsets, False, moments).image
         if self.plan.noise:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")

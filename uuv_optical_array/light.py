@@ -272,11 +272,14 @@ class Light:
         ``(..., 6 + len(offsets), side, side)``; ``None`` where nobody asked.
     offsets
         What is added to settings of the scene, by dotted name, each of shape ``(...)``.
+    time_s
+        Moment of the image, s, shape ``(...)``; ``None`` where what moves is left out.
     """
 
     image: Array
     derivatives: Array | None = None
     offsets: Mapping[str, Array] = field(default_factory=dict)
+    time_s: Array | None = None
 
     def setting(self, name: str, value: float) -> float | Array:
         """Return a setting with its offset, ready to be combined with images."""

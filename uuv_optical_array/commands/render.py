@@ -39,6 +39,7 @@ COLUMNS = (  # title, degree of freedom, m or deg
     ("pitch 20 deg", "pitch", 20.0),
 )
 PROFILED = (0, 2, 3, 5)  # columns whose profiles are drawn
+TIME_S = Quantity("moment of the images", "s", 0, 1e10)
 SEED = Quantity("seed of the noise", "", 0, 2**31 - 1)
 
 
@@ -55,6 +56,13 @@ def add_parser(subparsers: Subparsers) -> None:
     add_scene(parser, "follow")
     parser.add_argument(
         "--seed", type=int, default=0, help="seed of the noise (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--time-s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="moment, for a flicker, a drift or a plume (default: %(default)g)",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("render.png"), help="picture (default: render.png)"
@@ -122,7 +130,9 @@ def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
     figure.legend(handles, labels, loc="outside right center", fontsize=10, title="behind the lamp")
 
 
-def draw_scene(model: ForwardModel, rng: np.random.Generator, path: Path) -> Array:
+def draw_scene(
+    model: ForwardModel, rng: np.random.Generator, path: Path, time_s: float = 0.0
+) -> Array:
     """Draw images and profiles of a scene.
 
     Parameters
@@ -133,13 +143,15 @@ def draw_scene(model: ForwardModel, rng: np.random.Generator, path: Path) -> Arr
         Source of the noise.
     path
         PNG file, written whole or not at all.
+    time_s
+        Moment of all images, s.
 
     Returns
     -------
     Array
         The images, counts, shape ``(ranges, columns, side, side)``.
     """
-    images = model.expose(poses(), rng)
+    images = model.expose(poses(), rng, time_s=time_s)
     figure = Figure(figsize=(13, 15), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[2.3, 1])
     _sheet(parts[0], images)
@@ -157,9 +169,10 @@ def draw_scene(model: ForwardModel, rng: np.random.Generator, path: Path) -> Arr
 def run(options: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
     seed = check(Annotated[int, SEED], options.seed, "--seed")
+    time_s = check(Annotated[float, TIME_S], options.time_s, "--time-s")
     scene = load_scene(options.scene)
     output = files.user_path(options.output)
-    images = draw_scene(ForwardModel(scene), np.random.default_rng(seed), output)
+    images = draw_scene(ForwardModel(scene), np.random.default_rng(seed), output, time_s)
     print(f"scene {scene.name}: {', '.join(scene.effects) or 'the light alone'}")
     for range_m, image in zip(RANGES_M, images[:, 0], strict=True):
         print(f"  aligned at {range_m:g} m: {image.min():.4g} to {image.max():.4g} counts")

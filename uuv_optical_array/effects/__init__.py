@@ -29,6 +29,7 @@ from uuv_optical_array.effects.electronics import (
     sensor_noise,
     shot_noise,
 )
+from uuv_optical_array.effects.moving import lamp_drift, lamp_flicker, plume
 from uuv_optical_array.effects.water import (
     ambient,
     attenuation,
@@ -67,6 +68,9 @@ def effect(stage: Stage) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 for _stage, _functions in {
     Stage.LIGHT: (
         attenuation,
+        lamp_flicker,
+        lamp_drift,
+        plume,
         beam_spread,
         field_of_view,
         ambient,
@@ -80,6 +84,9 @@ for _stage, _functions in {
 }.items():
     for _function in _functions:
         effect(_stage)(_function)
+
+# What changes with time, and needs to be told it.
+MOVING = {function.__name__ for function in (lamp_flicker, lamp_drift, plume)}
 
 # Where settings may be given in one of several ways: the check, which may turn them into one.
 RESOLVED: dict[str, Callable[[dict[str, Any], str], dict[str, Any]]] = {

@@ -161,6 +161,16 @@ def test_warmer_detectors_read_less_by_2_mv_in_576_a_degree():
     np.testing.assert_allclose(warm / model.light(AHEAD), 1 - 3 * 2 / 576, rtol=1e-12)
 
 
+def test_an_uncertain_temperature_needs_the_effect_it_acts_through():
+    settings = load_scene("reference").settings()
+    settings["prior"]["temperature_std_c"] = 3.0
+    with pytest.raises(ValueError, match=r"prior.temperature_std_c: the scene has no effects.resp"):
+        scene_from_settings(settings, "test")
+    settings["effects"]["responsivity"] = {"spread": 0.008, "seed": 1}
+    scene = scene_from_settings(settings, "test")
+    assert scene.prior.nuisance_std() == {"responsivity.temperature_c": 3.0}
+
+
 def test_dead_and_stuck_detectors_tell_an_estimator_nothing():
     model = model_with(
         detector_faults={"dead": [[0, 1], [2, 2]], "stuck": [[4, 0]], "stuck_counts": 77.0}

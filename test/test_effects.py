@@ -11,8 +11,10 @@ from scipy import ndimage, signal, stats
 
 from uuv_optical_array import effects
 from uuv_optical_array.array import ArraySettings, build_array
+from uuv_optical_array.effects import water
+from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import Light
+from uuv_optical_array.light import LampSettings, Light
 from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import scene_from_settings
 
@@ -23,18 +25,40 @@ AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 # In physical order: water, noise, amplifier, converter.
 EVERY = {
     "attenuation": {"k_per_m": 0.1},
+    "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
+    "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
+    "plume": {
+        "depth": 1.0,
+        "size_m": 0.2,
+        "speed_m_per_s": 0.1,
+        "distance_m": 3.0,
+        "seed": 5,
+    },
+    "beam_spread": {"scattering_per_m": 0.2, "scattering_angle_deg": 3.0},
+    "field_of_view": {"cosine_power": 2.0},
+    "ambient": {"level_counts": 15.0},
     "forward_scatter": {"window_m": 0.3},
+    "responsivity": {"spread": 0.05, "seed": 3},
+    "detector_faults": {"dead": [[0, 1]], "stuck": [[4, 4]], "stuck_counts": 50.0},
     "sensor_noise": {"sigma_counts": 2.0},
+    "shot_noise": {"electrons_per_count": 300.0},
+    "photodiode": {
+        "part": "SM05PD1A",
+        "bandwidth_hz": 100.0,
+        "load_ohm": 1e6,
+        "amps_per_count": 1e-12,
+    },
     "saturation": {"level_counts": 700.0},
     "adc": {"bits": 10},
 }
-STAGES = {
-    "attenuation": "light",
-    "forward_scatter": "light",
-    "sensor_noise": "noise",
-    "saturation": "analogue",
-    "adc": "digital",
-}
+STAGES = {name: effects.EFFECTS[name][0].name.lower() for name in EVERY}
+NOISES = ("sensor_noise", "shot_noise", "photodiode")
+LAMP = LampSettings(8.0, 900.0, 4.0)
+
+
+def test_every_effect_there_is_is_tried_here():
+    assert list(EVERY) == list(effects.check_effects(EVERY))
+    assert set(EVERY) == set(effects.EFFECTS)
 
 
 def make_model(**chosen):
@@ -68,7 +92,7 @@ def test_the_window_of_the_paper_is_scipys_hann_of_11_samples_mirrored_at_the_bo
     expected = image
     for axis in (0, 1):
         expected = ndimage.convolve1d(expected, window / window.sum(), axis=axis, mode="reflect")
-    blur = effects.hanning_blur(side, 0.02, 0.2)
+    blur = hanning_blur(side, 0.02, 0.2)
     np.testing.assert_allclose(blur @ image @ blur.T, expected, rtol=1e-12)
 
 
@@ -87,7 +111,7 @@ def test_forward_scatter_blurs_both_axes_of_a_stack_of_images():
 @given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), window=st.floats(0.001, 10))
 @reproducible
 def test_every_row_of_the_blur_sums_to_one_and_its_columns_too(side, spacing, window):
-    blur = effects.hanning_blur(side, spacing, window)
+    blur = hanning_blur(side, spacing, window)
     assert (blur >= 0).all()
     np.testing.assert_allclose(blur.sum(axis=1), 1, rtol=1e-12)
     # Mirrored borders keep all light on the array.
@@ -97,7 +121,7 @@ def test_every_row_of_the_blur_sums_to_one_and_its_columns_too(side, spacing, wi
 @given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), share=st.floats(0.001, 1))
 @reproducible
 def test_a_window_no_wider_than_two_spacings_changes_nothing(side, spacing, share):
-    blur = effects.hanning_blur(side, spacing, 2 * spacing * share)
+    blur = hanning_blur(side, spacing, 2 * spacing * share)
     np.testing.assert_array_equal(blur, np.eye(side))
 
 
@@ -159,7 +183,7 @@ def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(
 
 
 def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
-    quiet = {name: EVERY[name] for name in EVERY if name != "sensor_noise"}
+    quiet = {name: EVERY[name] for name in EVERY if name not in NOISES}
     model = make_model(**quiet)
     rng = np.random.default_rng(8)
     before = rng.bit_generator.state
@@ -179,7 +203,7 @@ def test_a_scene_without_scatter_never_builds_a_blur(monkeypatch):
     def never(*args):
         raise AssertionError("hanning_blur was called")
 
-    monkeypatch.setattr(effects, "hanning_blur", never)
+    monkeypatch.setattr(water, "hanning_blur", never)
     clear = {name: EVERY[name] for name in EVERY if name != "forward_scatter"}
     image = make_model(**clear).expose(AHEAD, np.random.default_rng(9))
     assert image.shape == (5, 5)
@@ -195,9 +219,9 @@ def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_ou
     stage, _ = effects.EFFECTS[left_out]
     others = {name: EVERY[name] for name in EVERY if name != left_out}
     model = make_model(**others)
-    expected = model.expose(AHEAD, np.random.default_rng(10))
+    expected = model.expose(AHEAD, np.random.default_rng(10), time_s=3.0)
     monkeypatch.setitem(effects.EFFECTS, left_out, (stage, never))
-    again = make_model(**others).expose(AHEAD, np.random.default_rng(10))
+    again = make_model(**others).expose(AHEAD, np.random.default_rng(10), time_s=3.0)
     np.testing.assert_array_equal(again, expected)
 
 
@@ -205,7 +229,7 @@ def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_ou
 @reproducible
 def test_a_plan_holds_the_named_steps_in_physical_order_whatever_the_order_in_the_scene(data):
     named = data.draw(st.lists(st.sampled_from(list(EVERY)), unique=True))
-    plan = effects.plan(effects.check_effects({name: EVERY[name] for name in named}), ARRAY)
+    plan = effects.plan(effects.check_effects({name: EVERY[name] for name in named}), ARRAY, LAMP)
     expected = {
         stage: [name for name in EVERY if name in named and STAGES[name] == stage]
         for stage in ("light", "noise", "analogue", "digital")
@@ -216,7 +240,7 @@ def test_a_plan_holds_the_named_steps_in_physical_order_whatever_the_order_in_th
 def test_the_order_in_the_scene_changes_no_reading():
     readings = [
         make_model(**{name: EVERY[name] for name in order}).expose(AHEAD, np.random.default_rng(11))
-        for order in itertools.islice(itertools.permutations(EVERY), 0, 120, 17)
+        for order in itertools.islice(itertools.permutations(EVERY), 0, 10**6, 150_001)
     ]
     assert all(np.array_equal(reading, readings[0]) for reading in readings)
 
@@ -232,7 +256,7 @@ def test_no_effects_at_all_is_the_bare_light():
     ("chosen", "words"),
     [
         ({"attenuatoin": {"k_per_m": 0.1}}, ["effects.attenuatoin", "did you mean attenuation?"]),
-        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, ambient, forward_scatter"]),
+        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, lamp_flicker, lamp_drift, plume"]),
         ({3: {}}, ["effects.3: unknown key"]),
         ({"adc": {"bit": 10}}, ["effects.adc.bit", "did you mean bits?"]),
         ({"adc": {"array": 10}}, ["effects.adc.array: unknown key"]),

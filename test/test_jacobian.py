@@ -21,8 +21,15 @@ EFFECTS = {
     "attenuation": {"attenuation": {"k_per_m": 0.1}},
     "ambient": {"ambient": {"level_counts": 20.0}},
     "scatter": {"forward_scatter": {"window_m": 0.3}},
+    "spread": {"beam_spread": {"scattering_per_m": 0.3, "scattering_angle_deg": 4.0}},
+    "lens": {"field_of_view": {"cosine_power": 2.5}},
+    "rim": {"field_of_view": {"half_angle_deg": 40.0, "edge_deg": 30.0}},
+    "gains": {"responsivity": {"spread": 0.1, "seed": 1}},
+    "faults": {"detector_faults": {"dead": [[0, 1]], "stuck": [[2, 2]], "stuck_counts": 40.0}},
     "all": {
         "attenuation": {"k_per_m": 0.2},
+        "beam_spread": {"scattering_per_m": 0.1, "scattering_angle_deg": 2.0},
+        "responsivity": {"spread": 0.05, "seed": 2},
         "ambient": {"level_counts": 20.0},
         "forward_scatter": {"window_m": 0.25},
         "sensor_noise": {"sigma_counts": 1.0},
@@ -99,9 +106,11 @@ def test_the_jacobian_is_the_derivative_of_the_light(models, effects, pose, roll
 @given(
     pose=poses,
     roll=rolls,
-    offset=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.05, 0.05), st.floats(-9, 9)),
+    offset=st.tuples(
+        st.floats(-0.3, 0.3), st.floats(-0.05, 0.05), st.floats(-9, 9), st.floats(-5, 5)
+    ),
     order=st.permutations(list(NUISANCES)),
-    number=st.integers(1, 3),
+    number=st.integers(1, 4),
 )
 @reproducible
 def test_the_jacobian_by_nuisances_is_the_derivative_too(models, pose, roll, offset, order, number):
@@ -129,7 +138,7 @@ def test_many_poses_at_once_have_the_jacobians_of_each(shape):
     offsets = {name: 0.01 * rng.standard_normal((2, 3)) for name in NUISANCES}
     image, jacobian = model.linearised(many, roll, offsets)
     assert image.shape == (2, 3, 16)
-    assert jacobian.shape == (2, 3, 16, 8)
+    assert jacobian.shape == (2, 3, 16, 5 + len(NUISANCES))
     for i in np.ndindex(2, 3):
         own = {name: values[i] for name, values in offsets.items()}
         one_image, one_jacobian = model.linearised(many[i], roll[i], own)

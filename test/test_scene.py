@@ -9,6 +9,7 @@ import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from uuv_optical_array.files import shared_file
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene, scene_from_settings
 
@@ -122,6 +123,33 @@ def test_a_ready_scene_loads_by_its_bare_name_and_gives_an_image(name):
     image = ForwardModel(scene).expected([-4.0, 0, 0, 0, 0])
     assert image.max() == pytest.approx(900.0)
     assert scene.full_scale_counts == 1023.0
+
+
+READY = sorted(path.stem for path in shared_file("config/scenes").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", READY)
+def test_each_ready_scene_says_when_to_use_it_and_has_one_layout(name):
+    lines = shared_file(f"config/scenes/{name}.yaml").read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("# Use ")
+    assert lines[0].endswith(".")
+    assert lines[1].startswith("# Keys carry their unit")
+    assert max(map(len, lines)) <= 100
+    groups = [line.partition(":")[0] for line in lines if line and line[0].isalpha()]
+    assert groups in (
+        ["lamp", "array", "effects", "signature", "table"],
+        ["lamp", "array", "effects", "signature", "table", "prior"],
+    )
+    scene = load_scene(name)
+    assert valid(scene.settings()).fingerprint == scene.fingerprint
+    model = ForwardModel(scene)
+    aligned = [-scene.lamp.reference_range_m, 0, 0, 0, 0]
+    daylight = scene.effects.get("ambient", {}).get("level_counts", 0.0)
+    brightest = model.light(aligned).max()
+    assert brightest == pytest.approx(scene.lamp.reference_counts + daylight, rel=1e-2)
+    assert brightest < scene.full_scale_counts or not scene.effects
+    far = model.light([scene.table.x_m.start, 0, 0, 0, 0]).max() - daylight
+    assert far > 10, "the table ends where light is left"
 
 
 def test_the_ready_scenes_differ_only_in_scatter_and_in_the_reach_of_the_table():
@@ -289,7 +317,7 @@ def test_a_nan_or_a_unit_in_a_file_is_refused_by_key(tmp_path):
 def test_a_missing_file_and_an_unknown_ready_scene_are_told_apart(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.yaml: no such file"):
         load_scene(tmp_path / "nowhere.yaml")
-    with pytest.raises(FileNotFoundError, match=r"ready scene \(.*follow, reference\)"):
+    with pytest.raises(FileNotFoundError, match=r"ready scene \(.*follow, .*reference.*\)"):
         load_scene("folow")
 
 

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.nodes.simulator_node import SimulatorNode, main
+from uuv_optical_array.scene import load_scene
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 BEACON = [-0.7, 0.1, 0.2]
@@ -268,3 +269,18 @@ def test_a_scene_without_a_converter_is_refused_at_the_start_in_one_line(tmp_pat
     assert "\n" not in end.value.code
     for word in ("scene analogue", "effects.adc", "bits from 1 to 16"):
         assert word in end.value.code
+
+
+def test_what_changes_with_time_is_that_of_the_stamp(lab, tmp_path):
+    drift = {"std": 0.5, "time_scale_s": 3.0, "seed": 2}
+    scene_file = write_scene(tmp_path, "wavering", [("effects", "lamp_drift", drift)])
+    scene_file = str(scene_file)
+    sea = Sea(lab, scene_file)
+    model, noise = ForwardModel(load_scene(scene_file)), np.random.default_rng(SEED)
+    pose, roll = seen(ABREAST, BEHIND)
+    peaks = []
+    for seconds in range(1, 9):
+        expected = model.expose(pose, noise, roll, time_s=float(seconds))
+        np.testing.assert_array_equal(sea.look(seconds), expected)
+        peaks.append(expected.max())
+    assert max(peaks) > 1.2 * min(peaks)

@@ -26,6 +26,7 @@ NUISANCES = {
     "lamp.power": "",
     "attenuation.k_per_m": "1/m",
     "ambient.level_counts": "counts",
+    "responsivity.temperature_c": "deg C",
 }
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
@@ -58,7 +59,7 @@ class ForwardModel:
         self.compiled = compiled
         self.scene = scene
         self.array = build_array(scene.array)
-        self.plan = effects.plan(scene.effects, self.array)
+        self.plan = effects.plan(scene.effects, self.array, scene.lamp)
         self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
         converted = "adc" in scene.effects
         clipped = converted or "saturation" in scene.effects
@@ -84,6 +85,7 @@ class ForwardModel:
         poses: ArrayLike,
         roll: ArrayLike = 0.0,
         offsets: Mapping[str, Array] = MappingProxyType({}),
+        time_s: ArrayLike | None = None,
     ) -> Array:
         """Light that arrives at the detectors, before any electronics.
 
@@ -96,6 +98,9 @@ class ForwardModel:
             Roll of the follower, rad, broadcast to ``(...)``.
         offsets
             Offsets of nuisance settings, by name, each of shape ``(...)``: see `NUISANCES`.
+        time_s
+            Moment of each image, s, broadcast to ``(...)``, for what moves: flicker, drift, a
+            plume. ``None``: the scene without them, as estimators know it.
 
         Returns
         -------
@@ -110,19 +115,28 @@ class ForwardModel:
         poses = np.asarray(poses, dtype=float)
         side = self.array.side
         if offsets or poses.size * side**2 <= 5 * bulk.BLOCK_READINGS:
-            return self.light_by_lamp(*lamp_in_body(poses, roll), offsets)
+            lamp, axis = lamp_in_body(poses, roll)
+            if time_s is not None:
+                time_s = np.broadcast_to(np.asarray(time_s, dtype=float), lamp.shape[:-1])
+            return self._propagate(lamp, axis, offsets, False, time_s).image
         images = np.empty((*np.broadcast_shapes(poses.shape[:-1], np.shape(roll)), side, side))
-        self.write_light(images, poses, roll)
+        self.write_light(images, poses, roll, time_s)
         return images
 
-    def write_light(self, images: Array, poses: ArrayLike, roll: ArrayLike = 0.0) -> None:
+    def write_light(
+        self,
+        images: Array,
+        poses: ArrayLike,
+        roll: ArrayLike = 0.0,
+        time_s: ArrayLike | None = None,
+    ) -> None:
         """Write `light` at very many poses into an array, which may be used again and again.
 
         Parameters
         ----------
         images
             Result, shape ``(..., side, side)``, contiguous, counts.
-        poses, roll
+        poses, roll, time_s
             As in `light`, broadcast to ``(...)``.
 
         Raises
@@ -135,6 +149,9 @@ class ForwardModel:
             raise ValueError(f"images: shape {images.shape}; give contiguous (..., {side}, {side})")
         poses = np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5)
         rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1)
+        moments = None
+        if time_s is not None:
+            moments = np.broadcast_to(np.asarray(time_s, dtype=float), shape).reshape(-1)
         stack = images.reshape(-1, side, side)
         # The first effect, where it is Beer's law, goes into the same exponential.
         dimmed = next(iter(self.scene.effects), None) == "attenuation"
@@ -149,7 +166,7 @@ class ForwardModel:
             part = slice(start, start + lamp_light.block)
             image, where = stack[part], (poses[part], rolls[part])
             lamp_light.write(image.reshape(-1, side**2), *where)
-            light = Light(image)
+            light = Light(image, time_s=None if moments is None else moments[part])
             rays = LateRays(self.array, *where)
             with np.errstate(under="ignore"):
                 for step in self.plan.light[dimmed:]:
@@ -229,7 +246,12 @@ class ForwardModel:
         )
 
     def _propagate(
-        self, lamp: Array, axis: Array, offsets: Mapping[str, Array], differentiate: bool
+        self,
+        lamp: Array,
+        axis: Array,
+        offsets: Mapping[str, Array],
+        differentiate: bool,
+        time_s: Array | None = None,
     ) -> Light:
         for name in offsets:
             if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
@@ -246,10 +268,10 @@ class ForwardModel:
                     rows = np.zeros((*flat.shape[:-1], len(offsets), flat.shape[-1]))
                     derivatives = np.concatenate([derivatives, rows], axis=-2)
                 planes = derivatives.reshape(*derivatives.shape[:-1], *shape[-2:])
-                light = Light(flat.reshape(shape), planes, offsets)
+                light = Light(flat.reshape(shape), planes, offsets, time_s)
             else:
                 flat = irradiance(rays, self._beam_sigma_rad, self.power)
-                light = Light(flat.reshape(shape), None, offsets)
+                light = Light(flat.reshape(shape), None, offsets, time_s)
             if "lamp.power" in offsets:
                 light.dim(np.exp(offsets["lamp.power"])[..., None, None])
                 light.slope_by("lamp.power", lambda: light.image)
@@ -293,12 +315,13 @@ class ForwardModel:
         rng: np.random.Generator | None = None,
         roll: ArrayLike = 0.0,
         offsets: Mapping[str, Array] = MappingProxyType({}),
+        time_s: ArrayLike | None = None,
     ) -> Array:
         """Image as the array reads it: light, noise, electronics, converter.
 
         Parameters
         ----------
-        poses, roll, offsets
+        poses, roll, offsets, time_s
             As in `light`.
         rng
             Source of the noise; a scene without noise draws nothing and needs none.
@@ -308,7 +331,7 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts.
         """
-        image = self.light(poses, roll, offsets)
+        image = self.light(poses, roll, offsets, time_s)
         if self.plan.noise:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")

@@ -199,6 +199,28 @@ def irradiance_with_derivatives(
     return light, derivatives
 
 
+def squared_angle_slopes(rays: Rays) -> tuple[Array, Array]:
+    """Differentiate half the square of the off-axis angle.
+
+    Parameters
+    ----------
+    rays
+        Paths from the lamp, shape ``(..., n)``.
+
+    Returns
+    -------
+    by_position : Array
+        By the lamp's position in ``base_link``, rad^2/m, shape ``(..., 3, n)``.
+    by_axis : Array
+        By the beam axis, rad^2, shape ``(..., 3, n)``.
+    """
+    # eta / sin(eta) over the range; on the axis itself it meets only zeros.
+    ratio = rays.off_axis_rad / np.maximum(rays.across_m, 1e-9 * rays.range_m)
+    by_axis = ratio[..., None, :] * rays.to_lamp
+    turned = (ratio * rays.along_m / rays.range_m**2)[..., None, :] * rays.to_lamp
+    return ratio[..., None, :] * rays.beam_axis + turned, by_axis
+
+
 def lamp_derivatives(poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
     """Differentiate `lamp_in_body` by the pose.
 
@@ -250,11 +272,14 @@ class Light:
         ``(..., 6 + len(offsets), side, side)``; ``None`` where nobody asked.
     offsets
         What is added to settings of the scene, by dotted name, each of shape ``(...)``.
+    time_s
+        Moment of the image, s, shape ``(...)``; ``None`` where what moves is left out.
     """
 
     image: Array
     derivatives: Array | None = None
     offsets: Mapping[str, Array] = field(default_factory=dict)
+    time_s: Array | None = None
 
     def setting(self, name: str, value: float) -> float | Array:
         """Return a setting with its offset, ready to be combined with images."""
@@ -276,6 +301,11 @@ class Light:
         """Add a derivative by the lamp's position, shape ``(..., 3, side, side)``."""
         if self.derivatives is not None:
             self.derivatives[..., :3, :, :] += slope()
+
+    def slope_by_axis(self, slope: Callable[[], Array]) -> None:
+        """Add a derivative by the beam axis, shape ``(..., 3, side, side)``."""
+        if self.derivatives is not None:
+            self.derivatives[..., 3:6, :, :] += slope()
 
     def slope_by(self, name: str, slope: Callable[[], float | Array]) -> None:
         """Add a derivative by an offset, shape ``(..., side, side)``, where it is asked for."""

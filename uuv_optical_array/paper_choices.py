@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.effects import check_effects, hanning_blur
+from uuv_optical_array.effects import check_effects
+from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.features import key_parameters, skewness
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.paper import RECONSTRUCTION, Choice, paper_signature, scene_signature

@@ -10,8 +10,8 @@ import inspect
 import math
 import types
 import typing
-from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +41,10 @@ class Quantity:
         if math.isinf(self.high):
             return f"at least {self.low:g}{unit}"
         return f"from {self.low:g} to {self.high:g}{unit}"
+
+
+# Places on the array, each ``[row, column]``; the bounds are those of both.
+Cells: TypeAlias = Sequence[Sequence[int]]
 
 
 class Span(NamedTuple):
@@ -77,13 +81,25 @@ def _span(value: Any, quantity: Quantity, name: str) -> Span:
     return Span(start, stop, number)
 
 
+def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"{name}: {value!r} is no list of places; give [[row, column], ...]")
+    for i, cell in enumerate(value):
+        if not isinstance(cell, list | tuple) or len(cell) != 2:
+            raise ValueError(f"{name}[{i}]: {cell!r} is no place; give [row, column]")
+    return [
+        [int(_number(index, quantity, f"{name}[{i}]", whole=True)) for index in cell]
+        for i, cell in enumerate(value)
+    ]
+
+
 def check(hint: Any, value: Any, name: str) -> Any:
     """Check one value against its declared type hint.
 
     Parameters
     ----------
     hint
-        ``float``, ``int``, ``Span``, ``Literal[...]`` or ``T | None``, each bare or
+        ``float``, ``int``, ``Span``, `Cells`, ``Literal[...]`` or ``T | None``, each bare or
         ``Annotated`` with a `Quantity`.
     value
         The value as read.
@@ -112,6 +128,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
         if value not in choices or isinstance(value, bool):
             raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(choices)}")
         return value
+    if hint == Cells:
+        return _cells(value, quantity, name)
     if hint is Span:
         return _span(value, quantity, name)
     return _number(value, quantity, name, whole=hint is int)
@@ -168,3 +186,38 @@ def check_all(declared: Callable[..., Any], values: Any, where: str) -> dict[str
         else:
             checked[name] = argument.default
     return checked
+
+
+def one_way(
+    values: Mapping[str, Any], where: str, first: Sequence[str], second: Sequence[str]
+) -> bool:
+    """Require that one of two ways to give the same thing is taken, and wholly.
+
+    Parameters
+    ----------
+    values
+        Checked values; ``None`` is not given.
+    where
+        Dotted name of the mapping, for errors.
+    first, second
+        Keys of either way.
+
+    Returns
+    -------
+    bool
+        Whether it is the second.
+
+    Raises
+    ------
+    ValueError
+        Where both or neither are given, or a part of one.
+    """
+    ways = f"give {' and '.join(first)}, or else {' and '.join(second)}"
+    given = [[key for key in way if values.get(key) is not None] for way in (first, second)]
+    if all(given):
+        raise ValueError(f"{where}.{given[1][0]}: given beside {given[0][0]}; {ways}")
+    taken = second if given[1] else first
+    for key in taken:
+        if values.get(key) is None:
+            raise ValueError(f"{where}.{key}: missing; {ways}")
+    return bool(given[1])

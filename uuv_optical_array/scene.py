@@ -43,12 +43,18 @@ class PriorSettings:
         float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
     ] = 0.0
 
+    temperature_std_c: Annotated[
+        float,
+        Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40),
+    ] = 0.0
+
     def nuisance_std(self) -> dict[str, float]:
         """Return the standard deviation of each setting that is not known, by dotted name."""
         stds = {
             "lamp.power": self.lamp_power_std,
             "attenuation.k_per_m": self.k_std_per_m,
             "ambient.level_counts": self.ambient_std_counts,
+            "responsivity.temperature_c": self.temperature_std_c,
         }
         return {name: std for name, std in stds.items() if std > 0}
 
@@ -175,7 +181,11 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=check_effects(settings.get("effects")), **groups)
-        for key, effect in (("k_std_per_m", "attenuation"), ("ambient_std_counts", "ambient")):
+        for key, effect in (
+            ("k_std_per_m", "attenuation"),
+            ("ambient_std_counts", "ambient"),
+            ("temperature_std_c", "responsivity"),
+        ):
             if getattr(scene.prior, key) > 0 and effect not in scene.effects:
                 raise ValueError(f"prior.{key}: the scene has no effects.{effect}; add it")
     except ValueError as error:

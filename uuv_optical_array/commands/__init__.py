@@ -11,11 +11,12 @@ from uuv_optical_array.commands import (
     limits,
     paper,
     peers,
+    render,
     table,
     tradeoff,
 )
 
-COMMANDS = (follow, table, limits, accuracy, tradeoff, advise, approach, paper, peers)
+COMMANDS = (follow, render, table, limits, accuracy, tradeoff, advise, approach, paper, peers)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -133,7 +133,8 @@ class SimulatorNode(Node):
         position, quaternion = self.pose(follower)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
-        image = self.model.expose(pose, self.rng, roll)
+        moment = stamp_ns(follower.header) * 1e-9
+        image = self.model.expose(pose, self.rng, roll, time_s=moment)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters["array_frame"] or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)

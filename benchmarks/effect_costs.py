@@ -1,0 +1,102 @@
+"""What each effect of a scene costs: ``python benchmarks/effect_costs.py``.
+
+Time for a million readings of the ideal light plus one effect, over that of the ideal light alone,
+measured in turns in one run; the median of the rounds. The second column is a single image.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene, scene_from_settings
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "attenuation": {"k_per_m": 0.1},
+    "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
+    "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
+    "plume": {
+        "depth": 1.0,
+        "size_m": 0.2,
+        "speed_m_per_s": 0.1,
+        "distance_m": 3.0,
+        "seed": 5,
+    },
+    "beam_spread": {"scattering_per_m": 0.2, "scattering_angle_deg": 3.0},
+    "field_of_view": {"cosine_power": 2.0},
+    "ambient": {"level_counts": 15.0},
+    "forward_scatter": {"window_m": 0.3},
+    "responsivity": {"spread": 0.008, "seed": 1},
+    "detector_faults": {"dead": [[0, 1]]},
+    "sensor_noise": {"sigma_counts": 1.0},
+    "shot_noise": {"electrons_per_count": 1000.0},
+    "photodiode": {
+        "part": "SM05PD1A",
+        "bandwidth_hz": 100.0,
+        "load_ohm": 1e6,
+        "amps_per_count": 1e-12,
+    },
+    "saturation": {"level_counts": 1023.0},
+    "adc": {"bits": 10},
+}
+IDEAL, WHOLE = "ideal light", "all of them"
+MILLION = 40_000  # images of 25 readings
+POSES = np.random.default_rng(1).uniform(
+    [-8, -0.6, -0.6, -0.35, -0.35], [-4, 0.6, 0.6, 0.35, 0.35], (MILLION, 5)
+)
+
+
+def model(**chosen: Any) -> ForwardModel:
+    """Return the reference scene with these effects and no others, by NumPy."""
+    settings = load_scene("reference").settings()
+    return ForwardModel(scene_from_settings({**settings, "effects": chosen}, "costs"), False)
+
+
+def models() -> dict[str, ForwardModel]:
+    """Return a model for nothing, each effect, and all."""
+    alone = {name: model(**{name: values}) for name, values in EFFECTS.items()}
+    return {IDEAL: model(), **alone, WHOLE: model(**EFFECTS)}
+
+
+def costs(poses: Any, rounds: int, number: int = 1) -> dict[str, float]:
+    """Return the seconds of one call by name, medians over rounds in which all take turns."""
+    rng = np.random.default_rng(2)
+
+    def seconds(call: Callable[..., Any]) -> float:
+        start = time.perf_counter()
+        for _ in range(number):
+            call(poses, rng, time_s=12.3)
+        return (time.perf_counter() - start) / number
+
+    calls = {name: one.expose for name, one in models().items()}
+    for call in calls.values():
+        call(poses, rng, time_s=12.3)
+    # Forwards and backwards, so that nobody always follows the same neighbour.
+    turns = [list(calls), list(reversed(calls))]
+    taken = [{name: seconds(calls[name]) for name in turns[i % 2]} for i in range(rounds)]
+    return {
+        name: statistics.median(one[name] / one[IDEAL] for one in taken)
+        * statistics.median(one[IDEAL] for one in taken)
+        for name in calls
+    }
+
+
+def report(rounds: int = 15) -> str:
+    """Measure and return the table."""
+    many, single = costs(POSES, rounds), costs(POSES[0], 4 * rounds, 20)
+    each = f"{many[IDEAL]:.3f} s a million readings, {1e6 * single[IDEAL]:.0f} us an image"
+    lines = [
+        f"ideal light: {each}",
+        f"{'':<18}{'a million readings':>20}{'one image':>12}",
+    ]
+    for name in many:
+        ratios = many[name] / many[IDEAL], single[name] / single[IDEAL]
+        lines.append(f"{name:<18}{ratios[0]:>18.2f} x{ratios[1]:>10.2f} x")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(report())

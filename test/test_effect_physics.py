@@ -1,0 +1,296 @@
+"""Effects against theory: closed forms, published numbers, and simulations of another kind."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from uuv_optical_array import effects
+from uuv_optical_array.array import ArraySettings, build_array
+from uuv_optical_array.effects.electronics import PARTS, photodiode_variances
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.light import LampSettings, Light, lamp_in_body, trace
+from uuv_optical_array.scene import load_scene, scene_from_settings
+
+Q, BOLTZMANN = 1.602176634e-19, 1.380649e-23  # C, J/K: exact by definition of the SI
+AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
+DIODE = {
+    "part": "SM05PD1A",
+    "bandwidth_hz": 1000.0,
+    "load_ohm": 1e6,
+    "amplifier_a_per_rthz": 2e-13,
+    "temperature_c": 10.0,
+    "amps_per_count": 1e-12,
+}
+
+
+def model_with(**chosen):
+    settings = load_scene("reference").settings()
+    return ForwardModel(scene_from_settings({**settings, "effects": chosen}, "test"))
+
+
+def refusal(**chosen):
+    with pytest.raises(ValueError, match="effects") as caught:
+        model_with(**chosen)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("water", "wavelength_nm", "k_per_m"),
+    [  # Jerlov (1976), table XXVII, and half way between its wavelengths
+        ("oceanic_i", 525, 0.043),
+        ("oceanic_ii", 500, 0.07),
+        ("oceanic_iii", 550, 0.12),
+        ("coastal_1c", 537.5, 0.125),
+        ("coastal_3c", 525, 0.2),
+        ("coastal_9c", 512.5, 0.885),
+        ("eren2016_clear", 532, 0.05),
+        ("eren2016_coastal", 501, 0.1),
+    ],
+)
+def test_a_water_type_is_the_number_of_the_table(water, wavelength_nm, k_per_m):
+    typed = model_with(attenuation={"water": water, "wavelength_nm": wavelength_nm})
+    found = typed.scene.effects["attenuation"]
+    assert list(found) == ["k_per_m"], "what reads the scene finds a number"
+    assert found["k_per_m"] == pytest.approx(k_per_m, rel=1e-12)
+    number = model_with(attenuation=found)
+    assert number.scene.fingerprint == typed.scene.fingerprint
+    np.testing.assert_array_equal(number.light(AHEAD), typed.light(AHEAD))
+
+
+def test_the_transmittance_per_metre_is_what_jerlov_gives_too():
+    # His table of transmittance, in % per metre at 525 nm: 96.1 (I), 88.5 (1C), 61 (7C), 46 (9C).
+    for water, percent in (
+        ("oceanic_i", 96.1),
+        ("coastal_1c", 88.5),
+        ("coastal_7c", 61.0),
+        ("coastal_9c", 46.0),
+    ):
+        k = effects.check_effects({"attenuation": {"water": water, "wavelength_nm": 525}})
+        # Both are rounded: he gives Kd to two digits.
+        assert 100 * math.exp(-k["attenuation"]["k_per_m"]) == pytest.approx(percent, abs=1.0)
+
+
+def test_daylight_fades_with_depth_as_jerlov_says():
+    surface = {"surface_counts": 5e4, "depth_m": 12.0}
+    found = effects.check_effects({"ambient": {**surface, "k_per_m": 0.2}})
+    assert found == {"ambient": {"level_counts": pytest.approx(5e4 * math.exp(-2.4))}}
+    by_type = effects.check_effects(
+        {"ambient": {**surface, "water": "coastal_3c", "wavelength_nm": 525}}
+    )
+    assert by_type == found
+
+
+@pytest.mark.parametrize("name", list(PARTS))
+def test_each_noise_of_a_photodiode_is_its_textbook_formula(name):
+    part, current, bandwidth, load, amplifier = PARTS[name], 3e-9, 500.0, 2e6, 3e-13
+    found = photodiode_variances(part, current, bandwidth, load, amplifier, 15.0)
+    parallel = load * part.shunt_resistance_ohm / (load + part.shunt_resistance_ohm)
+    assert found == {
+        "shot": pytest.approx(2 * Q * current * bandwidth, rel=1e-9),
+        "dark": pytest.approx(2 * Q * part.dark_current_a * bandwidth, rel=1e-9),
+        "johnson": pytest.approx(4 * BOLTZMANN * 288.15 * bandwidth / parallel, rel=1e-9),
+        "amplifier": pytest.approx(amplifier**2 * bandwidth, rel=1e-9),
+    }
+
+
+def test_the_noises_of_a_photodiode_add_up_in_squares():
+    # Background is light too: it has its own shot noise.
+    model = model_with(ambient={"level_counts": 40.0}, photodiode=DIODE)
+    light = model.light(AHEAD)
+    sheet = PARTS["SM05PD1A"]
+    lamp = light - 40.0
+    sources = [
+        2 * Q * lamp * 1e-12 * 1000,
+        2 * Q * 40.0 * 1e-12 * 1000,
+        2 * Q * sheet.dark_current_a * 1000,
+        4 * BOLTZMANN * 283.15 * 1000 * (1 / sheet.shunt_resistance_ohm + 1e-6),
+        2e-13**2 * 1000,
+    ]
+    variance, slope = model.variance(light)
+    np.testing.assert_allclose(variance, sum(sources) / 1e-24, rtol=1e-9)
+    np.testing.assert_allclose(slope, 2 * Q * 1000 / 1e-12, rtol=1e-9)
+    number = 20_000
+    readings = model.expose(np.broadcast_to(AHEAD, (number, 5)), np.random.default_rng(3))
+    low, high = stats.chi2.ppf([1e-7, 1 - 1e-7], number - 1) / (number - 1)
+    ratio = readings.var(axis=0, ddof=1) / (sum(sources) / 1e-24)
+    assert low < ratio.min()
+    assert ratio.max() < high
+
+
+def test_the_signals_shot_noise_is_that_of_its_electrons():
+    # In a window of 1 / (2 B) the count of electrons is Poisson: sigma / mean = 1 / sqrt(N).
+    current, bandwidth = 2e-12, 10.0
+    electrons = np.random.default_rng(4).poisson(current / Q / (2 * bandwidth), 200_000)
+    measured = electrons.std() * Q * 2 * bandwidth
+    shot = photodiode_variances(PARTS["SM05PD1A"], current, bandwidth, 1e6, 0.0, 20.0)["shot"]
+    assert math.sqrt(shot) == pytest.approx(measured, rel=0.01)
+
+
+def test_a_larger_part_is_quieter_in_the_same_light():
+    scale = {**DIODE, "watts_per_m2_per_count": 1e-6}
+    del scale["amps_per_count"]
+    large, small = (
+        model_with(photodiode={**scale, "part": part}) for part in ("SM05PD1A", "SM05PD2A")
+    )
+    light = large.light(AHEAD)
+    assert (large.variance(light)[0] < small.variance(light)[0]).all()
+    ratio = large.variance(light)[1] / small.variance(light)[1]
+    np.testing.assert_allclose(ratio, (0.8 * 0.27) / (13 * 0.33), rtol=1e-9)
+
+
+def test_responsivity_is_drawn_once_by_its_seed_and_scales_the_light():
+    bare = model_with().light(AHEAD)
+    chosen = {"spread": 0.008, "seed": 5}
+    gains = model_with(responsivity=chosen).light(AHEAD) / bare
+    again = model_with(responsivity=chosen).light(AHEAD) / bare
+    np.testing.assert_array_equal(gains, again)
+    draws = np.random.default_rng(5).standard_normal((5, 5))
+    relative = gains / gains[0, 0] * (1 + 0.008 * draws[0, 0])
+    np.testing.assert_allclose(relative, 1 + 0.008 * draws, rtol=1e-12)
+    other = model_with(responsivity={**chosen, "seed": 6}).light(AHEAD) / bare
+    assert not np.allclose(gains, other, rtol=1e-4)
+
+
+def test_warmer_detectors_read_less_by_2_mv_in_576_a_degree():
+    model = model_with(responsivity={"spread": 0.0, "seed": 0})
+    warm = model.light(AHEAD, offsets={"responsivity.temperature_c": np.array(3.0)})
+    np.testing.assert_allclose(warm / model.light(AHEAD), 1 - 3 * 2 / 576, rtol=1e-12)
+
+
+def test_an_uncertain_temperature_needs_the_effect_it_acts_through():
+    settings = load_scene("reference").settings()
+    settings["prior"]["temperature_std_c"] = 3.0
+    with pytest.raises(ValueError, match=r"prior.temperature_std_c: the scene has no effects.resp"):
+        scene_from_settings(settings, "test")
+    settings["effects"]["responsivity"] = {"spread": 0.008, "seed": 1}
+    scene = scene_from_settings(settings, "test")
+    assert scene.prior.nuisance_std() == {"responsivity.temperature_c": 3.0}
+
+
+def test_dead_and_stuck_detectors_tell_an_estimator_nothing():
+    model = model_with(
+        detector_faults={"dead": [[0, 1], [2, 2]], "stuck": [[4, 0]], "stuck_counts": 77.0}
+    )
+    image, jacobian = model.linearised(AHEAD)
+    image, jacobian = image.reshape(5, 5), jacobian.reshape(5, 5, 5)
+    assert image[0, 1] == image[2, 2] == 0.0
+    assert image[4, 0] == 77.0
+    for row, column in ((0, 1), (2, 2), (4, 0)):
+        assert not jacobian[row, column].any()
+    rest = np.ones((5, 5), bool)
+    rest[[0, 2, 4], [1, 2, 0]] = False
+    ideal, slopes = model_with().linearised(AHEAD)
+    scale = model.power / model_with().power  # the centre is dead, so another one is the brightest
+    np.testing.assert_allclose(image[rest], scale * ideal.reshape(5, 5)[rest], rtol=1e-12)
+    np.testing.assert_allclose(jacobian[rest], scale * slopes.reshape(5, 5, 5)[rest], rtol=1e-12)
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, 4.5])
+def test_a_lensed_detector_answers_by_a_power_of_the_cosine(power):
+    bare, lensed = model_with(), model_with(field_of_view={"cosine_power": power})
+    cosine = trace(bare.array, *lamp_in_body(AHEAD)).cos_incidence.reshape(5, 5)
+    found = lensed.light(AHEAD) / lensed.power
+    expected = bare.light(AHEAD) / bare.power * cosine ** (power - 1)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
+    array = build_array(ArraySettings("planar", 2, 0.01, 0.0))
+    for angle, share, tolerance in ((0, 1, 1e-3), (40, 0.5, 0.03), (50, 0, 1e-3), (60, 0, 1e-6)):
+        rays = trace(array, *lamp_in_body([-5.0, 0, 0, 0, math.radians(angle)]))
+        light = Light(np.ones((2, 2)))
+        effects.field_of_view(array, half_angle_deg=40.0, edge_deg=5.0)(light, rays)
+        np.testing.assert_allclose(light.image, share, atol=tolerance)
+
+
+def spread_of_a_thin_beam(b, theta, length, number):
+    """Follow photons that scatter at random places, each time by a small Gaussian angle."""
+    rng = np.random.default_rng(12)
+    place, slope, way = np.zeros(number), np.zeros(number), np.zeros(number)
+    flying = np.ones(number, bool)
+    while flying.any():
+        free = rng.exponential(1 / b, number)
+        step = np.where(flying, np.minimum(free, length - way), 0.0)
+        place += slope * step
+        way += step
+        flying &= way < length
+        slope += np.where(flying, theta * rng.standard_normal(number), 0.0)
+    return place
+
+
+@pytest.mark.parametrize(("b", "length"), [(0.05, 4.0), (0.3, 6.0), (1.5, 8.0)])
+def test_the_beam_spreads_as_a_simulation_of_photons_says(b, length):
+    # The moments of the widened pattern, on a sphere of that radius, from the factor itself.
+    theta, sigma = math.radians(2.0), math.radians(6.0)
+    lamp = LampSettings(6.0, 900.0, 4.0)
+    eta = np.linspace(0, 10 * sigma, 4001)
+    rays = trace(
+        build_array(ArraySettings("planar", 2, 0.01, 0.0)),
+        np.zeros((len(eta), 3)),
+        np.zeros((len(eta), 3)),
+    )
+    for name, values in (("range_m", np.full(eta.shape, length)), ("off_axis_rad", eta)):
+        object.__setattr__(rays, name, np.repeat(values[:, None], 4, axis=1))
+    light = Light(np.repeat(np.exp(-(eta**2) / (2 * sigma**2)), 4).reshape(-1, 2, 2))
+    step = effects.beam_spread(
+        None, lamp, scattering_per_m=b, scattering_angle_deg=math.degrees(theta)
+    )
+    before = light.image[:, 0, 0].copy()
+    step(light, rays)
+    after = light.image[:, 0, 0]
+    power = (after * eta).sum() * (eta[1] - eta[0])
+    lamp_power = sigma**2  # of the Gaussian, over 2 pi
+    assert power == pytest.approx(lamp_power, rel=1e-6), "scatter loses no light"
+    second = (after * eta**3).sum() / (after * eta).sum() / 2  # variance by axis
+    photons = spread_of_a_thin_beam(b, theta, length, 200_000)
+    assert second - sigma**2 == pytest.approx(photons.var() / length**2, rel=0.03)
+    straight = (photons == 0).mean()  # and the share that never scattered goes on as it was
+    assert straight == pytest.approx(math.exp(-b * length), abs=0.005)
+    assert (after >= straight * before * 0.97).all()
+
+
+@pytest.mark.parametrize(
+    ("chosen", "words"),
+    [
+        ({"attenuation": {}}, ["attenuation.k_per_m: missing", "or else water and wavelength_nm"]),
+        ({"attenuation": {"water": "coastal_1c"}}, ["attenuation.wavelength_nm: missing"]),
+        (
+            {"attenuation": {"k_per_m": 0.1, "water": "coastal_1c", "wavelength_nm": 532}},
+            ["attenuation.water: given beside k_per_m"],
+        ),
+        (
+            {"attenuation": {"water": "coastal_2c", "wavelength_nm": 532}},
+            ["attenuation.water: 'coastal_2c' is unknown", "coastal_3c"],
+        ),
+        (
+            {"attenuation": {"water": "coastal_1c", "wavelength_nm": 450}},
+            ["wavelength_nm: 450 is out of bounds", "500 to 550 nm"],
+        ),
+        ({"ambient": {"surface_counts": 5e4}}, ["ambient.depth_m: missing"]),
+        ({"ambient": {"level_counts": 5, "depth_m": 3}}, ["ambient.depth_m: given beside"]),
+        ({"ambient": {"level_counts": 5, "k_per_m": 0.1}}, ["ambient.k_per_m: belongs to surface"]),
+        ({"ambient": {"surface_counts": 1e9, "depth_m": 1, "k_per_m": 0}}, ["at most 1e6"]),
+        ({"photodiode": {**DIODE, "bandwidth_hz": -5.0}}, ["bandwidth_hz: -5.0 is out of bounds"]),
+        (
+            {"photodiode": {**DIODE, "part": "BPW34"}},
+            ["'BPW34' is unknown", "SM05PD1A or SM05PD2A"],
+        ),
+        (
+            {"photodiode": {**DIODE, "watts_per_m2_per_count": 1.0}},
+            ["photodiode.watts_per_m2_per_count: given beside amps_per_count"],
+        ),
+        ({"field_of_view": {}}, ["field_of_view.cosine_power: missing"]),
+        ({"detector_faults": {"dead": [[5, 0]]}}, ["no detector [5, 0]", "from 0 to 4"]),
+        ({"detector_faults": {"dead": [[1]]}}, ["dead[0]: [1] is no place", "[row, column]"]),
+        ({"detector_faults": {"dead": 3}}, ["dead: 3 is no list of places"]),
+        ({"detector_faults": {"stuck": [[1, -1]]}}, ["stuck[0]: -1 is out of bounds"]),
+    ],
+)
+def test_what_is_impossible_is_refused_in_one_line(chosen, words):
+    message = refusal(**chosen)
+    for word in words:
+        assert word in message

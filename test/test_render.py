@@ -1,0 +1,89 @@
+"""``uuv_array render``: the sheet of what a scene's array reads."""
+
+import numpy as np
+import pytest
+import yaml
+from matplotlib.image import imread
+
+from uuv_optical_array.commands import main
+from uuv_optical_array.commands.render import COLUMNS, RANGES_M, draw_scene, poses
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene
+
+DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
+
+
+def run(*words):
+    with pytest.raises(SystemExit) as end:
+        main(["render", *map(str, words)])
+    return end.value.code
+
+
+def test_the_sheet_shows_each_motion_alone_at_each_range():
+    sheet = poses()
+    assert sheet.shape == (5, 7, 5)
+    np.testing.assert_array_equal(sheet[..., 0], -np.repeat([[4, 5, 6, 7, 8]], 7, axis=0).T)
+    assert np.count_nonzero(sheet[:, 0, 1:]) == 0
+    for column, (title, name, value) in enumerate(COLUMNS[1:], 1):
+        dof = ["y", "z", "pitch", "yaw"].index(name)
+        assert np.count_nonzero(sheet[:, column, 1:]) == 5
+        scale = 180 / np.pi if "deg" in title else 1
+        np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
+
+
+def test_images_are_bright_where_the_convention_says(tmp_path):
+    # Port and bow to port move the spot to starboard, bow down moves it up (docs/design.md).
+    model = ForwardModel(load_scene("ideal"))
+    images = draw_scene(model, np.random.default_rng(0), tmp_path / "sheet.png")
+    assert images.shape == (len(RANGES_M), len(COLUMNS), 5, 5)
+    columns, rows = images.sum(axis=-2), images.sum(axis=-1)
+    for column in (1, 2, 3, 4):
+        assert (columns[:, column, 4] > columns[:, column, 0]).all()
+    for column in (5, 6):
+        assert (rows[:, column, 0] > rows[:, column, 4]).all()
+    np.testing.assert_allclose(images[:, 0], images[:, 0, ::-1, ::-1], rtol=1e-12)
+    assert (np.diff(images[:, 0].max(axis=(-1, -2))) < 0).all(), "farther is darker"
+
+
+def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path):
+    picture = tmp_path / "harbour.png"
+    assert run("--scene", "harbour", "--output", picture) == 0
+    said = capsys.readouterr().out
+    named = "attenuation, beam_spread, responsivity, photodiode, saturation, adc"
+    assert f"scene harbour: {named}\n" in said
+    assert f"picture: {picture}" in said
+    pixels = imread(picture)
+    assert min(pixels.shape[:2]) > 800
+    assert len(np.unique(pixels.reshape(-1, pixels.shape[-1])[::97], axis=0)) > 50
+    assert [path.name for path in tmp_path.iterdir()] == ["harbour.png"]
+
+
+@pytest.mark.parametrize(
+    ("group", "key", "value", "words"),
+    [
+        ("effects", "fog", {}, "effects.fog: unknown key"),
+        ("effects", "photodiode", DIODE, "photodiode.bandwidth_hz: -1.0 is out"),
+        ("effects", "detector_faults", {"dead": [[9, 9]]}, "no detector [9, 9]"),
+        ("array", "radius_m", 0.1, "array.radius_m: 0.1 m is too small"),
+        ("lamp", "reference_range_m", 0.1, "gives the aligned array no light"),
+    ],
+)
+def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, words):
+    settings = load_scene("reference").settings()
+    settings[group][key] = value
+    scene = tmp_path / "sea.yaml"
+    scene.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    message = run("--scene", scene, "--output", tmp_path / "sea.png")
+    assert words in message
+    assert "\n" not in message
+    assert not (tmp_path / "sea.png").exists()
+
+
+def test_the_sheet_of_a_plume_is_that_of_its_moment(tmp_path):
+    model, rng = ForwardModel(load_scene("night_plume")), np.random.default_rng
+    early, late = (draw_scene(model, rng(0), tmp_path / "sheet.png", at) for at in (0.0, 30.0))
+    assert np.abs(early - late).max() > 50
+
+
+def test_render_refuses_a_seed_that_is_none(tmp_path):
+    assert "--seed: -1 is out of bounds" in run("--seed", -1, "--output", tmp_path / "x.png")

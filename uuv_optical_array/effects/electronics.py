@@ -1,0 +1,189 @@
+"""What photodiode, amplifier and converter do to a reading."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+from scipy.constants import elementary_charge, k, zero_Celsius
+
+from uuv_optical_array.array import DetectorArray
+from uuv_optical_array.pose import Array
+from uuv_optical_array.quantity import Quantity, one_way
+
+# Variance in counts^2 and its derivative by the image, each a number or in the image's shape.
+Variance: TypeAlias = tuple[float | Array, float | Array]
+
+
+def sensor_noise(
+    array: DetectorArray,
+    *,
+    sigma_counts: Annotated[float, Quantity("standard deviation of a reading", "counts", 0, 1e6)],
+) -> Callable[[Array], Variance]:
+    """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7)."""
+    variance = sigma_counts**2
+
+    def step(image: Array) -> Variance:
+        return variance, 0.0
+
+    return step
+
+
+def shot_noise(
+    array: DetectorArray,
+    *,
+    electrons_per_count: Annotated[float, Quantity("electrons of one count", "", 1e-3, 1e12)],
+) -> Callable[[Array], Variance]:
+    """Shot noise of the light, whose variance is its mean in electrons (Eren et al. 2016, eq. 7).
+
+    Gaussian, as the paper assumes; ``2 q I B`` in counts.
+    """
+
+    def step(image: Array) -> Variance:
+        return image / electrons_per_count, 1 / electrons_per_count
+
+    return step
+
+
+@dataclass(frozen=True)
+class PhotodiodePart:
+    """A photodiode's data sheet.
+
+    Parameters
+    ----------
+    area_m2
+        Active area, m^2.
+    responsivity_a_per_w
+        At 525 nm, A/W.
+    dark_current_a
+        Typical, A.
+    shunt_resistance_ohm
+        Ohm.
+    """
+
+    area_m2: float
+    responsivity_a_per_w: float
+    dark_current_a: float
+    shunt_resistance_ohm: float
+
+
+Part: TypeAlias = Literal["SM05PD1A", "SM05PD2A"]
+# Thorlabs SM05PD1A holds an FDS100: area and dark current (20 V) from its specification sheet
+# 0637-S01. SM05PD2A holds an FDS010, whose sheet we could not check: area and dark current (10 V)
+# are as commonly quoted. Responsivities are read off typical curves, to some 10 %. The sheets give
+# no shunt resistance; 1 GOhm is the usual order, and a load of some MOhm hides it.
+PARTS: dict[Part, PhotodiodePart] = {
+    "SM05PD1A": PhotodiodePart(13e-6, 0.33, 1.0e-9, 1e9),
+    "SM05PD2A": PhotodiodePart(0.8e-6, 0.27, 0.3e-9, 1e9),
+}
+
+
+def resolved_photodiode(settings: dict[str, Any], name: str) -> dict[str, Any]:
+    """Require one of the two scales."""
+    one_way(settings, name, ("amps_per_count",), ("watts_per_m2_per_count",))
+    return settings
+
+
+def photodiode_variances(
+    part: PhotodiodePart,
+    current_a: float | Array,
+    bandwidth_hz: float,
+    load_ohm: float,
+    amplifier_a_per_rthz: float,
+    temperature_c: float,
+) -> dict[str, float | Array]:
+    """Noise of a photodiode's current by source (Eren et al. 2016, eq. 7).
+
+    Parameters
+    ----------
+    part
+        The photodiode.
+    current_a
+        Photocurrent of lamp and background, A, >= 0, any shape.
+    bandwidth_hz
+        Noise bandwidth B, Hz.
+    load_ohm
+        Load or feedback resistor, parallel to the shunt resistance, ohm.
+    amplifier_a_per_rthz
+        Input current noise density of the amplifier, A/sqrt(Hz).
+    temperature_c
+        Of diode and resistor, deg C.
+
+    Returns
+    -------
+    dict
+        Variances in A^2: ``shot``, ``2 q I B`` of lamp and background; ``dark``,
+        ``2 q I_dark B``; ``johnson``, ``4 k T B / R``; ``amplifier``.
+    """
+    conductance = 1 / part.shunt_resistance_ohm + 1 / load_ohm
+    kelvin = temperature_c + zero_Celsius
+    return {
+        "shot": 2 * elementary_charge * current_a * bandwidth_hz,
+        "dark": 2 * elementary_charge * part.dark_current_a * bandwidth_hz,
+        "johnson": 4 * k * kelvin * bandwidth_hz * conductance,
+        "amplifier": amplifier_a_per_rthz**2 * bandwidth_hz,
+    }
+
+
+def photodiode(
+    array: DetectorArray,
+    *,
+    part: Part,
+    bandwidth_hz: Annotated[float, Quantity("noise bandwidth", "Hz", 1e-3, 1e9)],
+    load_ohm: Annotated[float, Quantity("load or feedback resistor", "ohm", 1, 1e12)],
+    amplifier_a_per_rthz: Annotated[
+        float, Quantity("current noise of the amplifier", "A/sqrt(Hz)", 0, 1)
+    ] = 0.0,
+    temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 20.0,
+    amps_per_count: Annotated[
+        float | None, Quantity("photocurrent of one count", "A", 1e-18, 1)
+    ] = None,
+    watts_per_m2_per_count: Annotated[
+        float | None, Quantity("irradiance of one count", "W/m^2", 1e-15, 1e6)
+    ] = None,
+) -> Callable[[Array], Variance]:
+    """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
+
+    Signal, background and dark-current shot noise, Johnson and amplifier noise, Gaussian: see
+    `photodiode_variances`. At a given irradiance a larger or more responsive part gives more
+    current and so less noise in counts. The converter's rounding is added by `adc`.
+    """
+    sheet = PARTS[part]
+    if amps_per_count is None:
+        assert watts_per_m2_per_count is not None  # checked with the scene
+        amps_per_count = watts_per_m2_per_count * sheet.area_m2 * sheet.responsivity_a_per_w
+    settings = bandwidth_hz, load_ohm, amplifier_a_per_rthz, temperature_c
+    still = sum(photodiode_variances(sheet, 0.0, *settings).values()) / amps_per_count**2
+    slope = photodiode_variances(sheet, 1.0, *settings)["shot"] / amps_per_count
+
+    def step(image: Array) -> Variance:
+        return still + slope * np.maximum(image, 0.0), slope
+
+    return step
+
+
+def saturation(
+    array: DetectorArray,
+    *,
+    level_counts: Annotated[float, Quantity("largest analogue reading", "counts", 1, 1e6)],
+) -> Callable[[Array], Array]:
+    """Clip at the largest signal that photodiode and amplifier can give."""
+
+    def step(image: Array) -> Array:
+        return np.minimum(image, level_counts)
+
+    return step
+
+
+def adc(
+    array: DetectorArray,
+    *,
+    bits: Annotated[int, Quantity("resolution; readings run from 0 to 2^bits - 1", "", 1, 16)],
+) -> Callable[[Array], Array]:
+    """Round to whole counts and clip to the converter's range."""
+    largest = 2**bits - 1
+
+    def step(image: Array) -> Array:
+        return np.clip(np.rint(image), 0, largest)
+
+    return step

@@ -102,16 +102,15 @@ def on_cluster(
         try:
             client.wait_for_workers(1, timeout=WAIT_S)
         except TimeoutError:
-            raise ValueError(f"scheduler {address}: no workers; start dask worker {address}") from (
-                None
-            )
+            none = f"scheduler {address}: no workers; start some with dask worker {address}"
+            raise ValueError(none) from None
         for name, worker in client.scheduler_info(n_workers=-1)["workers"].items():
             need = WORKER_BYTES + worker["nthreads"] * thread_bytes
             if 0 < worker["memory_limit"] < need:
                 raise ValueError(
                     f"worker {name}: a memory limit of {gigabytes(worker['memory_limit'])}, and "
-                    f"{worker['nthreads']} threads need {gigabytes(need)}; start it with more "
-                    "--memory-limit or fewer --nthreads"
+                    f"its threads ({worker['nthreads']}) need {gigabytes(need)}; start it with "
+                    "more --memory-limit or fewer --nthreads"
                 )
         futures = client.map(work, chunks, pure=False, retries=RETRIES)
         try:

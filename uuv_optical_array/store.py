@@ -7,6 +7,7 @@ trace. A chunk is one file that appears whole, with a checksum. The attributes h
 once every chunk is there, the number of rows with light.
 """
 
+import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
@@ -98,7 +99,7 @@ class TableStore:
         Raises
         ------
         ValueError
-            Where `path` holds anything else, or the table of another scene.
+            Where `path` holds anything else, or the table of another scene, or the disk is full.
         """
         path = files.user_path(path).absolute()
         if path.suffix != ".zarr":
@@ -113,7 +114,14 @@ class TableStore:
             return store
         zarr, codecs = needs("zarr"), needs("numcodecs")
         readings = scene.array.detectors_per_side**2
-        rows = len(GridPoses(grid_axes(scene.table)))
+        rows = GridPoses(grid_axes(scene.table)).shape[0]
+        home = next(parent for parent in path.parents if parent.exists())
+        need, free = rows * 5 * 8, shutil.disk_usage(home).free
+        if need > free:
+            raise ValueError(
+                f"table {path}: {rows:,} rows take up to {memory.gigabytes(need)}, and {home} has "
+                f"{memory.gigabytes(free)} free; take a coarser grid or another disk"
+            )
         compiled = worthwhile(rows * readings)
         about = {
             "format": FORMAT,
@@ -123,19 +131,17 @@ class TableStore:
             "compiled": compiled,
             "scene": scene.settings(),
         }
-        # Fast, and halves the file.
-        layout = {"shape": (rows, 5), "chunks": (CHUNK_ROWS, 5), "dtype": "<f8"}
+        # Zarr 3 writes no file for a chunk of nothing but the fill value, which no chunk is so.
+        layout = {"shape": (rows, 5), "chunks": (CHUNK_ROWS, 5), "dtype": "<f8", "fill_value": 0.0}
+        # Fast, and nearly halves the file.
         packing = codecs.Zstd(level=1, checksum=True)
         with files.whole_directory(path) as scratch:
             if zarr.__version__.startswith("2."):
-                array = zarr.open_array(
-                    str(scratch), mode="w", fill_value=np.nan, compressor=packing, **layout
-                )
+                array = zarr.open_array(str(scratch), mode="w", compressor=packing, **layout)
             else:
                 array = zarr.create_array(
                     str(scratch),
                     zarr_format=2,
-                    fill_value=np.nan,
                     filters=None,
                     compressors=packing,
                     overwrite=True,
@@ -183,7 +189,7 @@ class TableStore:
     @property
     def rows(self) -> int:
         """Poses of the grid, with light or without."""
-        return len(self._grid)
+        return self._grid.shape[0]
 
     @property
     def chunks(self) -> range:

@@ -122,7 +122,7 @@ def build_table(
         Where no pose of the grid has light, or this machine has too little memory.
     """
     grid = GridPoses(grid_axes(scene.table))
-    rows = len(grid)
+    rows = grid.shape[0]
     if why := memory.shortfall(rows):
         raise ValueError(f"scene {scene.name}: the table's {why}")
     model = ForwardModel(scene, worthwhile(rows * scene.array.detectors_per_side**2))

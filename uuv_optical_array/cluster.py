@@ -12,6 +12,7 @@ Tick = Callable[[], object]
 
 WORKER_BYTES = 250_000_000  # a process with the package, before it works
 WAIT_S = 30.0
+BATCH = 256  # chunks in one graph
 RETRIES = 2  # of a chunk that fails on a worker that lives, as a shared disk may
 
 
@@ -39,6 +40,8 @@ def threads_within(memory: str | None, thread_bytes: int, threads: int | None = 
         budget = needs("dask.utils").parse_bytes(memory)
     except (ValueError, KeyError):
         raise ValueError(f"memory: {memory!r} is no size; give one such as 2GB") from None
+    for module in ("dask", "dask.threaded", "zarr"):  # what is imported later counts too
+        needs(module)
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if base + thread_bytes > budget:
         raise ValueError(
@@ -68,9 +71,13 @@ def on_threads(work: Work, chunks: Sequence[int], threads: int, tick: Tick) -> l
         What `work` returned, in order.
     """
     dask = needs("dask")
-    tasks = [dask.delayed(work, pure=False)(chunk) for chunk in chunks]
+    done: list[int] = []
     with needs("dask.callbacks").Callback(posttask=lambda *_: tick()):
-        return list(dask.compute(*tasks, scheduler="threads", num_workers=threads))
+        # A graph of very many chunks would take longer to plan than to begin.
+        for start in range(0, len(chunks), BATCH):
+            tasks = [dask.delayed(work, pure=False)(i) for i in chunks[start : start + BATCH]]
+            done += dask.compute(*tasks, scheduler="threads", num_workers=threads)
+    return done
 
 
 def on_cluster(

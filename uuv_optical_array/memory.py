@@ -26,7 +26,8 @@ def serving_bytes(rows: int) -> int:
 
 def gigabytes(count: float) -> str:
     """Return a number of bytes as it is printed."""
-    return f"{count / 1e9:,.1f} GB" if count < 1e15 else f"{count / 1e9:.1e} GB"
+    digits = ".1e" if count >= 1e15 else ",.1f" if count >= 1e10 else ".2f"
+    return f"{count / 1e9:{digits}} GB"
 
 
 def shortfall(rows: int) -> str | None:

@@ -4,6 +4,7 @@ from setuptools import find_packages, setup
 
 package_name = "uuv_optical_array"
 share = f"share/{package_name}"
+CLUSTER = ["dask", "distributed", "zarr>=2.18"]
 
 setup(
     name=package_name,
@@ -46,10 +47,20 @@ setup(
         ],
         # A compiled kernel for light at very many poses.
         "fast": ["numba"],
+        # Signature tables built in chunks, on threads or a cluster.
+        "cluster": CLUSTER,
         # What uuv_array peers measures us against.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # colcon test runs pytest because this extra names it.
-        "test": ["hypothesis", "mypy", "numba", "pytest<9", "pytest-benchmark", "ruff"],
+        "test": [
+            "hypothesis",
+            "mypy",
+            "numba",
+            "pytest<9",
+            "pytest-benchmark",
+            "ruff",
+            *CLUSTER,
+        ],
     },
     entry_points={
         "console_scripts": [

@@ -12,6 +12,7 @@ from uuv_optical_array.pose import Array
 # Chords that differ by no more than this are ranked by the stable angle.
 APART, ROUNDING = 1 + 1e-9, 1e-15
 CANDIDATES = 1 << 20  # ranked at a time, which bounds the memory
+BLOCK_ROWS = 1 << 16
 
 
 def unit_vectors(vectors: ArrayLike) -> Array:
@@ -104,7 +105,10 @@ class SpectralIndex:
         rows = np.asarray(rows)
         if rows.ndim != 2 or len(rows) == 0:
             raise ValueError(f"spectral index: rows have shape {rows.shape}; give (m, n), m >= 1")
-        self._units = unit_vectors(rows)
+        # Block by block: the temporaries of all rows at once would be three more copies.
+        self._units = np.empty(rows.shape)
+        for start in range(0, len(rows), BLOCK_ROWS):
+            self._units[start : start + BLOCK_ROWS] = unit_vectors(rows[start : start + BLOCK_ROWS])
         # These options build five times faster than SciPy's defaults and search as fast.
         self._tree = cKDTree(self._units, leafsize=16, balanced_tree=False, compact_nodes=False)
 

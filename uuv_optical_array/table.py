@@ -1,7 +1,8 @@
 """The signature table: the key parameters of a grid of poses, built once and kept on disk.
 
 A table is a folder of ``poses.npy`` (m, 5), ``parameters.npy`` (m, 5) and ``table.yaml`` with the
-scene it was built from and the scene's fingerprint.
+scene it was built from and the scene's fingerprint. One that is too large to be built in memory is
+a `store.TableStore`.
 """
 
 import math
@@ -13,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from uuv_optical_array import files
+from uuv_optical_array import files, memory
 from uuv_optical_array.bulk import worthwhile
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
@@ -26,6 +28,46 @@ BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the cache
 BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger ones
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
+
+
+class GridPoses:
+    """The poses of a grid, worked out when they are asked for; indexed by rows, as an array.
+
+    Parameters
+    ----------
+    axes
+        As `grid_axes`.
+    rows
+        The grid's rows that count, ascending; ``None``: all.
+    """
+
+    def __init__(self, axes: list[Array], rows: NDArray[np.intp] | None = None) -> None:
+        self._axes = axes
+        self._grid = tuple(len(axis) for axis in axes)
+        self._rows = rows
+        self.shape = (math.prod(self._grid) if rows is None else len(rows), 5)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: Any) -> Array:
+        """Return poses, m and rad, shape ``(..., 5)``, for a row, rows, a slice or a mask."""
+        count = len(self)
+        if isinstance(rows, slice):
+            rows = np.arange(*rows.indices(count))
+        rows = np.asarray(rows)
+        if rows.dtype == bool:
+            if rows.shape != (count,):
+                raise IndexError(f"a mask of shape {rows.shape} for {count} poses")
+            rows = np.flatnonzero(rows)
+        if ((rows < -count) | (rows >= count)).any():
+            raise IndexError(f"row {rows[(rows < -count) | (rows >= count)][0]} of {count} poses")
+        rows = np.where(rows < 0, rows + count, rows).astype(np.intp)
+        cells = np.unravel_index(rows if self._rows is None else self._rows[rows], self._grid)
+        return np.stack([axis[i] for axis, i in zip(self._axes, cells, strict=True)], axis=-1)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return self[:] if dtype is None else self[:].astype(dtype)
 
 
 @dataclass(frozen=True)
@@ -43,7 +85,7 @@ class SignatureTable:
     """
 
     scene: Scene
-    poses: Array
+    poses: Array | GridPoses
     parameters: Array
 
 
@@ -78,32 +120,44 @@ def build_table(
     Raises
     ------
     ValueError
-        Where no pose of the grid has light.
+        Where no pose of the grid has light, or this machine has too little memory.
     """
-    axes = grid_axes(scene.table)
-    shape = tuple(len(axis) for axis in axes)
-    rows = math.prod(shape)
+    grid = GridPoses(grid_axes(scene.table))
+    rows = grid.shape[0]
+    if why := memory.shortfall(rows):
+        raise ValueError(f"scene {scene.name}: the table's {why}")
     model = ForwardModel(scene, worthwhile(rows * scene.array.detectors_per_side**2))
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))
     kept = 0
     size = min(BLOCK_POSES, max(BLOCK_READINGS // model.array.side**2, 1))
     for start in progress(range(0, rows, size)):
-        index = np.unravel_index(np.arange(start, min(start + size, rows)), shape)
-        block = np.stack([axis[i] for axis, i in zip(axes, index, strict=True)], axis=-1)
-        images = model.expected(block)
-        lit = images.max(axis=(1, 2)) >= min_peak_counts
-        stop = kept + int(lit.sum())
+        block = grid[start : min(start + size, rows)]
+        lit, found = signatures(model, block, min_peak_counts)
+        stop = kept + len(found)
         poses[kept:stop] = block[lit]
-        parameters[kept:stop] = key_parameters(
-            images[lit], scene.full_scale_counts, scene.signature.peak
-        )
+        parameters[kept:stop] = found
         kept = stop
     if kept == 0:
-        raise ValueError(
-            f"scene {scene.name}: no pose of the table has {min_peak_counts:g} count of light; "
-            "move the grid into the beam or strengthen the lamp"
-        )
+        raise no_light(scene, min_peak_counts)
     return SignatureTable(scene, poses[:kept], parameters[:kept])
+
+
+def signatures(
+    model: ForwardModel, poses: Array, min_peak_counts: float
+) -> tuple[NDArray[np.bool_], Array]:
+    """Return which poses have light, shape ``(m,)``, and the key parameters of those."""
+    images = model.expected(poses)
+    lit = images.max(axis=(1, 2)) >= min_peak_counts
+    scene = model.scene
+    return lit, key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
+
+
+def no_light(scene: Scene, min_peak_counts: float) -> ValueError:
+    """Return the error for a grid that lies in the dark."""
+    return ValueError(
+        f"scene {scene.name}: no pose of the table has {min_peak_counts:g} count of light; "
+        "move the grid into the beam or strengthen the lamp"
+    )
 
 
 def save_table(table: SignatureTable, path: str | Path) -> None:
@@ -152,16 +206,34 @@ def _read_about(path: Path) -> dict[str, Any]:
         values = yaml.safe_load((path / "table.yaml").read_text(encoding="utf-8"))
         if values["format"] != FORMAT:
             raise ValueError(f"format {values['format']}, this version reads {FORMAT}")
+        if not isinstance(values["rows"], int):
+            raise ValueError(f"{values['rows']!r} rows")
         return {key: values[key] for key in ("fingerprint", "name", "rows", "scene")}
     except FileNotFoundError:
         raise ValueError(f"table {path}: no table there; build one with uuv_array table") from None
     except (OSError, yaml.YAMLError, TypeError, KeyError, ValueError) as error:
-        raise _damaged(path, "table.yaml", error) from None
+        raise damaged(path, "table.yaml", error) from None
 
 
-def _damaged(path: Path, name: str, error: Exception) -> ValueError:
+def damaged(path: Path, name: str, error: Exception) -> ValueError:
+    """Return the error for a table of which a part cannot be read."""
     text = " ".join(str(error).split())
     return ValueError(f"table {path}: {name} is damaged ({text}); build it again")
+
+
+def check_scene(path: Path, about: dict[str, Any], scene: Scene) -> None:
+    """Refuse the table of another scene, by what differs; ``about`` is what the table says."""
+    if about["fingerprint"] == scene.fingerprint:
+        return
+    try:
+        theirs = scene_from_settings(about["scene"], about["name"])
+    except ValueError as error:
+        raise damaged(path, "its scene", error) from None
+    why = "; ".join(scene.differences(theirs)) or "its fingerprint does not match its scene"
+    raise ValueError(
+        f"table {path}: built for another scene than {scene.name}: {why}; "
+        "build one for this scene with uuv_array table"
+    )
 
 
 def load_table(path: str | Path, scene: Scene) -> SignatureTable:
@@ -182,26 +254,24 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     Raises
     ------
     ValueError
-        For a table that is missing, damaged, or was built for another scene.
+        For a table that is missing, damaged or unfinished, was built for another scene, or is too
+        large for this machine.
     """
     path = files.user_path(path)
+    from uuv_optical_array import store  # which builds on this module
+
+    if store.is_store(path):
+        return store.TableStore.open(path, scene).table()
     about = _read_about(path)
-    if about["fingerprint"] != scene.fingerprint:
-        try:
-            theirs = scene_from_settings(about["scene"], about["name"])
-        except ValueError as error:
-            raise _damaged(path, "table.yaml", error) from None
-        why = "; ".join(scene.differences(theirs)) or "its fingerprint does not match its scene"
-        raise ValueError(
-            f"table {path}: built for another scene than {scene.name}: {why}; "
-            "build one for this scene with uuv_array table"
-        )
+    check_scene(path, about, scene)
+    if why := memory.shortfall(about["rows"]):
+        raise ValueError(f"table {path}: {why}")
     arrays = []
     for name in ("poses", "parameters"):
         try:
             array = np.load(path / f"{name}.npy", mmap_mode="r")
         except (OSError, ValueError, EOFError) as error:
-            raise _damaged(path, f"{name}.npy", error) from None
+            raise damaged(path, f"{name}.npy", error) from None
         if array.shape != (about["rows"], 5) or array.dtype != np.float64:
             raise ValueError(
                 f"table {path}: {name}.npy holds {array.dtype} {array.shape}, "

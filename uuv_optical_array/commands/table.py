@@ -1,10 +1,17 @@
 """``uuv_array table``: build the signature table of a scene."""
 
 import argparse
+import sys
+import time
 from pathlib import Path
 
+from tqdm import tqdm
+
+from uuv_optical_array import memory
+from uuv_optical_array.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.scene import Scene, load_scene
+from uuv_optical_array.store import TableStore
 from uuv_optical_array.table import build_table, save_table
 
 DESCRIPTION = """\
@@ -13,13 +20,21 @@ scene's `table` names, free of noise. The folder that is written holds the poses
 the scene and its fingerprint; the estimator refuses it in any other scene.
 
 Estimator nodes without a `table` parameter build the same table in the user's cache by
-themselves. Build one by hand to ship it with a vehicle or to look at its size beforehand."""
+themselves. Build one by hand to ship it with a vehicle or to look at its size beforehand.
+
+A table that is too large to be built in memory is built in chunks into a Zarr store, on threads or
+on a Dask cluster, with the extra `cluster`: name it *.zarr or give one of the options below. What
+was interrupted goes on where it stopped when the same command is given again."""
 
 EPILOG = """\
 examples:
   uuv_array table                              the default scene, into follow.table/
   uuv_array table --scene reference            another ready scene
-  uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice"""
+  uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice
+  uuv_array table --scene sea.yaml --memory 2GB
+                                               in chunks, into sea.zarr/
+  uuv_array table --scene sea.yaml -o /shared/sea.zarr --scheduler tcp://10.0.0.1:8786
+                                               on a cluster, into a folder that all of it sees"""
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -36,11 +51,18 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
+    chunks = parser.add_argument_group("in chunks (default folder: SCENE.zarr here)")
+    chunks.add_argument("--threads", type=int, help="threads of this machine (default: all cores)")
+    chunks.add_argument("--memory", help="what this process may take, such as 2GB")
+    chunks.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
 
 
 def run(options: argparse.Namespace) -> int:
     """Build and save the table."""
     scene = load_scene(options.scene)
+    chosen = options.threads, options.memory, options.scheduler
+    if chosen != (None, None, None) or (options.output and options.output.suffix == ".zarr"):
+        return run_chunks(options, scene)
     output = options.output or Path(f"{scene.name}.table")
     try:
         table = build_table(scene, progress=lambda blocks: bar(blocks, "block"))
@@ -48,6 +70,47 @@ def run(options: argparse.Namespace) -> int:
         print("interrupted: nothing written")
         return INTERRUPTED
     save_table(table, output)
-    size_mb = (table.poses.nbytes + table.parameters.nbytes) / 1e6
+    size_mb = 2 * table.parameters.nbytes / 1e6
     print(f"{output}: {len(table.poses)} signatures, {size_mb:.0f} MB, scene {scene.name}")
+    return 0
+
+
+def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
+    """Build the table in chunks."""
+    if options.scheduler and (options.memory or options.threads):
+        raise ValueError(
+            "scheduler: its workers have limits of their own; give them to dask worker as "
+            "--memory-limit and --nthreads"
+        )
+    if options.threads is not None and options.threads < 1:
+        raise ValueError(f"threads: {options.threads}; give at least 1")
+    output = options.output or Path(f"{scene.name}.zarr")
+    began = time.perf_counter()
+    store = TableStore.create(output, scene)
+    if why := memory.shortfall(store.rows):
+        print(f"warning: not to be served here: {why}", file=sys.stderr)
+    chunks, before = store.chunks, len(store.present())
+    if before:
+        print(f"{output}: {before} of {len(chunks)} chunks are there already")
+    try:
+        with tqdm(total=len(chunks), unit="chunk") as shown:
+            need = store.thread_bytes()
+            if options.scheduler:
+                lit = on_cluster(store.fill, chunks, options.scheduler, need, shown.update)
+            else:
+                threads = threads_within(options.memory, need, options.threads)
+                lit = on_threads(store.fill, chunks, threads, shown.update)
+    except KeyboardInterrupt:
+        print(
+            f"interrupted: {len(store.present())} of {len(chunks)} chunks are in {output}; "
+            "the same command goes on from there"
+        )
+        return INTERRUPTED
+    store.finish(lit)
+    size_mb = sum(file.stat().st_size for file in store.path.iterdir()) / 1e6
+    print(
+        f"{output}: {sum(lit)} signatures, {size_mb:.0f} MB, scene {scene.name}, "
+        f"in {time.perf_counter() - began:.0f} s; "
+        f"to serve it a node needs {memory.gigabytes(memory.serving_bytes(sum(lit)))}"
+    )
     return 0

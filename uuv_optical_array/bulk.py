@@ -71,7 +71,7 @@ def kernel() -> Callable[..., None]:
         raise ValueError(f"compiled: {error}; install Numba: pip install -e '.[fast]'") from None
     matrix, number = "float64[:, ::1]", "float64"
     signature = ", ".join([matrix] * 2 + [number] * 3 + [matrix] * 2)
-    options: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+    options: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
     try:
         return njit(f"void({signature})", cache=True, **options)(prepare)
     except (OSError, RuntimeError):  # no folder to keep it in

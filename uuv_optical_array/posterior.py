@@ -13,6 +13,9 @@ TOLERANCE = 0.2
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
 POINTS = 256, 512  # of importance sampling about one minimum; with nuisances
 MOST_TILT = 2.0
+# Points' worth of covariance that so few points miss: one by the mean they share, the rest as
+# measured against posteriors of 8,192 points.
+MISSED = 3.0
 # Share of the points that must count, in effect: for that sampling to be done in one round, and
 # to be trusted after a second one.
 DONE, TRUSTED = 0.6, 0.3
@@ -102,7 +105,7 @@ class Posterior:
             weights, count = _weights(correction - cost + self._log_tilt - self._log_density)
             if count > least * len(points):
                 found, covariance = _moments(poses, weights)
-                return found, covariance / (1 - 1 / count)
+                return found, covariance / (1 - MISSED / count)
             if count < 8 * self._size:
                 return None
             # Once more, about the moments that the first round found.

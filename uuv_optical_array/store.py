@@ -35,7 +35,7 @@ from uuv_optical_array.table import (
 FORMAT = 1
 CHUNK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second's work
 # What a thread holds: the chunk, encoded and not, and for each reading of a block the temporaries
-# of the forward model. docs/tables.md has the measurement.
+# of the forward model.
 CHUNK_BYTES, READING_BYTES = 4 * CHUNK_ROWS * 5 * 8, 16 * 8
 
 _CHUNK_ERRORS = (OSError, ValueError, RuntimeError, TypeError)  # by version and damage

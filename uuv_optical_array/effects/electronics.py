@@ -70,7 +70,7 @@ class PhotodiodePart:
 Part: TypeAlias = Literal["SM05PD1A", "SM05PD2A"]
 # Thorlabs SM05PD1A holds an FDS100: area and dark current (20 V) from its specification sheet
 # 0637-S01. SM05PD2A holds an FDS010, whose sheet we could not check: area and dark current (10 V)
-# are as commonly quoted. Responsivities are read off typical curves, to some 10 %. The sheets give
+# are as commonly quoted. Responsivities are those typical of silicon, to some 10 %. The sheets give
 # no shunt resistance; 1 GOhm is the usual order, and a load of some MOhm hides it.
 PARTS: dict[Part, PhotodiodePart] = {
     "SM05PD1A": PhotodiodePart(13e-6, 0.33, 1.0e-9, 1e9),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
@@ -174,5 +175,5 @@ def test_ten_thousand_errors_are_as_large_as_their_covariances_say():
     errors = normalised_errors(Estimator(build_table(sea), "least_squares"), 10_000, 2016)
     print(f"mean NEES {errors.mean():.3f} of {len(errors)} frames, largest {errors.max():.1f}")
     assert len(errors) > 9_950
-    # The mean of 10,000 chi-squares of five degrees of freedom, three standard errors either way.
-    assert abs(errors.mean() - 5) < 3 * np.sqrt(10 / len(errors))
+    low, high = chi2.interval(0.95, 5 * len(errors)) / np.array(len(errors))
+    assert low < errors.mean() < high

@@ -258,7 +258,7 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
         (("--poses", 0), ("--poses", "0", "from 1")),
         (("--seed", -1), ("--seed", "-1", "from 0")),
         (("--candidates", 0), ("--candidates", "0", "from 1")),
-        (("--scene", "atlantis"), ("atlantis", "follow, reference")),
+        (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--nuisances", "--method", "sam"), ("--nuisances", "sam", "use least_squares")),
     ],
 )

@@ -152,7 +152,7 @@ def test_follow_refuses_a_duration_that_is_none(capsys, duration):
     ("words", "named"),
     [
         (("--params-file", "/nowhere/p.yaml"), ("/nowhere/p.yaml", "no such file")),
-        (("--scene", "atlantis"), ("atlantis", "follow, reference")),
+        (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--seed", "-5"), ("seed", "-5", "from -1 to")),
     ],
 )

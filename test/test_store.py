@@ -317,11 +317,12 @@ def test_the_command_builds_resumes_and_refuses(tmp_path, monkeypatch, capsys):
             main(["table", "--scene", "sea.yaml", *words])
         return end.value.code, capsys.readouterr().out
 
-    fill = TableStore.fill
+    fill, filled = TableStore.fill, []
 
     def interrupted(self, chunk):
-        if chunk == 2:
+        if len(filled) == 3:
             raise KeyboardInterrupt
+        filled.append(chunk)
         return fill(self, chunk)
 
     monkeypatch.setattr(TableStore, "fill", interrupted)

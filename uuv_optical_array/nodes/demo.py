@@ -6,7 +6,7 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
@@ -20,7 +20,7 @@ from uuv_optical_array.nodes.messages import (
     pose_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.node import start, subscribe
+from uuv_optical_array.nodes.node import spin, start, subscribe
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.pose import relative_pose
@@ -126,11 +126,7 @@ def follow(
             return (clock.now() - started).nanoseconds * 1e-9
 
         recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s()))
-        try:
-            while rclpy.ok() and elapsed_s() < duration_s:
-                executor.spin_once(timeout_sec=0.1)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            pass
+        spin(executor, lambda: elapsed_s() < duration_s)
         return record, formation.parameters["light_timeout_s"]
     except ParameterException as error:
         raise ValueError(str(error)) from None

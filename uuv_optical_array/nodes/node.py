@@ -7,11 +7,12 @@ from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 
 
 def publish(node: Node, message_type: type, topic: str) -> Publisher:
@@ -51,18 +52,44 @@ def transform_publisher(node: Node, wanted: bool) -> Callable[[Any], None]:
 def start(args: list[str] | None) -> None:
     """Start ROS; ValueError for arguments or a parameter file that it cannot read."""
     try:
-        rclpy.init(args=args)
+        # Signals are for `spin`.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         raise ValueError(" ".join(str(error).split())) from None
+
+
+def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> None:
+    """Serve callbacks while they are wanted, until SIGINT, SIGTERM or a shutdown.
+
+    A signal counts between two callbacks: an exception in the midst of one, which is what Python
+    makes of SIGINT, can strike rclpy while it takes a message.
+    """
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        asked = True
+
+    usual = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        while rclpy.ok() and not asked and wanted():
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+    # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
+    if not asked:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
 
 
 def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
     """Run a node until it is interrupted; a bad set-up ends it with one line and exit code 1."""
     try:
         start(args)
-        rclpy.spin(node_type())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
+        executor = SingleThreadedExecutor()
+        executor.add_node(node_type())
+        spin(executor)
+    except KeyboardInterrupt:  # while the node was being set up
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except (ValueError, OSError, ParameterException) as error:
         sys.exit(str(error))

@@ -103,8 +103,10 @@ class Chart:
         log_volume = np.log(range_m**2 * level / (1 / range_m + self.k_per_m / 2))
         return poses, lamp, axis, log_volume
 
-    def to_lamp(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return lamp and beam axis in ``base_link``, and how they change with the coordinates.
+    def to_lamp(
+        self, coordinates: Array, roll: ArrayLike
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return lamp, beam axis and pose, and how they change with the coordinates.
 
         Parameters
         ----------
@@ -119,6 +121,10 @@ class Chart:
             As `light.lamp_in_body`, shape ``(..., 3)`` each.
         derivatives : Array
             Of lamp and axis, six rows, by the coordinates, shape ``(..., 6, 5)``.
+        poses : Array
+            m and rad, shape ``(..., 5)``.
+        pose_derivatives : Array
+            Of the pose by the coordinates, shape ``(..., 5, 5)``.
         """
         rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
         axis = -rotation[..., 0, :]
@@ -149,7 +155,19 @@ class Chart:
         stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None, None]
         of_sight *= range_m[..., None, None]
         of_sight += sight[..., None] * stretch
-        return range_m[..., None] * sight + self.centre, axis, derivatives
+        lamp = range_m[..., None] * sight + self.centre
+        poses = np.empty(coordinates.shape)
+        poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
+        poses[..., PITCH:] = coordinates[..., PITCH:]
+        # Pitch turns what the body sees, yaw turns about the beacon's z.
+        of_lamp = of_sight.copy()
+        of_lamp[..., PITCH] -= pitched(lamp, roll)
+        pose_derivatives = np.zeros((*axis.shape[:-1], 5, 5))
+        pose_derivatives[..., :3, :] = -rotation @ of_lamp
+        pose_derivatives[..., 0, YAW] -= poses[..., 1]
+        pose_derivatives[..., 1, YAW] += poses[..., 0]
+        pose_derivatives[..., PITCH, PITCH] = pose_derivatives[..., YAW, YAW] = 1.0
+        return lamp, axis, derivatives, poses, pose_derivatives
 
     def lookalikes(self, coordinates: Array) -> Array:
         """Return where a planar array sees nearly the same, shape ``(3, n)``; ``(0, n)`` if curved.

@@ -31,6 +31,8 @@ UNOBSERVABLE = 0.5
 # neighbours in the table lead to one minimum, and rivals are what the starts are for.
 POOL = 8
 MOST_STARTS = 64
+# So few lit detectors fit many poses, and all starts are tried at once.
+FEW_LIT = 10
 # Share of honest images whose best fit is taken for a missed pose, and looked into farther.
 IMPLAUSIBLE = 0.01
 
@@ -205,9 +207,10 @@ class Estimator:
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
         readings = readings.ravel()
         vector = self._vectors(parameters)
-        angles, rows = self._index.nearest(vector, POOL * self.candidates)
+        count = MOST_STARTS if self._fit.lit(readings) < FEW_LIT else self.candidates
+        angles, rows = self._index.nearest(vector, POOL * count)
         try:
-            minima, misfit = self._minima(readings, vector, rows, roll)
+            minima, misfit = self._minima(readings, vector, rows, count, roll)
             if not minima:
                 raise NoPose("no fit: no start led to a finite likelihood")
             if not misfit <= self.max_misfit:
@@ -238,16 +241,16 @@ class Estimator:
         )
 
     def _minima(
-        self, readings: Array, vector: Array, rows: NDArray[np.intp], roll: float
+        self, readings: Array, vector: Array, rows: NDArray[np.intp], count: int, roll: float
     ) -> tuple[list[Fit], float]:
         """Return the best fit of each minimum that is found, best first, and its misfit.
 
-        Where the first starts, from the nearest rows, lead to rivals or to a fit that noise can
-        hardly explain, there are more of them.
+        Where the first `count` starts, from the nearest rows, lead to rivals or to a fit that
+        noise can hardly explain, there are more of them.
         """
         minima: list[Fit] = []
         misfit = float("inf")
-        tried, count = 0, self.candidates
+        tried = 0
         while True:
             chosen = rows[self._far_apart(rows, count)][tried:]
             starts = turned_about_beam(self.table.poses[chosen], roll)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,7 @@ class Prior:
     Parameters
     ----------
     pose_mean, pose_std
-        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each. It is carried to the chart at
-        its mean, where it only has to hold what the image says nothing of.
+        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
     nuisance_std
         Of the offset of each setting that is estimated along, by name; the mean is 0.
     """
@@ -61,6 +61,30 @@ class Fit:
     cost: float
 
 
+class Evaluation(NamedTuple):
+    """The posterior of an image at places of the chart.
+
+    Parameters
+    ----------
+    cost
+        As that of a `Fit`, shape ``(k,)``.
+    gradient
+        Of the opposite of the cost by the coordinates, shape ``(k, p)``.
+    information
+        As that of a `Fit`, shape ``(k, p, p)``.
+    poses
+        m and rad, shape ``(k, 5)``.
+    pose_by_chart
+        Derivatives of the pose by the chart, shape ``(k, 5, 5)``.
+    """
+
+    cost: Array
+    gradient: Array
+    information: Array
+    poses: Array
+    pose_by_chart: Array
+
+
 def _cost(fit: Fit) -> float:
     return fit.cost
 
@@ -88,46 +112,60 @@ class ImageFit:
             model.scene.array.shape == "planar",
         )
         nuisance_std = np.array(list(prior.nuisance_std.values()))
-        size = 5 + len(nuisance_std)
-        by_pose = self._chart_by_pose(prior.pose_mean)
-        self._mean = np.zeros(size)
-        self._mean[:5] = self.chart.from_pose(prior.pose_mean, 0.0)
-        chart_variance = by_pose**2 @ prior.pose_std**2
-        self._precision = np.concatenate([1 / chart_variance, 1 / nuisance_std**2])
-        self._prior_information = np.diag(self._precision)
+        self._std = np.concatenate([prior.pose_std, nuisance_std])
+        self._mean = np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))])
         self._reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
-
-    def _chart_by_pose(self, pose: Array, step: float = 1e-5) -> Array:
-        """Differentiate the chart by the pose at one place, by central differences."""
-        moved = pose + step * np.concatenate([np.eye(5), -np.eye(5)])
-        there = self.chart.from_pose(moved, 0.0)
-        return (there[:5] - there[5:]).T / (2 * step)
 
     def _offsets(self, coordinates: Array) -> dict[str, Array]:
         return {name: coordinates[..., 5 + i] for i, name in enumerate(self.names)}
 
-    def _evaluate(
+    @np.errstate(under="ignore")  # light too dim for a float64 is no light
+    def evaluate(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
-    ) -> tuple[Array, Array, Array]:
-        """Return negative log-posterior, gradient of its opposite, and information."""
+    ) -> Evaluation:
+        """Evaluate the posterior, with derivatives.
+
+        Parameters
+        ----------
+        readings
+            Counts, finite, shape ``(n,)`` or, those of each place, ``(k, n)``.
+        coordinates
+            In the chart, then the nuisances, shape ``(k, p)``.
+        roll
+            Roll of the follower, rad.
+        mean
+            Of the prior: pose, then nuisances, shape ``(p,)`` or ``(k, p)``; ``None``: its own.
+
+        Returns
+        -------
+        Evaluation
+            Of k places.
+        """
         mean = self._mean if mean is None else mean
-        lamp, axis, by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
+        lamp, axis, by_chart, poses, pose_by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
         light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
         value, score, curvature = log_likelihood(
             readings, light, variance, slope, self.model.limits
         )
         jacobian = by_lamp[..., :6] @ by_chart
+        # The prior is another five readings, of the pose, and one of each nuisance.
+        off, by_coordinate = poses, pose_by_chart
         if self.names:
             jacobian = np.concatenate([jacobian, by_lamp[..., 6:]], axis=-1)
-        off = coordinates - mean
-        pull = off * self._precision
-        gradient = (score[:, None, :] @ jacobian)[:, 0, :] - pull
+            off = np.concatenate([poses, coordinates[:, 5:]], axis=-1)
+            by_coordinate = np.zeros((len(off), len(self._std), len(self._std)))
+            by_coordinate[:, :5, :5] = pose_by_chart
+            by_coordinate[:, 5:, 5:] = np.eye(len(self.names))
+        off = (off - mean) / self._std
+        by_coordinate = by_coordinate / self._std[:, None]
+        gradient = (score[:, None, :] @ jacobian - off[:, None, :] @ by_coordinate)[:, 0, :]
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
-        information += self._prior_information
-        return 0.5 * (off * pull).sum(axis=1) - value, gradient, information
+        information += np.swapaxes(by_coordinate, -1, -2) @ by_coordinate
+        cost = 0.5 * (off * off).sum(axis=1) - value
+        return Evaluation(cost, gradient, information, poses, pose_by_chart)
 
-    @np.errstate(under="ignore")  # light too dim for a float64 is no light
+    @np.errstate(under="ignore")
     def refine(self, readings: Array, starts: Array, roll: float = 0.0) -> list[Fit]:
         """Refine poses until each is the most probable nearby.
 
@@ -161,7 +199,8 @@ class ImageFit:
         Readings and the prior's mean may be those of each start, ``(k, n)`` and ``(k, p)``.
         """
         count, size = coordinates.shape
-        cost, gradient, information = self._evaluate(readings, coordinates, roll, mean)
+        now = self.evaluate(readings, coordinates, roll, mean)
+        cost, gradient, information, *_ = now
         damping: Array = np.full(count, 1e-3)
         arrived: NDArray[np.bool_] = np.zeros(count, dtype=bool)
         diagonal = np.arange(size)
@@ -180,11 +219,11 @@ class ImageFit:
             excess = (np.abs(step) / self._reach).max(axis=1)
             step /= np.maximum(excess, 1.0)[:, None]
             trial = coordinates + step
-            new = self._evaluate(readings, trial, roll, mean)
-            gain = np.where(arrived, 0.0, cost - new[0])
+            new = self.evaluate(readings, trial, roll, mean)
+            gain = np.where(arrived, 0.0, cost - new.cost)
             better = gain > 0
             coordinates[better] = trial[better]
-            for mine, other in zip((cost, gradient, information), new, strict=True):
+            for mine, other in zip(now, new, strict=True):
                 mine[better] = other[better]
             # On the edge where a detector turns away from the lamp the slope jumps, and a fit
             # that sits there gains nothing either way.
@@ -228,14 +267,15 @@ class ImageFit:
         variance, _ = self.model.variance(light)
         moved = np.clip(readings + np.sqrt(variance) * noise, limits.low + TINY, limits.high - TINY)
         free = (readings > limits.low) & (readings < limits.high)
-        mean = self._mean + pull / np.sqrt(self._precision)
+        mean = self._mean + pull * self._std
         found = self._descend(np.where(free, moved, readings), starts.copy(), roll, mean)
         return np.stack([fit.coordinates for fit in found]) if found else starts
 
-    @np.errstate(under="ignore")
-    def information(self, readings: Array, coordinates: Array, roll: float) -> Array:
-        """Return the information, prior included, at coordinates, shape ``(k, p, p)``."""
-        return self._evaluate(readings, coordinates, roll)[2]
+    def lit(self, readings: Array) -> int:
+        """Count the readings, shape ``(n,)``, that are clearly lit and not at a limit."""
+        variance, _ = self.model.variance(np.zeros(1))
+        seen = (readings > 3 * np.sqrt(variance)) & (readings < self.model.limits.high)
+        return int(np.count_nonzero(seen))
 
     @np.errstate(under="ignore")
     def misfit(self, readings: Array, fit: Fit, roll: float) -> float:
@@ -266,17 +306,14 @@ class ImageFit:
         poses : Array
             m and rad, shape ``(k, 5)``.
         cost : Array
-            Per volume of the chart, as that of a `Fit`, without constants, shape ``(k,)``.
-        correction : Array
-            What `cost` is to be lessened by for the prior to be that of the pose, and not its
-            likeness in the chart, shape ``(k,)``.
+            As that of a `Fit`, without constants, shape ``(k,)``.
+        log_volume : Array
+            Of the poses that a unit volume of the chart holds, shape ``(k,)``.
         """
         poses, lamp, axis, log_volume = self.chart.to_pose(coordinates[:, :5], roll)
         light = self.model.light_by_lamp(lamp, axis, self._offsets(coordinates))
         light = light.reshape(len(poses), -1)
         variance, slope = self.model.variance(light)
         value, _, _ = log_likelihood(readings, light, variance, slope, self.model.limits)
-        likeness = 0.5 * (coordinates - self._mean) ** 2 * self._precision
-        prior = 0.5 * (((poses - self.prior.pose_mean) / self.prior.pose_std) ** 2).sum(axis=1)
-        correction = log_volume + likeness[:, :5].sum(axis=1) - prior
-        return poses, likeness.sum(axis=1) - value, correction
+        off = (np.concatenate([poses, coordinates[:, 5:]], axis=-1) - self._mean) / self._std
+        return poses, 0.5 * (off * off).sum(axis=1) - value, log_volume

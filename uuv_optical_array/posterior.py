@@ -5,6 +5,7 @@ from scipy.optimize import minimize
 from scipy.special import chdtri, logsumexp, ndtri
 from scipy.stats import qmc
 
+from uuv_optical_array.chains import Chains
 from uuv_optical_array.fit import Fit, ImageFit
 from uuv_optical_array.pose import Array
 
@@ -21,10 +22,6 @@ MISSED = 3.0
 DONE, TRUSTED = 0.6, 0.3
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
-KERNELS, POINTS_A_KERNEL = 64, 8
-KERNEL_WIDTH = 0.6  # in standard deviations; Silverman's rule for 64 points in 5 dimensions
-ROUNDS = 3
-ENOUGH = 0.25  # share of the points that must count for the last round
 
 
 class Posterior:
@@ -32,10 +29,8 @@ class Posterior:
 
     Three ways, each for what the one before cannot do. In the chart most posteriors are nearly
     Gaussian, and the cubature points (I. Arasaratnam and S. Haykin, 2009) carry them to the pose
-    with the bend of the valley. Importance sampling knows a somewhat bent posterior. One with
-    several minima, edges or rings is covered by fits to randomised images and priors (D. Oliver
-    et al., 1996); kernels on these are sampled, weighted and moved until enough points count
-    (population Monte Carlo, O. Cappe et al., 2004).
+    with the bend of the valley. Importance sampling knows a somewhat bent posterior. `Chains`
+    know one with several minima, edges or rings.
 
     Parameters
     ----------
@@ -52,11 +47,7 @@ class Posterior:
         self._cubature = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
         self._student, self._log_tilt = _student_points(size)
         self._log_density = _log_student(self._student)
-        self._noise = rng.standard_normal((KERNELS, image_fit.model.array.side**2))
-        self._pull = rng.standard_normal((KERNELS, size))
-        shape = (ROUNDS, KERNELS, POINTS_A_KERNEL)
-        scale = np.sqrt(rng.chisquare(FREEDOM, shape) / FREEDOM)
-        self._kernel = rng.standard_normal((*shape, size)) / scale[..., None]
+        self._chains = Chains(image_fit, rng)
 
     @np.errstate(under="ignore")  # of points that weigh nothing
     def moments(self, readings: Array, fits: list[Fit], roll: float = 0.0) -> tuple[Array, Array]:
@@ -84,25 +75,29 @@ class Posterior:
             Where the information is not positive definite.
         """
         rivals = rivalling(fits)
-        if len(rivals) == 1:
+        # A planar array's minimum is a ring, though it may not look so from one place on it.
+        if len(rivals) == 1 and not self._fit.chart.planar:
             found = self._about(readings, rivals[0], roll)
             if found is not None:
                 return found
-        return self._everywhere(readings, rivals, roll)
+        poses, chains = self._chains.sample(readings, rivals, roll)
+        mean, covariance = _moments(poses, np.full(len(poses), 1 / len(poses)))
+        # What so few chains leave uncertain of the moments themselves.
+        return mean, covariance * (1 + (self._size + 2) / chains)
 
     def _about(self, readings: Array, fit: Fit, roll: float) -> tuple[Array, Array] | None:
         """Return the moments of a posterior with one plain minimum, ``None`` for any other."""
         mean, covariance = fit.coordinates, np.linalg.inv(fit.information)
         points = mean + self._cubature @ np.linalg.cholesky(covariance).T
-        poses, cost, correction = self._fit.cost(readings, points, roll)
+        poses, cost, log_volume = self._fit.cost(readings, points, roll)
         excess = cost - fit.cost - 0.5 * self._size
         if np.abs(excess).max() <= TOLERANCE:
-            weights, _ = _weights(correction - excess)
+            weights, _ = _weights(log_volume - excess)
             return _moments(poses, weights)
         for least in (DONE, TRUSTED):
             points = mean + self._student @ np.linalg.cholesky(covariance).T
-            poses, cost, correction = self._fit.cost(readings, points, roll)
-            weights, count = _weights(correction - cost + self._log_tilt - self._log_density)
+            poses, cost, log_volume = self._fit.cost(readings, points, roll)
+            weights, count = _weights(log_volume - cost + self._log_tilt - self._log_density)
             if count > least * len(points):
                 found, covariance = _moments(poses, weights)
                 return found, covariance / (1 - MISSED / count)
@@ -111,30 +106,6 @@ class Posterior:
             # Once more, about the moments that the first round found.
             mean, covariance = _moments(points, weights)
         return None
-
-    def _everywhere(self, readings: Array, fits: list[Fit], roll: float) -> tuple[Array, Array]:
-        """Return the moments of a posterior of any shape."""
-        centres = self._fit.randomised(readings, fits, self._noise, self._pull, roll)
-        for kernel in self._kernel:
-            off = centres - centres.mean(axis=0)
-            spread = off.T @ off / len(off) + 1e-12 * np.eye(self._size)
-            # As narrow as what the image says there, and not wider than the whole.
-            information = self._fit.information(readings, centres, roll) + np.linalg.inv(spread)
-            factors = KERNEL_WIDTH * np.linalg.cholesky(np.linalg.inv(information))
-            points = centres[:, None] + kernel @ np.swapaxes(factors, 1, 2)
-            points = points.reshape(-1, self._size)
-            poses, cost, correction = self._fit.cost(readings, points, roll)
-            standard = (points - centres[:, None]) @ np.swapaxes(np.linalg.inv(factors), 1, 2)
-            volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-            density = logsumexp(_log_student(standard) - volume[:, None], axis=0)
-            log_weights = correction - cost - density
-            weights, count = _weights(log_weights)
-            if count > ENOUGH * len(points):
-                break
-            centres = points[_resampled(log_weights)]
-        mean, covariance = _moments(poses, weights)
-        # What so few points leave uncertain of the moments themselves.
-        return mean, covariance * (1 + (self._size + 2) / count)
 
 
 def rivalling(fits: list[Fit]) -> list[Fit]:
@@ -189,17 +160,6 @@ def _weights(log_weights: Array) -> tuple[Array, float]:
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     return weights, float(1 / (weights @ weights))
-
-
-def _resampled(log_weights: Array) -> Array:
-    """Return the indices of `KERNELS` points, by weights flattened until as many count."""
-    share = 1.0
-    weights, count = _weights(log_weights)
-    while count < KERNELS and share > 1e-3:
-        share *= 0.7
-        weights, count = _weights(share * log_weights)
-    steps = (np.arange(KERNELS) + 0.5) / KERNELS
-    return np.minimum(np.searchsorted(np.cumsum(weights), steps), len(weights) - 1)
 
 
 def _moments(values: Array, weights: Array) -> tuple[Array, Array]:

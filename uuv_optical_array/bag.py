@@ -95,7 +95,8 @@ class _Poses:
                     later, pose = next(self._waiting)
                     self._trajectory.add(later, *pose)
         except StopIteration:
-            reason = "it is later than every pose on record"
+            none = not self._stream.samples
+            reason = "there is none" if none else "it is later than every pose on record"
         except LookupError as error:
             reason = str(error)
         # Gaps differ in length, but not in kind.
@@ -231,7 +232,8 @@ def _joined(
             f"{sorted(follower.frames)}; both must share one"
         )
     leads, follows = _Poses(leader, max_gap_s), _Poses(follower, max_gap_s)
-    images, poses, rolls, stamps = [], [], [], []
+    images, poses, rolls = [], [], []
+    stamps: list[int] = []
     for stamp, pixels in sorted(image.samples, key=lambda sample: sample[0]):
         try:
             if stamps and stamp == stamps[-1]:

@@ -314,7 +314,12 @@ def _written(scene: Scene, fit: CalibrationFit, values: Array, reference: float)
     """Return the scene with the fitted values in their places."""
     settings: dict[str, Any] = scene.settings()
     lamp, effects = settings["lamp"], settings["effects"]
-    lamp["beam_sigma_deg"], lamp["reference_counts"] = float(values[SIGMA]), reference
+    # Far more digits than are known, and few enough to read.
+    values = np.array([float(f"{value:.9g}") for value in values])
+    lamp["beam_sigma_deg"], lamp["reference_counts"] = (
+        float(values[SIGMA]),
+        float(f"{reference:.9g}"),
+    )
     for name, key, i in (("attenuation", "k_per_m", K), ("ambient", "level_counts", BACKGROUND)):
         if name in effects or values[i] > 0:
             effects[name] = {key: float(values[i])}

@@ -273,20 +273,23 @@ def _notes(scene: Scene, fit: CalibrationFit) -> list[str]:
     lost = 1 - likelihood.used[:, ~likelihood.faulty].mean()
     if lost > MANY:
         notes.append(f"{lost:.0%} of the readings are outliers: look at the picture")
+    # Of independent residuals it is 1, with this standard deviation.
+    common = fit.together() > 1 + 6 * np.sqrt(2 / len(likelihood.readings))
+    if common:
+        notes.append(
+            "the residuals of an image go together: its pose or the lamp's power is off, or the "
+            "model; give the poses' standard deviation, or see the picture"
+        )
     if fit.misfit > MISFIT:
         notes.append(
             f"the model does not explain the data: mean squared residual {fit.misfit:.2f}, "
             f"not 1; standard errors were multiplied by {np.sqrt(fit.misfit):.2f}"
         )
-        if fit.together() > 2:
+        if "sensor_noise" in scene.effects and not common:
+            sigma, _ = fit.noise(scene.effects["sensor_noise"]["sigma_counts"])
             notes.append(
-                "the residuals of an image go together: its pose or the lamp's power is off, or "
-                "the model; give the poses' standard deviation, or see the picture"
-            )
-        elif now := scene.effects.get("sensor_noise"):
-            notes.append(
-                "residuals go each its own way, as noise does: "
-                f"{NOISE} {fit.noise(now['sigma_counts'])[0]:.3g} would explain them"
+                f"residuals go each its own way, as noise does: {NOISE} {sigma:.3g} would explain "
+                "them"
             )
     elif fit.misfit < 1 / MISFIT and fit.fair.any():
         notes.append(

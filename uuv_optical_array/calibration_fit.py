@@ -26,8 +26,9 @@ OUTLIER = 5.0  # standard deviations; noise alone does it to one reading in two 
 WHOLE_IMAGE = 0.25  # share of outliers among an image's readings from which none counts
 ROUNDS = 10  # of leaving out outliers
 RELEASES = 5  # of looking anew at what is known
-# A standard error beyond these is no knowledge: of the logarithms, 1/m, and of the full scale.
-UNKNOWN = {POWER: 0.3, SIGMA: 0.3, K: 0.05, BACKGROUND: 0.05, GAINS: 0.3}
+# A standard error beyond these is no knowledge: a water type, or a look at the array in the dark,
+# tells as much. Of the logarithms, 1/m, and of the full scale.
+UNKNOWN = {POWER: 0.15, SIGMA: 0.15, K: 0.02, BACKGROUND: 0.02, GAINS: 0.15}
 # What is held first where several mix: the power takes up what the others leave.
 FIRST = (K, SIGMA, BACKGROUND, GAINS, POWER)
 STILL = 10  # images from which a reading that never changes is a fault,
@@ -85,11 +86,13 @@ class CalibrationFit:
         self.misfit = 1.0
         self.state = likelihood.at(self.start, np.zeros(likelihood.poses.shape), expected=True)
         self.dead = self._dead()
-        self._look()
+        # A lamp that starts far too dim or too bright would hide what can be known.
+        self.unknown = frozenset(range(size)) - self._given() - {POWER, BACKGROUND}
+        state = self._climb(self.start, self.state.shifts)
+        self.state = likelihood.at(state.parameters, state.shifts, expected=True)
         self.unknown = self._not_told()
         for _ in range(RELEASES):
             self._fit()
-            # The start may have been too dim, or too bright, to see what can be known.
             before, self.unknown = self.unknown, self._not_told()
             if self.unknown == before:
                 break
@@ -106,10 +109,13 @@ class CalibrationFit:
         likelihood.used[:, likelihood.faulty] = False
         return tuple(np.flatnonzero(odd).tolist())
 
+    def _given(self) -> frozenset[int]:
+        """Return the parameters that need no fit: those known, and gains of faulty detectors."""
+        return self.known | frozenset((GAINS + np.flatnonzero(self.likelihood.faulty)).tolist())
+
     def held(self) -> frozenset[int]:
         """Return the parameters that do not move."""
-        faulty = GAINS + np.flatnonzero(self.likelihood.faulty)
-        return self.known | self.unknown | frozenset(faulty.tolist())
+        return self._given() | self.unknown
 
     def _basis(self, held: Collection[int]) -> Array:
         """Return the directions that the fit may take, shape ``(p, q)``: the gauge is not one."""
@@ -138,7 +144,7 @@ class CalibrationFit:
     def _not_told(self) -> frozenset[int]:
         """Return what the images do not tell, so that the rest is known once it is held."""
         self.mixed = {}
-        given = self.held() - self.unknown
+        given = self._given()
         unknown: set[int] = set()
         own = np.diag(self.state.information) * self._limits**2
         while True:

@@ -16,7 +16,7 @@ from uuv_optical_array.pose import Array
 DOTS = 20_000  # readings drawn one by one; the bins count all
 BINS = 20
 LEAST = 10  # readings in a bin that is drawn
-EDGE = 6.0  # standard deviations; outliers beyond are drawn at the edge
+EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
 DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 
 
@@ -45,8 +45,11 @@ def _against(axes: Axes, across: Array, found: Calibration, label: str, log: boo
             middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
             label="mean of a twentieth\nof them, 2 std errors",
         )  # fmt: skip
+        every_x = across[fair | out]
+        if log:
+            axes.set_xlim(every_x.min() / 1.1, every_x.max() * 1.1)
     axes.axhline(0, color="k", lw=0.8)
-    axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.4, EDGE + 0.4))
+    axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.3, EDGE + 0.3))
     axes.grid(alpha=0.3)
 
 

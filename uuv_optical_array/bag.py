@@ -1,7 +1,7 @@
 """Images with known poses, read from a recorded bag: rosbag2, MCAP or SQLite, without ROS."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -148,6 +148,7 @@ def read_recording(
     beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
     axes: Axes = "flu",
     max_gap_s: float = 0.5,
+    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
 ) -> Recording:
     """Read the images of a bag and the poses that they were taken at.
 
@@ -168,6 +169,8 @@ def read_recording(
         Of both odometries, as `received.odometry_pose` has them.
     max_gap_s
         Longest gap in an odometry that is interpolated, s.
+    progress
+        Wraps the messages, to show how far it is.
 
     Returns
     -------
@@ -199,7 +202,7 @@ def read_recording(
             streams[connections[0].topic] = _Stream(connections[0].topic)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
-        for connection, _, data in reader.messages(chosen):
+        for connection, _, data in progress(reader.messages(chosen)):
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:

@@ -4,7 +4,7 @@ Power and mean gain are one product, so the geometric mean of the gains is 1: th
 images do not tell is named and stays where it was. Design: docs/calibration.md.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,6 +113,7 @@ def calibrate(
     hold: Collection[str] = (),
     pose_std: ArrayLike | None = None,
     fit_noise: bool = False,
+    on_step: Callable[[], object] = int,
 ) -> Calibration:
     """Fit lamp, water, background and gains to images at known poses.
 
@@ -131,6 +132,8 @@ def calibrate(
         ``None``: exact.
     fit_noise
         Whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
+    on_step
+        Called at every step, to show that it goes on.
 
     Returns
     -------
@@ -167,14 +170,14 @@ def calibrate(
     known = [i for name, i in zip(NAMES, range(GAINS), strict=True) if name in hold]
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
-    fit = CalibrationFit(likelihood, known)
+    fit = CalibrationFit(likelihood, known, on_step)
     if not fit_noise:
         return _gathered(scene, fit, ())
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
         sigma, error = fit.noise(sigma)
         scene = _changed(scene, "sensor_noise", sigma_counts=sigma)
-        fit = CalibrationFit(likelihood.of(scene), known)
+        fit = CalibrationFit(likelihood.of(scene), known, on_step)
     return _gathered(scene, fit, (Parameter(NOISE, "counts", start, sigma, error),))
 
 

@@ -1,6 +1,6 @@
 """The most probable lamp, water, background and gains, outliers left out, unknowns held."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ class CalibrationFit:
         Of the images; its faulty detectors and used readings are brought up to date.
     known
         Parameters that are held where they start.
+    on_step
+        Called at every step, to show that it goes on.
 
     Attributes
     ----------
@@ -67,8 +69,13 @@ class CalibrationFit:
         Mean squared residual of the fair ones.
     """
 
-    def __init__(self, likelihood: CalibrationLikelihood, known: Collection[int] = ()) -> None:
-        self.likelihood = likelihood
+    def __init__(
+        self,
+        likelihood: CalibrationLikelihood,
+        known: Collection[int],
+        on_step: Callable[[], object],
+    ) -> None:
+        self.likelihood, self._on_step = likelihood, on_step
         self.start = likelihood.start()
         size = len(self.start)
         low, high = np.full((2, size), np.log(1e3))
@@ -194,6 +201,7 @@ class CalibrationFit:
         """Climb to the most probable parameters."""
         state, damping, held = self.likelihood.at(parameters, shifts), 1e-3, self.held()
         for _ in range(MAX_ITERATIONS):
+            self._on_step()
             at, slope = state.parameters, state.gradient
             outward = ((at <= self._low) & (slope < 0)) | ((at >= self._high) & (slope > 0))
             self.at_bound = frozenset(np.flatnonzero(outward).tolist()) - held

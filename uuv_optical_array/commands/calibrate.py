@@ -6,12 +6,20 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import numpy as np
+from tqdm import tqdm
 
 from uuv_optical_array import files
 from uuv_optical_array.bag import Axes, Recording, Topics, read_recording
 from uuv_optical_array.calibration import NAMES, Calibration, Parameter, calibrate
 from uuv_optical_array.calibration_picture import draw_calibration
-from uuv_optical_array.commands.parser import Subparsers, add_command, add_json, add_scene
+from uuv_optical_array.commands.parser import (
+    INTERRUPTED,
+    Subparsers,
+    add_command,
+    add_json,
+    add_scene,
+    bar,
+)
 from uuv_optical_array.pose import Array
 from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import load_scene, save_scene
@@ -231,16 +239,24 @@ def run(options: argparse.Namespace) -> int:
     topics = Topics(options.image_topic, options.leader_topic, options.follower_topic)
     bag = files.user_path(options.bag)
     side = scene.array.detectors_per_side
-    recording = read_recording(bag, side, topics, beacon, options.odometry_axes, gap)
-    found = calibrate(
-        scene,
-        recording.images,
-        recording.poses,
-        recording.rolls,
-        options.hold,
-        pose_std,
-        options.noise,
-    )
+    try:
+        recording = read_recording(
+            bag, side, topics, beacon, options.odometry_axes, gap, lambda each: bar(each, "message")
+        )
+        with tqdm(unit="step") as steps:
+            found = calibrate(
+                scene,
+                recording.images,
+                recording.poses,
+                recording.rolls,
+                options.hold,
+                pose_std,
+                options.noise,
+                steps.update,
+            )
+    except KeyboardInterrupt:
+        print("interrupted: nothing was written")
+        return INTERRUPTED
     comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
     save_scene(found.scene, output, comment)
     if options.json:

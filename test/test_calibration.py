@@ -161,6 +161,9 @@ def test_the_gradient_is_that_of_the_value(pose_std):
             shifts = shifts + likelihood.at(here, shifts).shift_step
         state = likelihood.at(here, shifts)
         assert np.abs(state.shift_step).max() < 1e-5
+        aside = 1e-5 * rng.normal(size=shifts.shape) * std
+        ahead, behind = (likelihood.at(here, shifts + way * aside).value for way in (1, -1))
+        assert abs(ahead - behind) / 2e-5 < 1e-2
         for i, step in enumerate(1e-5 * np.eye(29)):
             slope = (
                 likelihood.at(here + step, shifts).value - likelihood.at(here - step, shifts).value

@@ -230,10 +230,15 @@ def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(bag, 
     assert plain["mean_squared_residual"] == pytest.approx(misfit, rel=0.1)
     assert any("does not explain the data" in note for note in plain["notes"])
     assert any("sensor_noise.sigma_counts 1." in note for note in plain["notes"])
+    run(*command(bag, tmp_path, "--json", "--noise"))
+    told = json.loads(capsys.readouterr().out)
     for name, value in truth()[0].items():
         if name in plain["parameters"]:
             fit = plain["parameters"][name]
             assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
+            # As large as with the noise that there is.
+            right = told["parameters"][name]["std_error"]
+            assert fit["std_error"] == pytest.approx(right, rel=0.05), name
 
 
 def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path):

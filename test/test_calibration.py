@@ -323,9 +323,10 @@ def test_one_pose_tells_little_and_says_so():
     rng = np.random.default_rng(8)
     poses = np.tile([-5.0, 0.0, 0.0, 0.0, 0.0], (40, 1))
     _, images = images_at(poses, rng)
-    found = calibrate(load_scene("reference"), images, poses)
+    start = sea(gains=None, ambient__level_counts=5.0, lamp__beam_sigma_deg=8.0)
+    found = calibrate(start, images, poses)
     assert [p.note for p in found.parameters[1:4]] == ["not known"] * 3
-    assert [p.value for p in found.parameters[1:4]] == pytest.approx([8.0, 0.1, 0.0])
+    assert [p.value for p in found.parameters[1:4]] == pytest.approx([8.0, 0.17, 5.0])
     assert "only together" in found.parameters[0].note
     text = " ".join(found.notes)
     assert "16 deg off the beam's axis; here the farthest is 0.0 deg" in text
@@ -366,14 +367,24 @@ def test_no_light_at_all_is_an_error_that_says_what_to_do():
         calibrate(load_scene("reference"), images, poses)
 
 
-def test_a_start_that_is_far_too_dim_does_not_hide_what_can_be_known():
+@pytest.mark.parametrize(
+    ("sigma", "reference", "k"),
+    [(8.0, 2.0, 0.1), (1.0, 900.0, 0.1), (60.0, 20000.0, 0.0), (8.0, 900.0, 3.0), (2.0, 1.0, 1.0)],
+)
+def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, reference, k):
     rng = np.random.default_rng(16)
     poses, rolls = drive(rng, 80)
     scene = sea()
     images = ForwardModel(scene).expose(poses, rng, rolls)
-    start = sea(gains=None, lamp__reference_counts=2.0, lamp__beam_sigma_deg=8.0)
+    start = sea(
+        gains=None,
+        lamp__reference_counts=reference,
+        lamp__beam_sigma_deg=sigma,
+        attenuation__k_per_m=k,
+    )
     found = calibrate(start, images, poses, rolls)
     assert np.abs(normalised(found, scene)).max() < 5
+    assert found.used.all()
 
 
 def test_bad_frames_are_left_out_counted_and_named_and_do_no_harm():

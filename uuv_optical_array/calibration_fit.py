@@ -94,15 +94,19 @@ class CalibrationFit:
         self.state = likelihood.at(self.start, np.zeros(likelihood.poses.shape), expected=True)
         self.dead = self._dead()
         # A lamp that starts far too dim or too bright would hide what can be known.
-        self.unknown = frozenset(range(size)) - self._given() - {POWER, BACKGROUND}
+        self.unknown = frozenset(range(size)) - self._given() - {POWER, SIGMA, BACKGROUND}
         state = self._climb(self.start, self.state.shifts)
         self.state = likelihood.at(state.parameters, state.shifts, expected=True)
-        self.unknown = self._not_told()
+        self.unknown = self._not_told(1.0)
         for _ in range(RELEASES):
             self._fit()
-            before, self.unknown = self.unknown, self._not_told()
+            # Without the misfit, which is large while what could be known is held far off.
+            before, self.unknown = self.unknown, self._not_told(1.0)
             if self.unknown == before:
                 break
+        if more := self._not_told(max(1.0, self.misfit)) - self.unknown:
+            self.unknown |= more
+            self._fit()
 
     def _dead(self) -> tuple[int, ...]:
         """Find detectors whose reading never changes where it should, and leave them out."""
@@ -148,14 +152,16 @@ class CalibrationFit:
         vectors = basis @ (vectors * unit[:, None])
         return (vectors * inverse) @ vectors.T
 
-    def _not_told(self) -> frozenset[int]:
-        """Return what the images do not tell, so that the rest is known once it is held."""
+    def _not_told(self, scale: float) -> frozenset[int]:
+        """Return what the images do not tell, so that the rest is known once it is held.
+
+        The variances of the fit count `scale` times.
+        """
         self.mixed = {}
         given = self._given()
         unknown: set[int] = set()
         own = np.diag(self.state.information) * self._limits**2
         while True:
-            scale = max(1.0, self.misfit)
             std = np.sqrt(scale * np.diag(self.covariance(given | unknown)))
             over = np.flatnonzero(std > self._limits).tolist()
             if not over:

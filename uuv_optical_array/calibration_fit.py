@@ -25,7 +25,8 @@ GIVE_UP = 1e10  # damping beyond which no step gains
 OUTLIER = 5.0  # standard deviations; noise alone does it to one reading in two million
 WHOLE_IMAGE = 0.25  # share of outliers among an image's readings from which none counts
 ROUNDS = 10  # of leaving out outliers
-RELEASES = 5  # of looking anew at what is known
+RELEASES = 6  # of looking anew at what is known
+HURTS = 2.0  # mean squared residual from which what is held is let go once, lest it be far off
 # A standard error beyond these is no knowledge: a water type, or a look at the array in the dark,
 # tells as much. Of the logarithms, 1/m, and of the full scale.
 UNKNOWN = {POWER: 0.15, SIGMA: 0.15, K: 0.02, BACKGROUND: 0.02, GAINS: 0.15}
@@ -98,12 +99,15 @@ class CalibrationFit:
         state = self._climb(self.start, self.state.shifts)
         self.state = likelihood.at(state.parameters, state.shifts, expected=True)
         self.unknown = self._not_told(1.0)
+        released = False
         for _ in range(RELEASES):
             self._fit()
             # Without the misfit, which is large while what could be known is held far off.
             before, self.unknown = self.unknown, self._not_told(1.0)
             if self.unknown == before:
-                break
+                if released or not before or self.misfit < HURTS:
+                    break
+                self.unknown, released = frozenset(), True
         if more := self._not_told(max(1.0, self.misfit)) - self.unknown:
             self.unknown |= more
             self._fit()

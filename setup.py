@@ -5,6 +5,7 @@ from setuptools import find_packages, setup
 package_name = "uuv_optical_array"
 share = f"share/{package_name}"
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
+BAGS = ["rosbags>=0.10"]
 
 setup(
     name=package_name,
@@ -49,6 +50,8 @@ setup(
         "fast": ["numba"],
         # Signature tables built in chunks, on threads or a cluster.
         "cluster": CLUSTER,
+        # Reading recorded bags, for uuv_array calibrate; rosdep has no key for it.
+        "bags": BAGS,
         # What uuv_array peers measures us against.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # colcon test runs pytest because this extra names it.
@@ -59,6 +62,7 @@ setup(
             "pytest<9",
             "pytest-benchmark",
             "ruff",
+            *BAGS,
             *CLUSTER,
         ],
     },

@@ -155,6 +155,35 @@ def test_responsivity_is_drawn_once_by_its_seed_and_scales_the_light():
     assert not np.allclose(gains, other, rtol=1e-4)
 
 
+def test_gains_are_those_given_one_for_each_detector_rows_from_the_top():
+    gains = np.linspace(0.8, 1.2, 25).reshape(5, 5)
+    bare = model_with().light(AHEAD)
+    model = model_with(responsivity={"gains": gains.tolist()})
+    relative = model.light(AHEAD) / bare
+    # The lamp's reference reading is that of the array with these gains.
+    np.testing.assert_allclose(relative / relative[2, 2], gains / gains[2, 2], rtol=1e-12)
+    warm = model.light(AHEAD, offsets={"responsivity.temperature_c": np.array(3.0)})
+    np.testing.assert_allclose(warm / model.light(AHEAD), 1 - 3 * 2 / 576, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"gains": [[1.0] * 3] * 3}, "3 x 3 gains, but the array has 5 x 5"),
+        ({"gains": [[1.0] * 5] * 4}, "no square grid"),
+        ({"gains": [1.0] * 5}, "no square grid"),
+        ({"gains": [[1.0] * 4 + [-1.0]] * 5}, r"gains\[0\]\[4\]: -1.0 is out of bounds"),
+        ({"gains": [[1.0] * 4 + ["1"]] * 5}, r"gains\[0\]\[4\]: '1' is not a number"),
+        ({"gains": [[1.0] * 5] * 5, "seed": 1, "spread": 0.1}, "gains: given beside spread"),
+        ({"spread": 0.1}, "seed: missing; give spread and seed, or else gains"),
+        ({}, "give spread and seed, or else gains"),
+    ],
+)
+def test_gains_that_are_none_are_refused_by_name(settings, words):
+    with pytest.raises(ValueError, match=words):
+        model_with(responsivity=settings)
+
+
 def test_warmer_detectors_read_less_by_2_mv_in_576_a_degree():
     model = model_with(responsivity={"spread": 0.0, "seed": 0})
     warm = model.light(AHEAD, offsets={"responsivity.temperature_c": np.array(3.0)})

@@ -49,6 +49,16 @@ def user_path(path: str | Path) -> Path:
         raise ValueError(f"{path}: {error}") from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    scratch = path.with_name(f".{path.name}.part")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.

@@ -8,6 +8,7 @@ import dataclasses
 import difflib
 import inspect
 import math
+import reprlib
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -45,6 +46,8 @@ class Quantity:
 
 # Places on the array, each ``[row, column]``; the bounds are those of both.
 Cells: TypeAlias = Sequence[Sequence[int]]
+# A number for each detector, ``[row][column]``; the bounds are those of all.
+Grid: TypeAlias = Sequence[Sequence[float]]
 
 
 class Span(NamedTuple):
@@ -93,14 +96,29 @@ def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
     ]
 
 
+def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
+    rows = value if isinstance(value, list | tuple) else []
+    if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
+        raise ValueError(
+            f"{name}: {reprlib.repr(value)} is no square grid; give rows of as many numbers"
+        )
+    return [
+        [
+            float(_number(cell, quantity, f"{name}[{i}][{j}]", whole=False))
+            for j, cell in enumerate(row)
+        ]
+        for i, row in enumerate(rows)
+    ]
+
+
 def check(hint: Any, value: Any, name: str) -> Any:
     """Check one value against its declared type hint.
 
     Parameters
     ----------
     hint
-        ``float``, ``int``, ``Span``, `Cells`, ``Literal[...]`` or ``T | None``, each bare or
-        ``Annotated`` with a `Quantity`.
+        ``float``, ``int``, ``Span``, `Cells`, `Grid`, ``Literal[...]`` or ``T | None``, each bare
+        or ``Annotated`` with a `Quantity`.
     value
         The value as read.
     name
@@ -130,6 +148,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
         return value
     if hint == Cells:
         return _cells(value, quantity, name)
+    if hint == Grid:
+        return _grid(value, quantity, name)
     if hint is Span:
         return _span(value, quantity, name)
     return _number(value, quantity, name, whole=hint is int)

@@ -211,6 +211,34 @@ _SceneLoader.add_implicit_resolver(
 )
 
 
+class _SceneDumper(yaml.SafeDumper):  # type: ignore[misc]
+    """YAML as the ready scenes are written: a list of numbers on one line."""
+
+
+_SceneDumper.add_representer(
+    list,
+    lambda dumper, values: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", values, flow_style=not any(isinstance(v, list) for v in values)
+    ),
+)
+
+
+def save_scene(scene: Scene, path: Path, comment: str) -> None:
+    """Write a scene as a YAML file that `load_scene` reads, whole or not at all.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    path
+        The file; one that exists is replaced.
+    comment
+        First line.
+    """
+    text = yaml.dump(scene.settings(), Dumper=_SceneDumper, sort_keys=False, width=1000)
+    files.write_text(path, f"# {comment}\n\n{text}")
+
+
 def load_scene(path: str | Path) -> Scene:
     """Read a scene from a YAML file.
 

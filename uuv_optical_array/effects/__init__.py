@@ -18,6 +18,7 @@ from uuv_optical_array.effects.detectors import (
     detector_faults,
     field_of_view,
     resolved_field_of_view,
+    resolved_responsivity,
     responsivity,
 )
 from uuv_optical_array.effects.electronics import (
@@ -90,6 +91,7 @@ RESOLVED: dict[str, Callable[[dict[str, Any], str], dict[str, Any]]] = {
     "attenuation": resolved_attenuation,
     "field_of_view": resolved_field_of_view,
     "ambient": resolved_ambient,
+    "responsivity": resolved_responsivity,
     "photodiode": resolved_photodiode,
 }
 

@@ -8,7 +8,7 @@ import numpy as np
 from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.light import Light, Rays
 from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Cells, Quantity, one_way
+from uuv_optical_array.quantity import Cells, Grid, Quantity, one_way
 
 
 def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any]:
@@ -60,30 +60,75 @@ def field_of_view(
     return step
 
 
+def resolved_responsivity(settings: dict[str, Any], name: str) -> dict[str, Any]:
+    """Require one of the two forms."""
+    one_way(settings, name, ("spread", "seed"), ("gains",))
+    return settings
+
+
 def responsivity(
     array: DetectorArray,
     *,
-    spread: Annotated[float, Quantity("relative standard deviation by detector", "", 0, 0.3)],
-    seed: Annotated[int, Quantity("of the draw: another seed, another array", "", 0, 2**31 - 1)],
+    spread: Annotated[
+        float | None, Quantity("relative standard deviation by detector", "", 0, 0.3)
+    ] = None,
+    seed: Annotated[
+        int | None, Quantity("of the draw: another seed, another array", "", 0, 2**31 - 1)
+    ] = None,
+    gains: Annotated[
+        Grid | None, Quantity("of each detector, rows from the top, columns from port", "", 0, 100)
+    ] = None,
     drift_per_c: Annotated[
         float, Quantity("relative change with temperature", "1/deg C", -0.1, 0.1)
     ] = -2 / 576,
 ) -> Callable[[Light, Rays], None]:
-    """Give each detector a gain of its own, drawn once, and all a drift with temperature.
+    """Give each detector a gain of its own, and all a drift with temperature.
 
-    Eren et al. (2017) measured a spread of 0.8 % and -2 mV/C on 576 mV. The lamp's reference
-    reading is that of the temperature of calibration; the nuisance ``responsivity.temperature_c``
-    is how much warmer it is.
+    The gains are given, as `uuv_array calibrate` finds them, or drawn once. Eren et al. (2017)
+    measured a spread of 0.8 % and -2 mV/C on 576 mV. The lamp's reference reading is that of the
+    temperature of calibration; the nuisance ``responsivity.temperature_c`` is how much warmer it
+    is.
     """
-    draws = np.random.default_rng(seed).standard_normal((array.side, array.side))
-    gains = np.maximum(1 + spread * draws, 0.0)
+    each = detector_gains(array.side, spread, seed, gains)
 
     def step(light: Light, rays: Rays) -> None:
         drift = 1 + drift_per_c * light.setting("responsivity.temperature_c", 0.0)
-        light.dim(gains * drift)
+        light.dim(each * drift)
         light.slope_by("responsivity.temperature_c", lambda: light.image * (drift_per_c / drift))
 
     return step
+
+
+def detector_gains(
+    side: int,
+    spread: float | None = None,
+    seed: int | None = None,
+    gains: Grid | None = None,
+) -> Array:
+    """Return the gain of each detector as `responsivity` has it, shape ``(side, side)``.
+
+    Parameters
+    ----------
+    side
+        Detectors in a row.
+    spread, seed, gains
+        As in `responsivity`.
+
+    Raises
+    ------
+    ValueError
+        Where the gains are not those of ``side * side`` detectors.
+    """
+    if gains is None:
+        assert spread is not None  # checked with the scene
+        draws = np.random.default_rng(seed).standard_normal((side, side))
+        return np.maximum(1 + spread * draws, 0.0)
+    if len(gains) != side:
+        raise ValueError(
+            f"effects.responsivity.gains: {len(gains)} x {len(gains)} gains, but the array has "
+            f"{side} x {side} detectors; give one for each"
+        )
+    return np.array(gains, dtype=float)
 
 
 def detector_faults(

@@ -4,25 +4,19 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from uuv_optical_array.features import FEATURE_NAMES
 from uuv_optical_array.nodes.attitude import quaternion_xyzw, roll_pitch_yaw
 from uuv_optical_array.pose import Array
-from uuv_optical_array.trajectory import unit_quaternion
+from uuv_optical_array.received import Refused as Refused
+from uuv_optical_array.received import checked_pose, checked_quaternion
+from uuv_optical_array.received import image_from_message as image_from_message
+from uuv_optical_array.received import odometry_pose as odometry_pose
+from uuv_optical_array.received import stamp_ns as stamp_ns
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
-
-
-class Refused(ValueError):
-    """A message that must not be used; the text says why, its kind before the colon."""
-
-
-def stamp_ns(header: Header) -> int:
-    """Return the stamp of a header in ns."""
-    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
 
 
 class StampOrder:
@@ -95,24 +89,6 @@ def image_to_message(image: Array, header: Header) -> Image:
     )
 
 
-def image_from_message(message: Image, side: int) -> Array:
-    """Unpack a mono16 image of ``(side, side)`` counts, whatever its padding and byte order."""
-    if message.encoding not in ("mono16", "16UC1"):
-        raise Refused(f"wrong encoding: {message.encoding!r}, not mono16")
-    if (message.height, message.width) != (side, side):
-        raise Refused(
-            f"wrong size: {message.height} x {message.width}, but the scene has {side} x {side}"
-        )
-    if message.step < 2 * side or message.step % 2:
-        raise Refused(f"wrong step: {message.step} bytes a row, not {2 * side}")
-    if len(message.data) != message.step * side:
-        raise Refused(
-            f"truncated: {len(message.data)} bytes of data, but {side} rows of {message.step}"
-        )
-    pixels = np.frombuffer(message.data, dtype=">u2" if message.is_bigendian else "<u2")
-    return pixels.reshape(side, -1)[:, :side].astype(float)
-
-
 def features_to_message(parameters: Array | None, header: Header) -> PointCloud2:
     """Pack key parameters, shape ``(5,)``, as one point, or as none where there is no light."""
     data = b"" if parameters is None else np.asarray(parameters, dtype="<f8").tobytes()
@@ -166,23 +142,9 @@ def pose_to_message(
     return message
 
 
-def _checked_pose(pose) -> tuple[Array, Array]:
-    position = np.array([pose.position.x, pose.position.y, pose.position.z])
-    if not np.isfinite(position).all():
-        raise Refused(f"not finite: position {position.tolist()}")
-    return position, _checked_quaternion(pose.orientation)
-
-
-def _checked_quaternion(attitude) -> Array:
-    try:
-        return unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
-    except ValueError as error:
-        raise Refused(f"bad attitude: {error}") from None
-
-
 def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
     """Unpack a relative pose as ``(x, y, z, pitch, yaw)``, m and rad."""
-    position, quaternion = _checked_pose(message.pose.pose)
+    position, quaternion = checked_pose(message.pose.pose)
     _, pitch, yaw = roll_pitch_yaw(quaternion)
     return np.array([*position, pitch, yaw])
 
@@ -199,23 +161,8 @@ def imu_roll(message: Imu) -> float:
     """Unpack the roll of an IMU, rad."""
     if message.orientation_covariance[0] == -1:
         raise Refused("no orientation: the imu says that it has none")
-    roll, _, _ = roll_pitch_yaw(_checked_quaternion(message.orientation))
+    roll, _, _ = roll_pitch_yaw(checked_quaternion(message.orientation))
     return roll
-
-
-def odometry_pose(message: Odometry, axes: str = "flu") -> tuple[Array, Array]:
-    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``.
-
-    ``axes`` names those of the message: ``flu`` is REP 103 (body forward, left, up in a world
-    whose z is up), ``frd`` the aerospace axes (forward, right, down in NED). The answer is in
-    REP 103's.
-    """
-    position, quaternion = _checked_pose(message.pose.pose)
-    if axes == "frd":
-        # Half a turn about x, of the world and of the body.
-        position = position * [1, -1, -1]
-        quaternion = quaternion * [1, -1, -1, 1]
-    return position, quaternion
 
 
 def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:

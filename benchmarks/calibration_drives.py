@@ -1,0 +1,65 @@
+"""What each way to drive tells a calibration: ``python benchmarks/calibration_drives.py``.
+
+It prints the table of docs/calibration.md.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from uuv_optical_array.calibration import calibrate
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene
+
+IMAGES = 300
+# Least and greatest distance (m), how far aside (m), how far the bow swings (deg), and the errors
+# of the odometry that are told to the fit, as they are (m, deg).
+DRIVES = {
+    "on the beam's axis at 6 m": (6.0, 6.0, 0.0, 0.0, None),
+    "on the axis, 3 to 8 m": (3.0, 8.0, 0.0, 0.0, None),
+    "weaving and nosing about at 6 m": (6.0, 6.0, 0.9, 20.0, None),
+    "the same, 5 to 7 m": (5.0, 7.0, 0.9, 20.0, None),
+    "the same, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
+    "the same, odometry good to 0.02 m, 0.5 deg": (3.0, 8.0, 0.9, 20.0, (0.02, 0.5)),
+    "the same, odometry good to 0.1 m, 2 deg": (3.0, 8.0, 0.9, 20.0, (0.1, 2.0)),
+}
+
+
+def main() -> None:
+    """Print the standard errors, row by row."""
+    start = load_scene("follow")
+    effects = {
+        **start.effects,
+        "ambient": {"level_counts": 10.0},
+        "responsivity": {"spread": 0.03, "seed": 5, "drift_per_c": 0.0},
+    }
+    model = ForwardModel(dataclasses.replace(start, effects=effects))
+    print("| drive | power (%) | sigma (deg) | K (1/m) | background | a gain (%) | misfit |")
+    print("|---|---|---|---|---|---|---|")
+    for name, (near, far, aside, swing, odometry) in DRIVES.items():
+        rng = np.random.default_rng(1)
+        angle = np.radians(swing)
+        poses = rng.uniform(
+            [-far, -aside, -aside, -angle, -angle], [-near, aside, aside, angle, angle], (IMAGES, 5)
+        )
+        # The same distance means that of the whole vehicle from the lamp.
+        poses[:, 0] = -np.sqrt(poses[:, 0] ** 2 - (poses[:, 1:3] ** 2).sum(axis=1))
+        images, std = model.expose(poses, rng), None
+        if odometry:
+            std = np.array([*[odometry[0]] * 3, *[np.radians(odometry[1])] * 2])
+            poses = poses + std * rng.standard_normal(poses.shape)
+        found = calibrate(start, images, poses, pose_std=std)
+        power, sigma, k, background = found.parameters[:4]
+        cells = (
+            (f"{100 * power.std / power.value:.2g}", power),
+            (f"{sigma.std:.2g}", sigma),
+            (f"{k.std:.2g}", k),
+            (f"{background.std:.2g}", background),
+        )
+        told = [parameter.note or error for error, parameter in cells]
+        gain = f"{100 * np.nanmedian(found.gain_std):.2g}"
+        print(f"| {name} | {' | '.join(told)} | {gain} | {found.misfit:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

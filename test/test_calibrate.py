@@ -1,0 +1,404 @@
+"""``uuv_array calibrate`` on bags that our own simulator recorded through ROS, and on bad ones."""
+
+import functools
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from conftest import Lab
+from nav_msgs.msg import Odometry
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+from test_commands import assert_picture, run
+
+from uuv_optical_array.bag import Topics, read_recording
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
+from uuv_optical_array.scene import load_scene
+
+BEACON = [-0.7, 0.1, 0.2]
+SECONDS, RATE_HZ = 30, 10  # of the drive
+TYPES = {"image": "sensor_msgs/msg/Image", "odometry": "nav_msgs/msg/Odometry"}
+STORE = get_typestore(Stores.ROS2_KILTED)
+LEADER, FOLLOWER, IMAGE = "/leader/odometry", "/follower/odometry", "/array/image"
+# The sea of the bag; the fit starts from the scene `follow`.
+GAIN_SPREAD, GAIN_SEED = 0.05, 8
+TRUE = {
+    "lamp.beam_sigma_deg": 6.8,
+    "lamp.reference_counts": 700.0,
+    "attenuation.k_per_m": 0.16,
+    "sensor_noise.sigma_counts": 1.5,
+}
+BACKGROUND = 14.0
+
+
+def true_gains():
+    return 1 + GAIN_SPREAD * np.random.default_rng(GAIN_SEED).standard_normal((5, 5))
+
+
+def truth():
+    """Return what the fit should find: the gains' geometric mean goes to power and background."""
+    common = np.exp(np.log(true_gains()).mean())
+    return {**TRUE, "ambient.level_counts": BACKGROUND * common}, true_gains() / common
+
+
+@pytest.fixture(scope="module")
+def sea_file(tmp_path_factory):
+    settings = load_scene("follow").settings()
+    for name, value in TRUE.items():
+        group, key = name.split(".")
+        (settings["lamp"] if group == "lamp" else settings["effects"][group])[key] = value
+    settings["effects"]["ambient"] = {"level_counts": BACKGROUND}
+    settings["effects"]["responsivity"] = {"spread": GAIN_SPREAD, "seed": GAIN_SEED}
+    path = tmp_path_factory.mktemp("sea") / "sea.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    return path
+
+
+def leader_at(t):
+    """Return where a leader is that turns and dives."""
+    turn = Rotation.from_euler("ZYX", [0.6 * np.sin(0.2 * t), 0.1 * np.sin(0.5 * t), 0.0])
+    return np.array([0.8 * t, 3 * np.sin(0.2 * t), -5 + np.sin(0.3 * t)]), turn
+
+
+def relative_at(t):
+    """Return pose and roll of a follower that runs from 3 to 8 m and weaves, noses about."""
+    pose = [
+        -5.5 + 2.5 * np.cos(2 * np.pi * t / SECONDS),
+        0.9 * np.sin(0.9 * t),
+        0.8 * np.cos(1.3 * t),
+        0.3 * np.sin(1.7 * t),
+        0.3 * np.cos(2.3 * t),
+    ]
+    return np.array(pose), 0.1 * np.sin(0.7 * t)
+
+
+def interpolated_leader(t, step):
+    """Return the leader between its messages: what a record of them says."""
+    early = np.floor(t / step + 1e-9) * step
+    share = (t - early) / step
+    (p0, r0), (p1, r1) = leader_at(early), leader_at(early + step)
+    turned = r0 * Rotation.from_rotvec(share * (r0.inv() * r1).as_rotvec())
+    return p0 + share * (p1 - p0), turned
+
+
+def odometry(t, position, turn):
+    message = Odometry(child_frame_id="rov/base_link")
+    nanoseconds = round(t * 1e9)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
+    message.header.frame_id = "odom"
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    p.x, p.y, p.z = map(float, position)
+    q.x, q.y, q.z, q.w = map(float, turn.as_quat())
+    return message
+
+
+def follower_at(t, leader_step=0.2):
+    """Return a follower where it should be of the leader that is on record."""
+    position, turn = interpolated_leader(t, leader_step)
+    pose, roll = relative_at(t)
+    own = turn * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    return position + turn.apply(np.array(BEACON) + pose[:3]), own
+
+
+@pytest.fixture(scope="module")
+def recorded(sea_file):
+    """The bytes of every message of a drive, as they came over DDS, in that order."""
+    lab = Lab()
+    heard = []
+    try:
+        lab.begin(
+            {
+                "scene": str(sea_file),
+                "simulator_node:seed": 3,
+                "simulator_node:beacon_position_m": BEACON,
+            }
+        )
+        lab.start(SimulatorNode)
+        leader = lab.talk(Odometry, "leader/odometry")
+        follower = lab.talk(Odometry, "follower/odometry")
+        for topic, kind in ((LEADER, Odometry), (FOLLOWER, Odometry), (IMAGE, Image)):
+
+            def hear(data, topic=topic):
+                heard.append((topic, bytes(data)))
+
+            lab.subscriptions.append(
+                lab.probe.create_subscription(kind, topic, hear, 100, raw=True)
+            )
+        lab.connect()
+
+        def count(topic):
+            return sum(there == topic for there, _ in heard)
+
+        leader.publish(odometry(1.0, *leader_at(1.0)))
+        for step in range(SECONDS * RATE_HZ // 2):
+            for half in (0, 1):
+                t = 1.0 + 0.2 * step + 0.05 + 0.1 * half
+                follower.publish(odometry(t, *follower_at(t)))
+            t = 1.0 + 0.2 * (step + 1)
+            leader.publish(odometry(t, *leader_at(t)))
+            wanted = 2 * (step + 1)
+            lab.until(lambda wanted=wanted: count(IMAGE) == wanted, f"{wanted} images")
+        lab.until(lambda: count(FOLLOWER) == SECONDS * RATE_HZ, "every odometry")
+    finally:
+        lab.end()
+    return heard
+
+
+def write_bag(path, messages, storage=StoragePlugin.SQLITE3, version=9):
+    """Write messages ``(topic, bytes)`` as ``ros2 bag record`` does."""
+    with Writer(path, version=version, storage_plugin=storage) as writer:
+        connections = {}
+        for i, (topic, data) in enumerate(messages):
+            if topic not in connections:
+                kind = TYPES["odometry" if "odometry" in topic else "image"]
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], i + 1, data)
+    return path
+
+
+@pytest.fixture(scope="module", params=[StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def either_bag(request, recorded, tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bag") / "drive", recorded, request.param)
+
+
+@pytest.fixture(scope="module")
+def bag(recorded, tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bag") / "drive", recorded, StoragePlugin.MCAP)
+
+
+def test_a_bag_gives_every_image_at_the_pose_it_was_taken_at(either_bag, sea_file):
+    found = read_recording(either_bag, 5, beacon_position_m=BEACON)
+    assert len(found.images) == SECONDS * RATE_HZ
+    assert not found.refused
+    seconds = 1.05 + 0.1 * np.arange(len(found.images))
+    np.testing.assert_allclose(found.stamps_ns, np.round(seconds * 1e9), atol=1)
+    expected = [relative_at(t) for t in seconds]
+    np.testing.assert_allclose(found.poses, [pose for pose, _ in expected], atol=1e-9)
+    np.testing.assert_allclose(found.rolls, [roll for _, roll in expected], atol=1e-9)
+    # The simulator's own noise, drawn again.
+    model, rng = ForwardModel(load_scene(sea_file)), np.random.default_rng(3)
+    images = [model.expose(pose, rng, roll) for pose, roll in expected]
+    assert (found.images == images).mean() > 0.999  # stamps round to a ns, so a reading may too
+
+
+def command(bag, folder, *words):
+    return (
+        "calibrate", bag, "--scene", "follow", "-o", folder / "sea.yaml",
+        "--beacon-position", *BEACON, *words,
+    )  # fmt: skip
+
+
+def test_the_report_and_the_picture(bag, tmp_path, capsys):
+    picture = tmp_path / "residuals.png"
+    run(*command(bag, tmp_path, "--noise", "--picture", picture))
+    printed = capsys.readouterr().out
+    assert_picture(picture)
+    for word in ("300 images", "lamp.power", "gains", "mean squared residual 1.000", "scene:"):
+        assert word in printed
+    assert "note:" not in printed
+
+
+def test_another_sea_is_found_within_its_standard_errors(either_bag, tmp_path, capsys):
+    run(*command(either_bag, tmp_path, "--noise", "--json"))
+    found = json.loads(capsys.readouterr().out)
+    true, gains = truth()
+    sea = load_scene(tmp_path / "sea.yaml")
+    for name, value in true.items():
+        fit = found["parameters"][name]
+        assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
+        assert abs(fit["start"] - value) > 20 * fit["std_error"], name
+        group, key = name.split(".")
+        held = sea.lamp.__dict__ if group == "lamp" else sea.effects[group]
+        assert held[key] == pytest.approx(fit["fitted"], rel=1e-8)
+    errors = (np.array(found["gains"]) - gains) / np.array(found["gain_std_errors"])
+    assert np.abs(errors).max() < 4
+    assert 0.5 < (errors**2).mean() < 1.8  # chi-square of 24: 99.9 % of seeds
+    assert np.abs(gains - 1).max() > 50 * np.max(found["gain_std_errors"])
+    np.testing.assert_allclose(sea.effects["responsivity"]["gains"], found["gains"], rtol=1e-8)
+
+
+def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(bag, tmp_path, capsys):
+    run(*command(bag, tmp_path, "--json"))
+    plain = json.loads(capsys.readouterr().out)
+    misfit = (1.5**2 + 1 / 12) / (1.0**2 + 1 / 12)
+    assert plain["mean_squared_residual"] == pytest.approx(misfit, rel=0.1)
+    assert any("does not explain the data" in note for note in plain["notes"])
+    assert any("sensor_noise.sigma_counts 1." in note for note in plain["notes"])
+    run(*command(bag, tmp_path, "--json", "--noise"))
+    told = json.loads(capsys.readouterr().out)
+    for name, value in truth()[0].items():
+        if name in plain["parameters"]:
+            fit = plain["parameters"][name]
+            assert abs(fit["fitted"] - value) < 4 * fit["std_error"], name
+            # As large as with the noise that there is.
+            right = told["parameters"][name]["std_error"]
+            assert fit["std_error"] == pytest.approx(right, rel=0.05), name
+
+
+def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path):
+    flip = Rotation.from_euler("X", np.pi)
+    messages = []
+    for topic, data in recorded[:80]:
+        if "odometry" in topic:
+            message = STORE.deserialize_cdr(data, TYPES["odometry"])
+            p, q = message.pose.pose.position, message.pose.pose.orientation
+            p.x, p.y, p.z = flip.apply([p.x, p.y, p.z])
+            turn = flip * Rotation.from_quat([q.x, q.y, q.z, q.w]) * flip
+            q.x, q.y, q.z, q.w = turn.as_quat()
+            data = STORE.serialize_cdr(message, TYPES["odometry"])
+        messages.append(("/rov" + topic, bytes(data)))
+    bag = write_bag(tmp_path / "ned", messages, version=8)
+    topics = Topics("rov/array/image", "/rov/leader/odometry", "rov/follower/odometry/")
+    found = read_recording(bag, 5, topics, BEACON, "frd")
+    assert len(found.images) > 20
+    expected = [relative_at(t * 1e-9)[0] for t in found.stamps_ns]
+    np.testing.assert_allclose(found.poses, expected, atol=1e-9)
+
+
+def changed(messages, topic, change):
+    """Change every message of a topic; `None` leaves one out."""
+    for there, data in messages:
+        if there == topic:
+            kind = TYPES["odometry" if "odometry" in topic else "image"]
+            message = STORE.deserialize_cdr(data, kind)
+            if change(message) is None:
+                data = bytes(STORE.serialize_cdr(message, kind))
+            else:
+                continue
+        yield there, data
+
+
+def put(path, value):
+    """Return a change that sets an attribute."""
+
+    def change(message):
+        *groups, last = path.split(".")
+        setattr(functools.reduce(getattr, groups, message), last, value)
+
+    return change
+
+
+def late(message):
+    message.header.stamp.sec += 1000
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "words"),
+    [
+        (IMAGE, put("encoding", "rgb8"), ("wrong encoding: 'rgb8'", "no image with a known pose")),
+        (IMAGE, put("height", 7), ("wrong size: 7 x 5", "the scene has 5 x 5")),
+        (LEADER, put("header.frame_id", "map"), ("frames differ", "map", "odom")),
+        (LEADER, put("pose.pose.position.y", np.nan), ("/leader/odometry: not finite", "there is")),
+        (FOLLOWER, put("pose.pose.orientation.w", 9.0), ("/follower/odometry: bad attitude",)),
+        (LEADER, late, ("older than every pose", "1001.000 to", "/array/image 1.050 to")),
+        (IMAGE, lambda _: "left out", ("no topic /array/image", LEADER, FOLLOWER, "--image-topic")),
+        (LEADER, lambda _: "left out", ("no topic /leader/odometry", IMAGE, "--leader-topic")),
+    ],
+    ids=["encoding", "size", "frames", "NaN", "attitude", "stamps", "no image", "no leader"],
+)  # fmt: skip
+def test_a_bag_of_which_nothing_can_be_used_says_why_in_one_line(
+    recorded, tmp_path, topic, change, words
+):
+    bag = write_bag(tmp_path / "bad", changed(recorded[:60], topic, change))
+    line = run(*command(bag, tmp_path), code=1)
+    for word in (str(bag), *words):
+        assert word in line, line
+    assert not (tmp_path / "sea.yaml").exists()
+
+
+def test_what_cannot_be_used_is_left_out_and_counted(recorded, tmp_path):
+    seen = {LEADER: 0, IMAGE: 0}
+
+    def spoil(message):
+        """Spoil a leader pose or two, and an image."""
+        seen[LEADER] += 1
+        if seen[LEADER] in (4, 10, 11, 12):
+            message.pose.pose.position.x = np.nan
+
+    def blind(message):
+        seen[IMAGE] += 1
+        if seen[IMAGE] == 5:
+            message.encoding = "mono8"
+        if seen[IMAGE] == 7:
+            message.header.stamp.nanosec -= 100_000_000  # that of the image before
+
+    messages = list(changed(changed(recorded[:150], LEADER, spoil), IMAGE, blind))
+    total = sum(topic == IMAGE for topic, _ in messages)
+    found = read_recording(write_bag(tmp_path / "spoilt", messages), 5, beacon_position_m=BEACON)
+    told = dict(found.refused)
+    assert told.pop(f"{LEADER}: not finite") == 4
+    assert told.pop(f"{IMAGE}: wrong encoding: 'mono8', not mono16") == 1
+    assert told.pop(f"{IMAGE}: its stamp was there before") == 1
+    # Three poses away: a gap of 0.8 s, with eight images; one away is interpolated.
+    assert told.pop(f"{IMAGE}: no {LEADER} at its stamp: it falls in a gap") == 8
+    assert not told
+    assert len(found.images) == total - 10
+
+
+def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
+    empty = write_bag(tmp_path / "empty", [])
+    assert "it is empty" in run(*command(empty, tmp_path), code=1)
+    assert "no such file" in run(*command(tmp_path / "nowhere", tmp_path), code=1)
+    (tmp_path / "folder").mkdir()
+    assert "metadata" in run(*command(tmp_path / "folder", tmp_path), code=1)
+    broken = write_bag(tmp_path / "broken", recorded[:30], StoragePlugin.MCAP)
+    file = next(broken.glob("*.mcap"))
+    file.write_bytes(file.read_bytes()[:3000])
+    assert str(broken) in run(*command(broken, tmp_path), code=1)
+    typed = write_bag(tmp_path / "typed", recorded[:30])
+    line = run(*command(typed, tmp_path, "--image-topic", LEADER), code=1)
+    assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
+    line = run(*command(typed, tmp_path, "--leader-topic", FOLLOWER), code=1)
+    assert "one topic" in line
+    again = [*recorded[100:130], *recorded[:30]]
+    line = run(*command(write_bag(tmp_path / "twice", again), tmp_path), code=1)
+    assert "the clock was set back" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--max-gap-s", "0"], "--max-gap-s"),
+        (["--position-std", "-1"], "--position-std"),
+        (["-o", "sea.txt"], ".yaml"),
+        (["--noise", "--scene", "ideal"], "sensor_noise"),
+    ],
+)
+def test_a_bad_option_is_named(recorded, tmp_path, words, told):
+    bag = write_bag(tmp_path / "good", recorded[:60])
+    assert told in run(*command(bag, tmp_path, *words), code=1)
+
+
+WITHOUT = """
+import sys
+for name in sys.argv[1].split(","):
+    sys.modules[name] = None
+from uuv_optical_array.commands import main
+main(sys.argv[2:])
+"""
+
+
+def without(modules, *words):
+    return subprocess.run(
+        [sys.executable, "-c", WITHOUT, modules, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_it_needs_no_ros_and_names_the_extra_that_it_needs(bag, tmp_path):
+    done = without("rclpy,sensor_msgs,nav_msgs,geometry_msgs,std_msgs", *command(bag, tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert load_scene(tmp_path / "sea.yaml")
+    failed = without("rosbags", *command(bag, tmp_path))
+    assert failed.returncode == 1
+    assert len(failed.stderr.strip().splitlines()) == 1
+    assert "uuv_optical_array[bags]" in failed.stderr

@@ -1,0 +1,535 @@
+"""Calibration: beside a second implementation, its standard errors, and what it cannot know."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import optimize, stats
+
+from uuv_optical_array.calibration import NAMES, calibrate
+from uuv_optical_array.calibration_likelihood import CalibrationLikelihood
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene, save_scene, scene_from_settings
+
+LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
+HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
+reproducible = settings(deadline=None, derandomize=True, max_examples=25)
+
+
+def sea(start="reference", gains=(0.05, 9), **changes):
+    """Return a scene with other values, by dotted name."""
+    plain = load_scene(start).settings()
+    plain["effects"]["ambient"] = {"level_counts": 12.0}
+    if gains:
+        plain["effects"]["responsivity"] = dict(zip(("spread", "seed"), gains, strict=True))
+    named = {
+        "lamp.beam_sigma_deg": 6.5,
+        "lamp.reference_counts": 600.0,
+        "attenuation.k_per_m": 0.17,
+        **{name.replace("__", "."): value for name, value in changes.items()},
+    }
+    for name, value in named.items():
+        group, key = name.split(".")
+        home = plain if group in plain else plain["effects"]
+        home[group] = {**home.get(group, {}), key: value}
+    return scene_from_settings(plain, "sea")
+
+
+def drive(rng, count, low=LOWEST, high=HIGHEST):
+    return rng.uniform(low, high, (count, 5)), rng.uniform(-0.1, 0.1, count)
+
+
+def truth_of(scene):
+    """Return power, sigma, K and background in the gauge of the fit, and the gains."""
+    model = ForwardModel(scene)
+    side = scene.array.detectors_per_side
+    spec = scene.effects.get("responsivity")
+    gains = np.ones((side, side))
+    if spec:
+        draws = np.random.default_rng(spec["seed"]).standard_normal((side, side))
+        gains = 1 + spec["spread"] * draws
+    common = stats.gmean(gains, axis=None)
+    ambient = scene.effects.get("ambient", {"level_counts": 0.0})["level_counts"]
+    lamp = np.array(
+        [
+            model.power * common,
+            scene.lamp.beam_sigma_deg,
+            scene.effects["attenuation"]["k_per_m"],
+            ambient * common,
+        ]
+    )
+    return lamp, gains / common
+
+
+def fitted(found):
+    return np.array([p.value for p in found.parameters[:4]])
+
+
+def errors_of(found):
+    return np.array([p.std for p in found.parameters[:4]])
+
+
+def normalised(found, scene):
+    """Return the errors of all that was fitted, in standard errors."""
+    lamp, gains = truth_of(scene)
+    return np.concatenate(
+        [
+            (fitted(found) - lamp) / errors_of(found),
+            ((found.gains - gains) / found.gain_std).ravel(),
+        ]
+    )
+
+
+def test_light_and_least_squares_written_a_second_time_find_the_same():
+    """All of it again, with SciPy's solver, gains by their logarithm and the gauge by the mean."""
+    scene = sea(gains=(0.08, 4))
+    effects = {
+        key: value for key, value in scene.effects.items() if key not in ("saturation", "adc")
+    }
+    scene = dataclasses.replace(scene, effects=effects)
+    bare = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": effects["sensor_noise"]}
+    start = dataclasses.replace(load_scene("reference"), effects=bare)
+    rng = np.random.default_rng(2)
+    poses, rolls = drive(rng, 60)
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    found = calibrate(start, images, poses, rolls)
+
+    offsets = np.linspace(0.2, -0.2, 5)
+    z, y = (grid.ravel() for grid in np.meshgrid(offsets, offsets, indexing="ij"))
+    normals = np.stack([np.sqrt(0.32**2 - y**2 - z**2), y, z], axis=1)
+    places = normals + np.array([0.4, 0, 0])
+    normals = normals / 0.32
+    readings = images.reshape(60, 25)
+    turns = []
+    for (_, _, _, pitch, yaw), roll in zip(poses, rolls, strict=True):
+        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        turns.append(np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ about_y @ about_x)
+    there = np.einsum("mij,nj->mni", turns, places) + poses[:, None, :3]
+    looks = np.einsum("mij,nj->mni", turns, normals)
+
+    def light(power, sigma_deg, k, background, gains):
+        far = np.sqrt((there**2).sum(axis=-1))
+        angle = np.arccos(-there[..., 0] / far)
+        beam = np.exp(-0.5 * (angle / np.radians(sigma_deg)) ** 2)
+        facing = np.maximum(-(looks * there).sum(axis=-1) / far, 0)
+        return gains * (power / far**2 * beam * np.exp(-k * far) * facing + background)
+
+    def residuals(x):
+        gains = np.exp(x[4:] - x[4:].mean())
+        return np.append(
+            (readings - light(np.exp(x[0]), x[1], x[2], x[3], gains)).ravel(), x[4:].sum()
+        )
+
+    other = optimize.least_squares(residuals, [9.0, 8.0, 0.1, 0.0, *np.zeros(25)], x_scale="jac")
+    values = np.array([np.exp(other.x[0]), *other.x[1:4]])
+    covariance = np.linalg.inv(other.jac.T @ other.jac)
+    std = np.sqrt(np.diag(covariance)[:4]) * [values[0], 1, 1, 1]
+    np.testing.assert_allclose(errors_of(found), std, rtol=5e-3)
+    np.testing.assert_allclose(fitted(found), values, atol=0.01 * std.min(), rtol=1e-6)
+    gains = np.exp(other.x[4:] - other.x[4:].mean())
+    np.testing.assert_allclose(found.gains.ravel(), gains, rtol=1e-6)
+    project = np.eye(25) - 1 / 25
+    gain_std = gains * np.sqrt(np.diag(project @ covariance[4:, 4:] @ project))
+    np.testing.assert_allclose(found.gain_std.ravel(), gain_std, rtol=5e-3)
+    assert found.misfit == pytest.approx((residuals(other.x) ** 2).sum() / (1500 - 28), rel=1e-6)
+
+
+@pytest.mark.parametrize("pose_std", [None, [0.02, 0.01, 0.01, 0.01, 0.02]])
+def test_the_gradient_is_that_of_the_value(pose_std):
+    scene = sea(shot_noise__electrons_per_count=30.0)
+    rng = np.random.default_rng(3)
+    poses, rolls = drive(rng, 30)
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    std = None if pose_std is None else np.array(pose_std)
+    likelihood = CalibrationLikelihood(load_scene("reference"), images, poses, rolls, std)
+    shifts = rng.normal(size=poses.shape) * (0 if std is None else std)
+    here = likelihood.start() + 0.05 * rng.standard_normal(29)
+    state = likelihood.at(here, shifts)
+    for i, step in enumerate(1e-5 * np.eye(29)):
+        ahead, behind = likelihood.at(here + step, shifts), likelihood.at(here - step, shifts)
+        slope = (ahead.value - behind.value) / 2e-5
+        if pose_std is None:
+            assert slope == pytest.approx(state.gradient[i], rel=2e-5, abs=1e-2)
+    if pose_std is not None:
+        # Of the shifts that follow the parameters, so that they leave nothing to gain.
+        for _ in range(30):
+            shifts = shifts + likelihood.at(here, shifts).shift_step
+        state = likelihood.at(here, shifts)
+        assert np.abs(state.shift_step).max() < 1e-5
+        aside = 1e-5 * rng.normal(size=shifts.shape) * std
+        ahead, behind = (likelihood.at(here, shifts + way * aside).value for way in (1, -1))
+        assert abs(ahead - behind) / 2e-5 < 1e-2
+        for i, step in enumerate(1e-5 * np.eye(29)):
+            slope = (
+                likelihood.at(here + step, shifts).value - likelihood.at(here - step, shifts).value
+            ) / 2e-5
+            assert slope == pytest.approx(state.gradient[i], rel=2e-5, abs=1e-2)
+
+
+def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):
+    """Fit many data sets; errors over standard errors must be those of a normal distribution."""
+    model, squares, joint = ForwardModel(scene), [], []
+    for _ in range(fits):
+        poses, rolls = drive(rng, count)
+        images = model.expose(poses, rng, rolls)
+        told = poses if pose_std is None else poses + rng.normal(size=poses.shape) * pose_std
+        found = calibrate(start, images, told, rolls, pose_std=pose_std, **options)
+        reference = found.parameters[4]
+        assert reference.name == "lamp.reference_counts"
+        off = (reference.value - scene.lamp.reference_counts) / reference.std
+        squares.append(np.append(off, normalised(found, scene)) ** 2)
+        joint.append(found.misfit)
+    squares = np.array(squares)
+    lamp = squares[:, :5].mean(axis=0)
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], fits) / fits
+    assert (lamp > low).all(), lamp
+    assert (lamp < high).all(), lamp
+    gains = squares[:, 5:].mean()
+    assert 1 - 5 * np.sqrt(2 / (24 * fits)) < gains < 1 + 5 * np.sqrt(2 / (24 * fits)), gains
+    return np.mean(joint)
+
+
+def test_errors_are_as_large_as_the_standard_errors_say():
+    rng = np.random.default_rng(11)
+    misfit = check_consistency(sea(), load_scene("reference"), 200, 25, rng)
+    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (200 * 600)))
+
+
+def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_limits():
+    """A lamp so bright that a part of the readings is saturated, a sea so dark that many are 0."""
+    scene = sea(
+        lamp__reference_counts=4000.0,
+        lamp__beam_sigma_deg=4.0,
+        attenuation__k_per_m=0.25,
+        ambient__level_counts=0.1,
+        shot_noise__electrons_per_count=20.0,
+    )
+    start = sea(gains=None, ambient__level_counts=0.3, shot_noise__electrons_per_count=20.0)
+    rng = np.random.default_rng(12)
+    poses, rolls = drive(rng, 2000)
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    assert (images == 0).mean() > 0.03
+    assert (images == 1023).mean() > 0.03
+    check_consistency(scene, start, 40, 40, rng)
+
+
+def test_so_they_are_where_the_poses_have_errors_and_their_size_is_told():
+    std = np.array([0.02, 0.02, 0.02, 0.01, 0.01])
+    rng = np.random.default_rng(13)
+    misfit = check_consistency(sea(), load_scene("reference"), 40, 40, rng, std)
+    assert misfit == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_pose_that_is_off_by_far_more_than_told_is_left_out():
+    rng = np.random.default_rng(15)
+    std = np.array([0.02, 0.02, 0.02, 0.01, 0.01])
+    poses, rolls = drive(rng, 80)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    told = poses + rng.normal(size=poses.shape) * std
+    told[21, 4] += 0.12  # twelve standard deviations of the yaw
+    found = calibrate(load_scene("reference"), images, told, rolls, pose_std=std)
+    assert found.outlying_images == (21,)
+    assert np.abs(normalised(found, scene)).max() < 5
+
+
+def test_pose_errors_that_are_not_told_are_noticed():
+    rng = np.random.default_rng(14)
+    poses, rolls = drive(rng, 80)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    told = poses + rng.normal(size=poses.shape) * 0.02
+    found = calibrate(load_scene("reference"), images, told, rolls)
+    assert found.misfit > 10
+    assert found.together > 3
+    assert any("go together" in note for note in found.notes)
+    assert any("does not explain" in note for note in found.notes)
+
+
+@reproducible
+@given(
+    sigma=st.floats(4.0, 20.0),
+    reference=st.floats(150.0, 1500.0),
+    k=st.floats(0.0, 0.4),
+    ambient=st.floats(0.0, 200.0),
+    spread=st.floats(0.0, 0.2),
+    seed=st.integers(0, 1000),
+)
+def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spread, seed):
+    scene = sea(
+        gains=(spread, seed),
+        lamp__beam_sigma_deg=sigma,
+        lamp__reference_counts=reference,
+        attenuation__k_per_m=k,
+        ambient__level_counts=ambient,
+    )
+    rng = np.random.default_rng(seed)
+    poses, rolls = drive(rng, 60)
+    found = calibrate(
+        load_scene("reference"), ForwardModel(scene).expose(poses, rng, rolls), poses, rolls
+    )
+    assert np.abs(normalised(found, scene)).max() < 5.5
+    assert found.misfit == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_written_scene_reads_back_and_gives_the_light_of_the_fit(tmp_path):
+    rng = np.random.default_rng(5)
+    poses, rolls = drive(rng, 50)
+    start = sea("coastal", gains=(0.02, 1), lamp__reference_counts=800.0)  # a water type, a spread
+    images = ForwardModel(sea("coastal")).expose(poses, rng, rolls)
+    found = calibrate(start, images, poses, rolls)
+    save_scene(found.scene, tmp_path / "found.yaml", "Found.")
+    again = load_scene(tmp_path / "found.yaml")
+    assert again.settings() == found.scene.settings()
+    light = ForwardModel(again).light(poses, rolls).reshape(50, 25)
+    np.testing.assert_allclose(light, found.mean, rtol=1e-7)
+    fixed = {"lamp", "attenuation", "ambient", "responsivity"}
+    for name in again.effects.keys() - fixed:
+        assert again.effects[name] == start.effects[name]
+    reference = found.parameters[4]
+    assert reference.name == "lamp.reference_counts"
+    dark = dataclasses.replace(again, effects={**again.effects, "ambient": {"level_counts": 0.0}})
+    aligned = ForwardModel(dark).light([-4.0, 0, 0, 0, 0])
+    assert aligned.max() == pytest.approx(reference.value, rel=1e-7)
+    # Fitted again from its own answer it stays there.
+    same = calibrate(again, images, poses, rolls)
+    np.testing.assert_allclose(fitted(same), fitted(found), rtol=1e-6)
+
+
+def images_at(poses, rng, **changes):
+    scene = sea(**changes)
+    return scene, ForwardModel(scene).expose(poses, rng)
+
+
+def test_one_range_does_not_tell_attenuation_from_power():
+    rng = np.random.default_rng(7)
+    poses, _ = drive(rng, 60)
+    poses[:, :3] *= (6.0 / np.linalg.norm(poses[:, :3], axis=1))[:, None]
+    # Level and of one attitude, so that each detector has one range too.
+    poses[:, 3:] = 0.0
+    scene, images = images_at(poses, rng)
+    found = calibrate(load_scene("reference"), images, poses)
+    power, sigma, k, _, _ = found.parameters
+    assert (k.value, k.note) == (0.1, "not known")
+    assert np.isnan(k.std)
+    assert power.note == "only together with attenuation.k_per_m"
+    assert abs(sigma.value - 6.5) < 5 * sigma.std
+    note = next(note for note in found.notes if note.startswith("attenuation.k_per_m is not known"))
+    assert "6.00 to 6.00 m" in note
+    assert "factor of 2" in note
+    assert np.isnan(found.correlation[2]).all()
+    # Held at its true value, the power is the true one.
+    told = sea(gains=None, ambient__level_counts=0.0)
+    held = calibrate(told, images, poses, hold=["attenuation.k_per_m"])
+    assert held.parameters[2].note == "held"
+    assert held.parameters[0].note == ""
+    off = (held.parameters[0].value - truth_of(scene)[0][0]) / held.parameters[0].std
+    assert abs(off) < 4
+
+
+def test_one_pose_tells_little_and_says_so():
+    rng = np.random.default_rng(8)
+    poses = np.tile([-5.0, 0.0, 0.0, 0.0, 0.0], (40, 1))
+    _, images = images_at(poses, rng)
+    start = sea(gains=None, ambient__level_counts=5.0, lamp__beam_sigma_deg=8.0)
+    found = calibrate(start, images, poses)
+    assert [p.note for p in found.parameters[1:4]] == ["not known"] * 3
+    assert [p.value for p in found.parameters[1:4]] == pytest.approx([8.0, 0.17, 5.0])
+    assert "only together" in found.parameters[0].note
+    text = " ".join(found.notes)
+    assert "16 deg off the beam's axis; here the farthest is 0.0 deg" in text
+    assert "lamp off" in text
+    assert found.misfit == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_detector_that_saw_no_lamp_keeps_its_gain_and_is_named():
+    """Turned far to port, the outer starboard detectors of the sphere never see the lamp."""
+    rng = np.random.default_rng(9)
+    low, high = LOWEST.copy(), HIGHEST.copy()
+    low[4], high[4] = 1.05, 1.15
+    low[0], high[0] = -6.0, -3.0
+    poses, rolls = drive(rng, 150, low, high)
+    start = load_scene("reference")
+    scene = sea(ambient__level_counts=0.0)
+    seen = ForwardModel(scene).light(poses, rolls).max(axis=0)
+    dark = seen < 1e-9
+    assert 2 <= dark.sum() <= 20
+    found = calibrate(start, ForwardModel(scene).expose(poses, rng, rolls), poses, rolls)
+    assert np.isnan(found.gain_std[dark]).all()
+    np.testing.assert_allclose(found.gains[dark], 1.0)
+    bright = seen > 30
+    assert np.isfinite(found.gain_std[bright]).all()
+    row, column = np.argwhere(dark)[0]
+    assert any(f"[{row}, {column}]" in note and "turn and shift" in note for note in found.notes)
+    # And its gain is still none of the mean.
+    known = np.isfinite(found.gain_std)
+    assert stats.gmean(found.gains[known]) == pytest.approx(1.0)
+
+
+def test_no_light_at_all_is_an_error_that_says_what_to_do():
+    rng = np.random.default_rng(10)
+    poses, _ = drive(rng, 40)
+    poses[:, 0] -= 35
+    _, images = images_at(poses, rng)
+    with pytest.raises(ValueError, match="too little light of the lamp; record closer"):
+        calibrate(load_scene("reference"), images, poses)
+
+
+@pytest.mark.parametrize("count", [8, 80])
+@pytest.mark.parametrize(
+    ("sigma", "reference", "k"),
+    [(8.0, 2.0, 0.1), (1.5, 900.0, 1.0), (60.0, 20000.0, 0.0), (20.0, 900.0, 3.0), (2.0, 1.0, 1.0)],
+)
+def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, reference, k, count):
+    rng = np.random.default_rng(16)
+    poses, rolls = drive(rng, count)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    start = sea(
+        gains=None,
+        lamp__reference_counts=reference,
+        lamp__beam_sigma_deg=sigma,
+        attenuation__k_per_m=k,
+    )
+    found = calibrate(start, images, poses, rolls)
+    assert np.abs(normalised(found, scene)).max() < 5
+    assert found.used.all()
+
+
+def test_bad_frames_are_left_out_counted_and_named_and_do_no_harm():
+    rng = np.random.default_rng(17)
+    poses, rolls = drive(rng, 120)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images[10] = 0.0  # the lamp was off
+    images[30] = images[31]  # a frame that came again with another stamp
+    images[77] = 1023.0  # somebody's torch
+    images[5, 2, 3] += 40.0  # single spikes
+    images[99, 0, 0] += 300.0
+    found = calibrate(load_scene("reference"), images, poses, rolls)
+    assert found.outlying_images == (10, 30, 77)
+    assert found.outliers == 2
+    assert not found.used[5, 13]
+    assert not found.used[99, 0]
+    assert found.used.sum() == 117 * 25 - 2
+    assert np.abs(normalised(found, scene)).max() < 5
+    assert found.misfit == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
+    rng = np.random.default_rng(18)
+    poses, rolls = drive(rng, 60)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images[:, 1, 4], images[:, 3, 0] = 0.0, 512.0
+    found = calibrate(load_scene("reference"), images, poses, rolls)
+    bad: np.ndarray = np.zeros((5, 5), dtype=bool)
+    bad[1, 4] = bad[3, 0] = True
+    np.testing.assert_array_equal(np.isnan(found.gain_std), bad)
+    assert [note.split(" counts")[0] for note in found.notes] == [
+        "detector [1, 4] always reads 0",
+        "detector [3, 0] always reads 512",
+    ]
+    lamp, _ = truth_of(scene)
+    off = (fitted(found) - lamp) / errors_of(found)
+    assert np.abs(off[1:3]).max() < 4
+    named = {"dead": [[1, 4]], "stuck": [[3, 0]], "stuck_counts": 512.0}
+    effects = {**load_scene("reference").effects, "detector_faults": named}
+    start = scene_from_settings({**load_scene("reference").settings(), "effects": effects}, "named")
+    again = calibrate(start, images, poses, rolls)
+    assert not again.notes
+    np.testing.assert_allclose(fitted(again), fitted(found), rtol=1e-6)
+    assert again.scene.effects["detector_faults"] == named
+
+
+def test_a_background_that_would_be_negative_is_at_its_bound():
+    rng = np.random.default_rng(19)
+    scene = sea(ambient__level_counts=0.0)
+    effects = {key: value for key, value in scene.effects.items() if key != "adc"}
+    scene = dataclasses.replace(scene, effects=effects)
+    for _ in range(4):
+        poses, rolls = drive(rng, 60)
+        images = ForwardModel(scene).expose(poses, rng, rolls) - 0.5  # an amplifier's offset
+        found = calibrate(scene, images, poses, rolls)
+        background = found.parameters[3]
+        assert (background.value, background.note) == (0.0, "at its bound")
+        assert background.std > 0
+
+
+@pytest.mark.parametrize(("true", "started"), [(2.0, 0.5), (0.4, 3.0), (1.0, 0.0)])
+def test_noise_is_found_from_the_residuals(true, started):
+    rng = np.random.default_rng(20)
+    poses, rolls = drive(rng, 200)
+    scene = sea(sensor_noise__sigma_counts=true)
+    images = ForwardModel(scene).expose(poses, rng, rolls)
+    start = sea(gains=None, sensor_noise__sigma_counts=started)
+    found = calibrate(start, images, poses, rolls, fit_noise=True)
+    noise = found.parameters[-1]
+    assert noise.start == started
+    assert abs(noise.value - true) < 4 * noise.std
+    # That of a standard deviation from n numbers, but for the rounding.
+    total = true**2 + 1 / 12
+    assert noise.std == pytest.approx(total / true / np.sqrt(2 * 5000), rel=0.1)
+    assert found.scene.effects["sensor_noise"]["sigma_counts"] == noise.value
+    assert found.misfit == pytest.approx(1.0, abs=1e-3)
+    assert np.abs(normalised(found, scene)).max() < 5
+
+
+def test_a_large_planar_array_is_fitted_too():
+    rng = np.random.default_rng(21)
+    plain = sea().settings()
+    plain["array"] = {"shape": "planar", "detectors_per_side": 9}
+    scene = scene_from_settings(plain, "large")
+    poses, rolls = drive(rng, 60)
+    plain["effects"].pop("responsivity")
+    plain["lamp"]["beam_sigma_deg"] = 9.0
+    start = scene_from_settings(plain, "start")
+    found = calibrate(start, ForwardModel(scene).expose(poses, rng, rolls), poses, rolls)
+    off = normalised(found, scene)
+    assert np.abs(off).max() < 5
+    assert 0.6 < (off**2).mean() < 1.4
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"images": np.zeros((3, 4, 4))}, "images: shape"),
+        ({"images": np.zeros((0, 5, 5)), "poses": np.zeros((0, 5))}, "images: shape"),
+        ({"images": np.full((3, 5, 5), np.nan)}, "images: not finite"),
+        ({"poses": np.zeros((2, 5))}, "poses: shape"),
+        ({"poses": np.full((3, 5), np.inf)}, "poses: not finite"),
+        ({"hold": ["lamp"]}, "hold lamp: unknown; choose of lamp.power"),
+        ({"fit_noise": True, "scene": load_scene("ideal")}, "no effects.sensor_noise"),
+    ],
+)
+def test_bad_input_is_refused_by_name(change, words):
+    given = {
+        "scene": load_scene("reference"),
+        "images": np.full((3, 5, 5), 10.0),
+        "poses": np.tile([-5.0, 0, 0, 0, 0], (3, 1)),
+        **change,
+    }
+    with pytest.raises(ValueError, match=words.replace("(", r"\(")):
+        calibrate(**given)
+
+
+@pytest.mark.parametrize("name", [*NAMES, "gains"])
+def test_what_is_held_stays(name):
+    rng = np.random.default_rng(22)
+    poses, rolls = drive(rng, 40)
+    start = sea(gains=(0.03, 2), lamp__reference_counts=620.0)
+    found = calibrate(start, ForwardModel(sea()).expose(poses, rng, rolls), poses, rolls, [name])
+    if name == "gains":
+        np.testing.assert_allclose(found.gains, found.start_gains)
+        np.testing.assert_allclose(found.gains, truth_of(start)[1])
+        assert np.isnan(found.gain_std).all()
+    else:
+        parameter = found.parameters[NAMES.index(name)]
+        assert parameter.value == pytest.approx(parameter.start)
+        assert parameter.note == "held"
+        assert np.isnan(parameter.std)

@@ -1,0 +1,261 @@
+"""Images with known poses, read from a recorded bag: rosbag2, MCAP or SQLite, without ROS."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.pose import Array, relative_pose
+from uuv_optical_array.received import Refused, image_from_message, odometry_pose, stamp_ns
+from uuv_optical_array.trajectory import TooEarly, Trajectory
+
+Axes: TypeAlias = Literal["flu", "frd"]
+IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
+SET_BACK_NS = 1_000_000_000  # messages are late by less; a clock that goes back farther was set
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Where the messages are; a leading slash does not matter."""
+
+    image: str = "array/image"
+    leader: str = "leader/odometry"
+    follower: str = "follower/odometry"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The images of a bag whose pose is known, in the order of their stamps.
+
+    Parameters
+    ----------
+    images
+        Counts, shape ``(m, side, side)``.
+    poses, rolls
+        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    stamps_ns
+        Of the images, ns, shape ``(m,)``.
+    refused
+        What was left out: how many messages by topic and reason.
+    """
+
+    images: Array
+    poses: Array
+    rolls: Array
+    stamps_ns: NDArray[np.int64]
+    refused: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass
+class _Stream:
+    """The messages of one topic that can be used, by stamp."""
+
+    topic: str
+    samples: list[tuple[int, Any]] = field(default_factory=list)
+    frames: set[str] = field(default_factory=set)
+
+    def add(self, header: Any, value: Any) -> None:
+        stamp = stamp_ns(header)
+        if self.samples and stamp < self.samples[-1][0] - SET_BACK_NS:
+            raise ValueError(
+                f"{self.topic}: stamps go back from {self.samples[-1][0] * 1e-9:.3f} to "
+                f"{stamp * 1e-9:.3f} s: the clock was set back; record each run in a bag of its own"
+            )
+        self.samples.append((stamp, value))
+        self.frames.add(header.frame_id)
+
+    def span(self) -> str:
+        stamps = [stamp for stamp, _ in self.samples]
+        if not stamps:
+            return f"{self.topic} none"
+        return f"{self.topic} {min(stamps) * 1e-9:.3f} to {max(stamps) * 1e-9:.3f} s"
+
+
+class _Poses:
+    """The poses of a vehicle, asked for in the order of time."""
+
+    def __init__(self, stream: _Stream, max_gap_s: float) -> None:
+        self._stream = stream
+        self._trajectory = Trajectory(max_gap_s)
+        self._waiting = iter(sorted(stream.samples, key=lambda sample: sample[0]))
+
+    def at(self, stamp: int) -> tuple[Array, Array]:
+        """Return position and rotation, or refuse."""
+        try:
+            while True:
+                try:
+                    return self._trajectory.at(stamp)
+                except TooEarly:
+                    later, pose = next(self._waiting)
+                    self._trajectory.add(later, *pose)
+        except StopIteration:
+            none = not self._stream.samples
+            reason = "there is none" if none else "it is later than every pose on record"
+        except LookupError as error:
+            reason = str(error)
+        # Gaps differ in length, but not in kind.
+        kind = reason.partition(" of ")[0]
+        raise Refused(f"no {self._stream.topic} at its stamp: {kind}")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a bag; whatever is wrong with it ends in one line."""
+    try:
+        anyreader = import_module("rosbags.highlevel.anyreader")
+        typesys = import_module("rosbags.typesys")
+    except ImportError as error:
+        raise ValueError(
+            f"{error}; reading bags needs the extra: pip install 'uuv_optical_array[bags]'"
+        ) from None
+    if not path.exists():
+        raise FileNotFoundError(f"bag {path}: no such file or folder")
+    try:
+        # Bags of Humble and before hold no definitions; these messages have not changed.
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        with anyreader.AnyReader([path], default_typestore=store) as reader:
+            yield reader
+    except (OSError, ValueError) as error:
+        raise ValueError(f"bag {path}: {error}") from None
+    except Exception as error:  # storage, metadata and deserialiser have types of their own
+        if type(error).__module__.partition(".")[0] not in ("rosbags", "apsw", "struct"):
+            raise
+        raise ValueError(f"bag {path}: not a bag that can be read: {error}") from None
+
+
+def _connections(reader: Any, topic: str, msgtype: str, option: str) -> list[Any]:
+    """Find the recordings of a topic."""
+    there = {connection.topic: connection.msgtype for connection in reader.connections}
+    name = "/" + topic.strip("/")
+    if name not in there:
+        held = ", ".join(f"{known} ({kind})" for known, kind in sorted(there.items()))
+        raise ValueError(f"no topic {name}; it holds {held or 'none'}; name it by {option}")
+    if there[name] != msgtype:
+        raise ValueError(f"{name} is {there[name]}, not {msgtype}; name another by {option}")
+    return [connection for connection in reader.connections if connection.topic == name]
+
+
+def read_recording(
+    path: Path,
+    side: int,
+    topics: Topics | None = None,
+    beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
+    axes: Axes = "flu",
+    max_gap_s: float = 0.5,
+    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+) -> Recording:
+    """Read the images of a bag and the poses that they were taken at.
+
+    Both odometries are interpolated at the image's stamp, and never extrapolated. A message that
+    cannot be used is left out and counted.
+
+    Parameters
+    ----------
+    path
+        Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
+    side
+        Detectors in a row, which each image must have.
+    topics
+        Where images and odometries are.
+    beacon_position_m
+        The lamp in the leader's ``base_link``, m.
+    axes
+        Of both odometries, as `received.odometry_pose` has them.
+    max_gap_s
+        Longest gap in an odometry that is interpolated, s.
+    progress
+        Wraps the messages, to show how far it is.
+
+    Returns
+    -------
+    Recording
+        One image at least.
+
+    Raises
+    ------
+    ValueError
+        For a bag that cannot be read, a topic that is missing or of another type, odometries in
+        two frames, a clock that was set back, or where not one image has a pose.
+    FileNotFoundError
+        Where there is no such bag.
+    """
+    names = topics or Topics()
+    refused: Counter[str] = Counter()
+    with _opened(path) as reader:
+        if not reader.message_count:
+            raise ValueError("it is empty")
+        streams = {}
+        chosen = []
+        for topic, msgtype, option in (
+            (names.image, IMAGE, "--image-topic"),
+            (names.leader, ODOMETRY, "--leader-topic"),
+            (names.follower, ODOMETRY, "--follower-topic"),
+        ):
+            connections = _connections(reader, topic, msgtype, option)
+            chosen += connections
+            streams[connections[0].topic] = _Stream(connections[0].topic)
+        if len(streams) < 3:
+            raise ValueError("leader and follower have one topic; name both")
+        for connection, _, data in progress(reader.messages(chosen)):
+            message = reader.deserialize(data, connection.msgtype)
+            try:
+                if connection.msgtype == IMAGE:
+                    value: Any = image_from_message(message, side)
+                else:
+                    value = odometry_pose(message, axes)
+            except Refused as reason:
+                # Their values differ, but not their kind; of images all the same is said.
+                text = str(reason)
+                kind = text if connection.msgtype == IMAGE else text.partition(":")[0]
+                refused[f"{connection.topic}: {kind}"] += 1
+                continue
+            streams[connection.topic].add(message.header, value)
+        image, leader, follower = streams.values()
+        return _joined(image, leader, follower, np.asarray(beacon_position_m), max_gap_s, refused)
+
+
+def _joined(
+    image: _Stream,
+    leader: _Stream,
+    follower: _Stream,
+    beacon_position_m: Array,
+    max_gap_s: float,
+    refused: Counter[str],
+) -> Recording:
+    """Give each image its pose."""
+    if len(leader.frames | follower.frames) > 1:
+        raise ValueError(
+            f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "
+            f"{sorted(follower.frames)}; both must share one"
+        )
+    leads, follows = _Poses(leader, max_gap_s), _Poses(follower, max_gap_s)
+    images, poses, rolls = [], [], []
+    stamps: list[int] = []
+    for stamp, pixels in sorted(image.samples, key=lambda sample: sample[0]):
+        try:
+            if stamps and stamp == stamps[-1]:
+                raise Refused("its stamp was there before")
+            leader_position, leader_rotation = leads.at(stamp)
+            position, rotation = follows.at(stamp)
+        except Refused as reason:
+            refused[f"{image.topic}: {reason}"] += 1
+            continue
+        beacon = leader_position + leader_rotation @ beacon_position_m
+        pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
+        images.append(pixels)
+        poses.append(pose)
+        rolls.append(roll)
+        stamps.append(stamp)
+    if not images:
+        told = "; ".join(f"{number} x {reason}" for reason, number in refused.most_common())
+        spans = ", ".join(stream.span() for stream in (image, leader, follower))
+        raise ValueError(f"no image with a known pose: {told or 'no message at all'} ({spans})")
+    return Recording(
+        np.array(images), np.array(poses), np.array(rolls), np.array(stamps, np.int64), refused
+    )

@@ -1,0 +1,258 @@
+"""The likelihood of images at known poses, by what a calibration fits.
+
+The parameters, in one row: the logarithm of the lamp's power, that of the beam's sigma, K, the
+background, and the logarithm of each detector's gain. A reading's mean is ``g L``, with the light L
+of the scene's forward model. Where the poses are known within a standard deviation only, each image
+has five shifts of its own; they are eliminated by the Schur complement, as bundle adjustment does
+(B. Triggs et al., 2000), so that the work grows with the number of images and no faster.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.effects.detectors import detector_gains
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.likelihood import information, log_likelihood
+from uuv_optical_array.pose import Array
+from uuv_optical_array.scene import Scene, scene_from_settings
+
+POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
+BLOCK_READINGS = 100_000
+# Of the logarithm of sigma; a one-sided difference is then good to 1e-5 four sigmas off the axis.
+SIGMA_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class State:
+    """The likelihood at one place, and what a step from there needs.
+
+    Parameters
+    ----------
+    parameters
+        Shape ``(p,)``.
+    shifts
+        Of each image's pose, m and rad, shape ``(m, 5)``.
+    value
+        Log-likelihood, with the log-prior of the shifts, without constants.
+    gradient, information
+        By the parameters, shifts eliminated, shapes ``(p,)`` and ``(p, p)``.
+    mean, variance
+        Of every reading, counts and counts^2, shape ``(m, n)``.
+    shift_step, shift_by_parameters
+        The shifts' own step, and how it moves with the parameters', shapes ``(m, 5)`` and
+        ``(m, 5, p)``; empty where poses are exact.
+    """
+
+    parameters: Array
+    shifts: Array
+    value: float
+    gradient: Array
+    information: Array
+    mean: Array
+    variance: Array
+    shift_step: Array
+    shift_by_parameters: Array
+
+
+class CalibrationLikelihood:
+    """The likelihood of m images of n detectors.
+
+    Parameters
+    ----------
+    scene
+        Where the fit starts.
+    images
+        Counts, finite, shape ``(m, side, side)``.
+    poses, rolls
+        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    pose_std
+        Standard deviation of each image's pose, m and rad, shape ``(5,)``; ``None``: exact.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        images: Array,
+        poses: Array,
+        rolls: Array,
+        pose_std: Array | None = None,
+    ) -> None:
+        settings = scene.settings()
+        effects = settings["effects"]
+        side = scene.array.detectors_per_side
+        gains = np.ones(side * side)
+        if drawn := effects.pop("responsivity", None):
+            drawn = {key: value for key, value in drawn.items() if key != "drift_per_c"}
+            gains = detector_gains(side, **drawn).ravel()
+        faults = effects.pop("detector_faults", {})
+        self.faulty: NDArray[np.bool_] = np.zeros((side, side), dtype=bool)
+        for row, column in (*faults.get("dead", ()), *faults.get("stuck", ())):
+            self.faulty[row, column] = True
+        self.faulty = self.faulty.ravel()
+        effects.setdefault("attenuation", {"k_per_m": 0.0})
+        effects.setdefault("ambient", {"level_counts": 0.0})
+        settings.pop("prior")
+        self.scene = scene_from_settings(settings, scene.name)
+        self.power = ForwardModel(scene).power
+        self.start_gains = gains
+        self.readings: Array = images.reshape(len(images), -1)
+        self.poses, self.rolls = poses, rolls
+        self.pose_std = pose_std
+        self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
+        self._models: dict[float, ForwardModel] = {}
+        self.limits = self.model(np.log(scene.lamp.beam_sigma_deg)).limits
+
+    def of(self, scene: Scene) -> "CalibrationLikelihood":
+        """Return the likelihood of the same images in another scene."""
+        images = self.readings.reshape(-1, *(scene.array.detectors_per_side,) * 2)
+        return CalibrationLikelihood(scene, images, self.poses, self.rolls, self.pose_std)
+
+    def start(self) -> Array:
+        """Return the parameters of the scene, gauge included, shape ``(p,)``."""
+        gains = np.maximum(self.start_gains, 1e-3)
+        effects, works = self.scene.effects, ~self.faulty
+        common = np.exp(np.log(gains[works]).mean()) if works.any() else 1.0
+        return np.array(
+            [
+                np.log(self.power * common),
+                np.log(self.scene.lamp.beam_sigma_deg),
+                effects["attenuation"]["k_per_m"],
+                effects["ambient"]["level_counts"] * common,
+                *np.log(gains / common),
+            ]
+        )
+
+    def model(self, log_sigma: float) -> ForwardModel:
+        """Return the forward model with another beam; its power is its own."""
+        if log_sigma not in self._models:
+            lamp = dataclasses.replace(self.scene.lamp, beam_sigma_deg=float(np.exp(log_sigma)))
+            if len(self._models) > 8:
+                self._models.clear()
+            self._models[log_sigma] = ForwardModel(dataclasses.replace(self.scene, lamp=lamp))
+        return self._models[log_sigma]
+
+    def _offsets(self, model: ForwardModel, parameters: Array, count: int) -> Mapping[str, Array]:
+        scene = model.scene.effects
+        off = {
+            "lamp.power": parameters[POWER] - np.log(model.power),
+            "attenuation.k_per_m": parameters[K] - scene["attenuation"]["k_per_m"],
+            "ambient.level_counts": parameters[BACKGROUND] - scene["ambient"]["level_counts"],
+        }
+        return {name: np.full(count, value) for name, value in off.items()}
+
+    def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
+        """Light before the gains.
+
+        Parameters
+        ----------
+        parameters
+            Shape ``(p,)``.
+        poses, rolls
+            Shapes ``(m, 5)`` and ``(m,)``.
+
+        Returns
+        -------
+        light : Array
+            Counts, shape ``(m, n)``.
+        derivatives : Array
+            By pose (5), log power, log sigma, K and background, shape ``(m, n, 9)``.
+        """
+        model = self.model(parameters[SIGMA])
+        light, jacobian = model.linearised(
+            poses, rolls, self._offsets(model, parameters, len(poses))
+        )
+        wider = self.model(parameters[SIGMA] + SIGMA_STEP)
+        spread = wider.light(poses, rolls, self._offsets(wider, parameters, len(poses)))
+        by_sigma = (spread.reshape(light.shape) - light) / SIGMA_STEP
+        derivatives = np.concatenate(
+            [jacobian[..., :6], by_sigma[..., None], jacobian[..., 6:]], axis=-1
+        )
+        return light, derivatives
+
+    @np.errstate(under="ignore")
+    def at(self, parameters: Array, shifts: Array, expected: bool = False) -> State:
+        """Evaluate the likelihood.
+
+        Parameters
+        ----------
+        parameters, shifts
+            As in `State`.
+        expected
+            Whether the information is Fisher's, for standard errors, instead of Gauss-Newton's.
+        """
+        count, pixels = self.readings.shape
+        size = GAINS + pixels
+        gains = np.exp(parameters[GAINS:])
+        value, gradient, joint = 0.0, np.zeros(size), np.zeros((size, size))
+        mean, variance = np.empty((2, count, pixels))
+        free = self.pose_std is not None
+        shift_step = np.empty((count, 5 if free else 0))
+        by_parameters = np.empty((count, 5 if free else 0, size))
+        block = max(1, BLOCK_READINGS // pixels)
+        each = np.arange(pixels)
+        for start in range(0, count, block):
+            part = slice(start, start + block)
+            light, slopes = self.light(
+                parameters, self.poses[part] + (shifts[part] if free else 0.0), self.rolls[part]
+            )
+            mean[part] = light * gains
+            slopes *= gains[:, None]
+            model = self.model(parameters[SIGMA])
+            variance[part], steepness = model.variance(mean[part])
+            # A trailing axis of one, so that each reading has a value of its own.
+            single = (mean[part][..., None], variance[part][..., None], steepness[..., None])
+            values, score, weight = log_likelihood(
+                self.readings[part][..., None], *single, self.limits
+            )
+            if expected:
+                weight = information(*single, self.limits)
+            used = self.used[part]
+            score, weight = score[..., 0] * used, weight[..., 0] * used
+            value += float(values[used].sum())
+            lamp = slopes[..., 5:]
+            weighted = lamp * weight[..., None]
+            own = mean[part]  # the derivative by the logarithm of the gain
+            gradient[:GAINS] += np.einsum("mn,mni->i", score, lamp)
+            gradient[GAINS:] += (score * own).sum(axis=0)
+            joint[:GAINS, :GAINS] += np.einsum("mni,mnj->ij", weighted, lamp)
+            joint[:GAINS, GAINS:] += np.einsum("mni,mn->in", weighted, own)
+            joint[GAINS + each, GAINS + each] += (weight * own**2).sum(axis=0)
+            if free:
+                assert self.pose_std is not None
+                by_pose, precision = slopes[..., :5], self.pose_std**-2.0
+                weighted_pose = by_pose * weight[..., None]
+                inner = np.swapaxes(weighted_pose, 1, 2) @ by_pose + np.diag(precision)
+                cross = np.empty((len(light), size, 5))
+                cross[:, :GAINS] = np.swapaxes(lamp, 1, 2) @ weighted_pose
+                cross[:, GAINS:] = own[..., None] * weighted_pose
+                pull = (score[:, None, :] @ by_pose)[:, 0] - shifts[part] * precision
+                value -= 0.5 * float((shifts[part] ** 2 * precision).sum())
+                inverse = np.linalg.inv(inner)
+                shift_step[part] = (inverse @ pull[..., None])[..., 0]
+                by_parameters[part] = -inverse @ np.swapaxes(cross, 1, 2)
+                gradient -= np.einsum("mpi,mi->p", cross, shift_step[part])
+                # One product of two flat matrices.
+                flat = np.swapaxes(cross, 0, 1).reshape(size, -1)
+                joint += flat @ by_parameters[part].reshape(-1, size)
+        joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
+        return State(
+            parameters, shifts, value, gradient, joint, mean, variance, shift_step, by_parameters
+        )
+
+    def residuals(self, state: State) -> Array:
+        """Return readings less their mean, in standard deviations, shape ``(m, n)``.
+
+        A censored reading counts by how far its mean is from where it would not be censored.
+        """
+        clipped = np.clip(state.mean, self.limits.low, self.limits.high)
+        return (self.readings - clipped) / np.sqrt(state.variance)
+
+    def inside(self, state: State, reach: float = 3.0) -> NDArray[np.bool_]:
+        """Say which readings could hardly be censored, by their mean, shape ``(m, n)``."""
+        room = reach * np.sqrt(state.variance)
+        above = state.mean - room > self.limits.low
+        return above & (state.mean + room < self.limits.high)

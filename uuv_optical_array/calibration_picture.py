@@ -1,0 +1,127 @@
+"""The picture of a calibration: residuals from every side, and the gains."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from uuv_optical_array.array import build_array
+from uuv_optical_array.calibration import Calibration
+from uuv_optical_array.light import lamp_in_body, trace
+from uuv_optical_array.picture import save
+from uuv_optical_array.pose import Array
+
+DOTS = 20_000  # readings drawn one by one; the bins count all
+BINS = 20
+LEAST = 10  # readings in a bin that is drawn
+EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
+DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
+
+
+def _against(axes: Axes, across: Array, found: Calibration, label: str, log: bool = False) -> None:
+    """Draw residuals against something, and the mean of each bin with its standard error."""
+    fair, residuals = found.fair, found.residuals
+    every = max(1, int(fair.sum()) // DOTS)
+    axes.plot(
+        across[fair][::every], residuals[fair][::every], ".", ms=1.5, color=DOT, alpha=0.4, zorder=1
+    )
+    out = ~found.used & np.isfinite(found.gain_std.ravel())
+    if out.any():
+        edge = np.clip(residuals[out], -EDGE, EDGE)
+        axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)
+    x, y = across[fair], residuals[fair]
+    if log:
+        axes.set_xscale("log")
+    if len(x):
+        # As many readings in each bin, so that each mean is as sure.
+        order = np.argsort(x)
+        parts = [part for part in np.array_split(order, BINS) if len(part) >= LEAST]
+        middle = [np.median(x[part]) for part in parts]
+        mean = [y[part].mean() for part in parts]
+        error = [2 * y[part].std() / np.sqrt(len(part)) for part in parts]
+        axes.errorbar(
+            middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
+            label="mean of a twentieth\nof them, 2 std errors",
+        )  # fmt: skip
+        every_x = across[fair | out]
+        if log:
+            axes.set_xlim(every_x.min() / 1.1, every_x.max() * 1.1)
+    axes.axhline(0, color="k", lw=0.8)
+    axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.3, EDGE + 0.3))
+    axes.grid(alpha=0.3)
+
+
+def _histogram(axes: Axes, found: Calibration) -> None:
+    """Draw the distribution of the residuals beside the normal one."""
+    residuals = found.residuals[found.fair]
+    edges = np.linspace(-EDGE, EDGE, 61).tolist()
+    axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
+    x = np.linspace(-EDGE, EDGE, 241)
+    axes.plot(x, norm.pdf(x), color=BIN, lw=1.5, label="standard normal")
+    axes.set(
+        xlabel="residual (std of a reading)",
+        ylabel="density",
+        title=f"mean square {found.misfit:.2f}; 1 where the model explains the data",
+        xlim=(-EDGE, EDGE),
+    )
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(alpha=0.3)
+
+
+def _gains(figure: Figure, axes: Axes, found: Calibration) -> None:
+    """Draw the gains, in per cent of the mean, with their standard errors."""
+    off = 100 * (found.gains - 1)
+    known = np.isfinite(found.gain_std)
+    limit = max(1e-3, float(np.abs(off[known]).max()) if known.any() else 1.0)
+    shown = np.where(known, off, np.nan)
+    axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
+    mesh = axes.imshow(shown, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    side = len(off)
+    if side <= 9:
+        for (row, column), value in np.ndenumerate(shown):
+            text = f"{value:+.1f}\n±{100 * found.gain_std[row, column]:.2f}"
+            colour = "white" if abs(value) > 0.6 * limit else "black"
+            if np.isfinite(value):
+                axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
+    figure.colorbar(mesh, ax=axes, label="gain (% off the mean), ± std error")
+    ticks = range(0, side, max(1, side // 10))
+    axes.set(
+        xlabel="column, to starboard", ylabel="row, downwards", title="gains", xticks=ticks,
+        yticks=ticks,
+    )  # fmt: skip
+
+
+def draw_calibration(
+    found: Calibration, poses: Array, rolls: Array, seconds: Array, path: Path, title: str
+) -> None:
+    """Draw the residuals against counts, range, angle and time, their distribution, and the gains.
+
+    Parameters
+    ----------
+    found
+        What the calibration found.
+    poses, rolls
+        Of the m images, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    seconds
+        Moment of each, s, shape ``(m,)``.
+    path
+        PNG file, written whole or not at all.
+    title
+        Above all.
+    """
+    rays = trace(build_array(found.scene.array), *lamp_in_body(poses, rolls))
+    figure = Figure(figsize=(16, 9), layout="constrained")
+    grid = figure.subplots(2, 3)
+    lit = np.maximum(found.mean, 0.1)
+    _against(grid[0, 0], lit, found, "expected reading (counts)", log=True)
+    _against(grid[0, 1], rays.range_m, found, "range from lamp to detector (m)")
+    _against(grid[0, 2], np.degrees(rays.off_axis_rad), found, "angle off the beam's axis (deg)")
+    moments = np.broadcast_to((seconds - seconds.min())[:, None], found.mean.shape)
+    _against(grid[1, 0], moments, found, "time in the bag (s)")
+    _histogram(grid[1, 1], found)
+    _gains(figure, grid[1, 2], found)
+    grid[0, 0].legend(fontsize=8, loc="upper left")
+    figure.suptitle(title, fontsize=13)
+    save(figure, path)

@@ -1,0 +1,279 @@
+"""``uuv_array calibrate``: lamp, water, background and gains from a recorded bag."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import numpy as np
+from tqdm import tqdm
+
+from uuv_optical_array import files
+from uuv_optical_array.bag import Axes, Recording, Topics, read_recording
+from uuv_optical_array.calibration import NAMES, Calibration, Parameter, calibrate
+from uuv_optical_array.calibration_picture import draw_calibration
+from uuv_optical_array.commands.parser import (
+    INTERRUPTED,
+    Subparsers,
+    add_command,
+    add_json,
+    add_scene,
+    bar,
+)
+from uuv_optical_array.pose import Array
+from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.scene import load_scene, save_scene
+
+DESCRIPTION = """\
+Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
+recorded bag whose poses are known by both odometries, and write the scene that they make. Each is
+printed with its standard error; what the bag does not tell is named, with what to drive for it, and
+stays as it was. Power and mean gain are one product: the geometric mean of the gains is 1."""
+
+EPILOG = """\
+examples:
+  ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
+  uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
+  uuv_array calibrate sea --image-topic /bow/array/image --beacon-position -0.7 0 0.2
+  uuv_array calibrate sea --position-std 0.02 --attitude-std-deg 0.5     odometry has errors
+  uuv_array calibrate sea --noise                                       fit the noise too
+Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
+
+BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
+GAP = Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10)
+POSITION = Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10)
+ATTITUDE = Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90)
+LEAST = 1e-6  # m and rad: exact, where only the other has an error
+SHOWN_IMAGES = 5
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = add_command(
+        subparsers,
+        "calibrate",
+        run,
+        "fit lamp, water, background and gains to a recorded bag",
+        DESCRIPTION,
+        EPILOG,
+    )
+    parser.add_argument("bag", type=Path, help="folder of a rosbag2, or its .mcap or .db3 file")
+    add_scene(parser, "follow")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("calibrated.yaml"),
+        help="scene to write (default: %(default)s)",
+    )
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the residuals")
+    add_json(parser)
+    topics = Topics()
+    for name, topic in (
+        ("image", topics.image),
+        ("leader", topics.leader),
+        ("follower", topics.follower),
+    ):
+        parser.add_argument(
+            f"--{name}-topic", default=topic, metavar="TOPIC", help="(default: %(default)s)"
+        )
+    parser.add_argument(
+        "--beacon-position",
+        type=float,
+        nargs=3,
+        default=[0.0, 0.0, 0.0],
+        metavar=("X", "Y", "Z"),
+        help=f"{BEACON.text}, m (default: 0 0 0)",
+    )
+    parser.add_argument(
+        "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
+    )
+    for option, quantity, default in (
+        ("--max-gap-s", GAP, 0.5),
+        ("--position-std", POSITION, 0.0),
+        ("--attitude-std-deg", ATTITUDE, 0.0),
+    ):
+        parser.add_argument(
+            option,
+            type=float,
+            default=default,
+            metavar=quantity.unit.upper(),
+            help=f"{quantity.text} (default: %(default)g)",
+        )
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        choices=(*NAMES, "gains"),
+        help="what is known and stays as the scene has it; may be given again",
+    )
+    parser.add_argument(
+        "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"
+    )
+
+
+def _digits(std: float) -> int:
+    """Return the decimals that show two digits of a standard error."""
+    return int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if 0 < std < np.inf else 4
+
+
+def _row(parameter: Parameter) -> str:
+    digits = _digits(parameter.std)
+    error = "-" if np.isnan(parameter.std) else f"{parameter.std:.{digits}f}"
+    line = (
+        f"{parameter.name:<27}{parameter.start:>12.6g}{parameter.value:>14.{digits}f}{error:>12}  "
+        f"{parameter.unit:<11}{parameter.note}"
+    )
+    return line.rstrip()
+
+
+def _gains(found: Calibration) -> list[str]:
+    """Return the gains as a grid, or, of a large array, their spread."""
+    known = found.gain_std[np.isfinite(found.gain_std)]
+    if not known.size:
+        return ["gains: held"]
+    digits = _digits(float(known.min()))
+    errors = f"std errors {known.min():.{digits}f} to {known.max():.{digits}f}"
+    head = f"gains, geometric mean 1, rows from the top, columns from port ({errors}):"
+    if len(found.gains) > 9:
+        spread = f"{found.gains.min():.{digits}f} to {found.gains.max():.{digits}f}"
+        return [head, f"  {found.gains.size} from {spread}, spread {found.gains.std():.{digits}f}"]
+    rows = []
+    for row, errors_of_row in zip(found.gains, found.gain_std, strict=True):
+        cells = [
+            f"{gain:>{digits + 5}.{digits}f}" if np.isfinite(error) else "-".rjust(digits + 5)
+            for gain, error in zip(row, errors_of_row, strict=True)
+        ]
+        rows.append("".join(cells))
+    return [head, *rows]
+
+
+def _seconds(recording: Recording) -> Array:
+    return recording.stamps_ns.astype(float) * 1e-9
+
+
+def report(found: Calibration, recording: Recording, bag: Path, start: str) -> str:
+    """Return what was found in words."""
+    seconds, poses = _seconds(recording), recording.poses
+    ranges = np.linalg.norm(poses[:, :3], axis=1)
+    off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
+    lines = [
+        f"bag {bag}: {len(seconds)} images in {np.ptp(seconds):.1f} s, {ranges.min():.2f} to "
+        f"{ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off its axis",
+        *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
+        "",
+        f"{'parameter':<27}{'start: ' + start:>12}{'fitted':>14}{'std error':>12}  unit",
+        *map(_row, found.parameters),
+        "",
+        *_gains(found),
+        "",
+    ]
+    pairs = [
+        (abs(found.correlation[i, j]), f"{NAMES[i]} with {NAMES[j]} {found.correlation[i, j]:+.2f}")
+        for i in range(len(NAMES))
+        for j in range(i)
+        if np.isfinite(found.correlation[i, j])
+    ]
+    if pairs:
+        lines.append(f"strongest correlation: {max(pairs)[1]}")
+    lines.append(
+        f"mean squared residual {found.misfit:.3f} of {int(found.fair.sum())} readings "
+        "(1: the model explains them)"
+    )
+    if found.outliers or found.outlying_images:
+        where = [f"{seconds[i]:.3f} s" for i in found.outlying_images[:SHOWN_IMAGES]]
+        more = ", ..." if len(found.outlying_images) > SHOWN_IMAGES else ""
+        at = f" (at {', '.join(where)}{more})" if where else ""
+        lines.append(
+            f"outliers left out: {found.outliers} single readings, "
+            f"{len(found.outlying_images)} whole images{at}"
+        )
+    return "\n".join([*lines, *(f"note: {note}" for note in found.notes)])
+
+
+def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
+    """Return what was found as plain values; what is not known is null."""
+
+    def plain(values: Array) -> Any:
+        nested: list[list[float]] = values.tolist()
+        return [[x if np.isfinite(x) else None for x in row] for row in nested]
+
+    return {
+        "images": len(recording.images),
+        "left_out": dict(recording.refused),
+        "parameters": {
+            p.name: {
+                "unit": p.unit,
+                "start": p.start,
+                "fitted": p.value,
+                "std_error": None if np.isnan(p.std) else p.std,
+                "note": p.note,
+            }
+            for p in found.parameters
+        },
+        "gains": found.gains.tolist(),
+        "gain_std_errors": plain(found.gain_std),
+        "correlation": plain(found.correlation),
+        "mean_squared_residual": found.misfit,
+        "outlying_readings": found.outliers,
+        "outlying_images_s": [float(_seconds(recording)[i]) for i in found.outlying_images],
+        "notes": list(found.notes),
+        "scene": found.scene.settings(),
+    }
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read the bag, fit, print and write."""
+    beacon = [
+        check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position
+    ]
+    gap = check(Annotated[float, GAP], options.max_gap_s, "--max-gap-s")
+    position = check(Annotated[float, POSITION], options.position_std, "--position-std")
+    attitude = check(Annotated[float, ATTITUDE], options.attitude_std_deg, "--attitude-std-deg")
+    pose_std = None
+    if position or attitude:
+        pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
+    scene, output = load_scene(options.scene), files.user_path(options.output)
+    if output.suffix not in (".yaml", ".yml"):
+        raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
+    topics = Topics(options.image_topic, options.leader_topic, options.follower_topic)
+    bag = files.user_path(options.bag)
+    side = scene.array.detectors_per_side
+    try:
+        recording = read_recording(
+            bag, side, topics, beacon, options.odometry_axes, gap, lambda each: bar(each, "message")
+        )
+        with tqdm(unit="step") as steps:
+            found = calibrate(
+                scene,
+                recording.images,
+                recording.poses,
+                recording.rolls,
+                options.hold,
+                pose_std,
+                options.noise,
+                steps.update,
+            )
+    except KeyboardInterrupt:
+        print("interrupted: nothing was written")
+        return INTERRUPTED
+    comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
+    save_scene(found.scene, output, comment)
+    if options.json:
+        print(json.dumps(as_json(found, recording)))
+    else:
+        print(report(found, recording, bag, scene.name))
+        print(f"scene: {output}")
+    if options.picture is not None:
+        picture = files.user_path(options.picture)
+        draw_calibration(
+            found,
+            recording.poses,
+            recording.rolls,
+            _seconds(recording),
+            picture,
+            f"Calibration from {bag.name}: residuals of {int(found.fair.sum())} readings",
+        )
+        if not options.json:
+            print(f"picture: {picture}")
+    return 0

@@ -1,0 +1,66 @@
+"""What a message from outside must be, whoever deserialised it: ROS, or the reader of a bag."""
+
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.pose import Array
+from uuv_optical_array.trajectory import unit_quaternion
+
+
+class Refused(ValueError):
+    """A message that must not be used; the text says why, its kind before the colon."""
+
+
+def stamp_ns(header: Any) -> int:
+    """Return the stamp of a ``std_msgs/Header`` in ns."""
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def image_from_message(message: Any, side: int) -> Array:
+    """Unpack a mono16 image of ``(side, side)`` counts, whatever its padding and byte order."""
+    if message.encoding not in ("mono16", "16UC1"):
+        raise Refused(f"wrong encoding: {message.encoding!r}, not mono16")
+    if (message.height, message.width) != (side, side):
+        raise Refused(
+            f"wrong size: {message.height} x {message.width}, but the scene has {side} x {side}"
+        )
+    if message.step < 2 * side or message.step % 2:
+        raise Refused(f"wrong step: {message.step} bytes a row, not {2 * side}")
+    if len(message.data) != message.step * side:
+        raise Refused(
+            f"truncated: {len(message.data)} bytes of data, but {side} rows of {message.step}"
+        )
+    pixels = np.frombuffer(message.data, dtype=">u2" if message.is_bigendian else "<u2")
+    return pixels.reshape(side, -1)[:, :side].astype(float)
+
+
+def checked_pose(pose: Any) -> tuple[Array, Array]:
+    """Unpack a ``geometry_msgs/Pose``: position, m, shape ``(3,)``, and attitude, x y z w."""
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    if not np.isfinite(position).all():
+        raise Refused(f"not finite: position {position.tolist()}")
+    return position, checked_quaternion(pose.orientation)
+
+
+def checked_quaternion(attitude: Any) -> Array:
+    """Unpack a ``geometry_msgs/Quaternion`` as x, y, z, w of length 1, shape ``(4,)``."""
+    try:
+        return unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
+    except ValueError as error:
+        raise Refused(f"bad attitude: {error}") from None
+
+
+def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
+    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``.
+
+    ``axes`` names those of the message: ``flu`` is REP 103 (body forward, left, up in a world
+    whose z is up), ``frd`` the aerospace axes (forward, right, down in NED). The answer is in
+    REP 103's.
+    """
+    position, quaternion = checked_pose(message.pose.pose)
+    if axes == "frd":
+        # Half a turn about x, of the world and of the body.
+        position = position * [1, -1, -1]
+        quaternion = quaternion * [1, -1, -1, 1]
+    return position, quaternion

@@ -7,6 +7,7 @@ from uuv_optical_array.commands import (
     accuracy,
     advise,
     approach,
+    design,
     follow,
     limits,
     paper,
@@ -16,7 +17,19 @@ from uuv_optical_array.commands import (
     tradeoff,
 )
 
-COMMANDS = (follow, render, table, limits, accuracy, tradeoff, advise, approach, paper, peers)
+COMMANDS = (
+    follow,
+    render,
+    table,
+    limits,
+    accuracy,
+    tradeoff,
+    advise,
+    design,
+    approach,
+    paper,
+    peers,
+)
 
 
 def build_parser() -> argparse.ArgumentParser:

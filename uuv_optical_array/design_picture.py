@@ -14,6 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 from uuv_optical_array.array import Shape
 from uuv_optical_array.design_choice import fronts, numbered, of_the_paper
 from uuv_optical_array.design_store import Row, Study
+from uuv_optical_array.paper import THRESHOLD_DEG
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
 from uuv_optical_array.tradeoff import guess
 
@@ -27,25 +28,21 @@ BAND = 0.36  # of the distance between two numbers of detectors, for the widths 
 CLOSE_UP_SIDE = 5
 
 
-def _marker(row: Row) -> str:
-    return "*" if row.score.told else "o"
-
-
 def _dots(axes: Axes, x: Sequence[float], rows: Sequence[Row], name: str, colour: Any) -> None:
     """Draw designs: hollow where the criterion fails, full at 4 m, a star from 4 to 8 m."""
-    for at, row in zip(x, rows, strict=True):
-        star = row.score.told
-        axes.scatter(
-            at,
-            getattr(row.score, name),
-            s=48 if star else 17,
-            marker=_marker(row),
-            facecolor=colour if row.score.told_near else "w",
-            edgecolor="w" if star else colour,
-            linewidth=0.4 if star else 0.8,
-            alpha=0.85,
-            zorder=3,
-        )
+    points = np.reshape(
+        [(at, getattr(r.score, name)) for at, r in zip(x, rows, strict=True)], (-1, 2)
+    )
+    near, far = (
+        np.array([getattr(r.score, key) for r in rows], bool) for key in ("told_near", "told")
+    )
+    looks: list[tuple[Any, dict[str, Any]]] = [
+        (~near, {"marker": "o", "s": 17, "facecolor": "w", "edgecolor": colour}),
+        (near & ~far, {"marker": "o", "s": 17, "facecolor": colour, "edgecolor": colour}),
+        (far, {"marker": "*", "s": 48, "facecolor": colour, "edgecolor": "w", "linewidth": 0.4}),
+    ]
+    for which, look in looks:
+        axes.scatter(*points[which].T, zorder=3, alpha=0.85, **{"linewidth": 0.8, **look})
 
 
 def _levels(axes: Axes, name: str) -> None:
@@ -196,11 +193,23 @@ def _radius(row: Row) -> float:
     return row.design.radius_m or 0.0
 
 
+def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw what the criterion and the bound say of each design."""
+    for shape, colour in SHAPE_COLOURS.items():
+        of_shape = [row for row in rows if row.design.shape == shape]
+        least = [min(row.score.shift_deg, row.score.yaw_deg) for row in of_shape]
+        _dots(axes, least, of_shape, "angle_deg", colour)
+    _levels(axes, "angle_deg")
+    axes.axvline(THRESHOLD_DEG, color="k", lw=1)
+    axes.set_xlabel("least spectral angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
+    axes.set_title("the criterion, and what is known")
+
+
 def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
     """List the designs that are named, and what each is worth."""
     axes.set_axis_off()
     named, paper = numbered(study, rows), of_the_paper(study, rows)
-    line = "{:>2}  {:<7}{:>8}{:>7}{:>8}{:>6}{:>9}{:>7}  {:<8}{}"
+    line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>9}{:>7}  {:<9}{}"
     lines = [
         line.format("", "", "", "width", "radius", "beam", "position", "angle", "15 deg", "front"),
         line.format("", "", "", "m", "m", "deg", "m", "deg", "at", ""),
@@ -210,7 +219,7 @@ def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
         design, score = row
         where = ", ".join(name for name, found in on.items() if row in found)
         if row == paper:
-            where = f"{where or 'none'}; the paper's choice"
+            where = f"{where or 'none'}; the paper's"
         lines.append(
             line.format(
                 number,
@@ -258,13 +267,14 @@ def draw_designs(study: Study, rows: Sequence[Row], path: Path) -> None:
     path
         PNG file, written whole or not at all.
     """
-    figure = Figure(figsize=(16, 15), layout="constrained")
-    parts: Any = figure.subfigures(3, 1, height_ratios=[6.2, 3.8, 4.6])
+    figure = Figure(figsize=(16, 14), layout="constrained")
+    parts: Any = figure.subfigures(3, 1, height_ratios=[6, 3.7, 3.7])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
         _all_designs(axes, study, rows, name)
     _close_up(parts[1].subplots(1, 4), study, rows)
-    left, right = parts[2].subplots(1, 2, gridspec_kw={"width_ratios": [1.45, 1]})
+    left, middle, right = parts[2].subplots(1, 3, gridspec_kw={"width_ratios": [1.65, 1, 0.95]})
     _key(left, study, rows)
+    _criterion(middle, rows)
     _legend(right, study.scene.array.width_m)
     figure.suptitle(
         f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}\n"

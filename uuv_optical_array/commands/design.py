@@ -48,6 +48,7 @@ criterion at 4 m, `any` of all. Bounds within 10 % of each other count as equal 
 POSES = Quantity("poses at which the bound is taken", "", 1, 10_000_000)
 SEED = Quantity("seed of poses and noise", "", 0, 2**32 - 1)
 CLEAR_SIGMAS = 3.0
+HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "of", "15 deg", "")
 # Option and field of `Sweep`.
 LISTS: dict[str, tuple[str, type, str]] = {
     "shapes": ("shape", str, "planar, curved"),
@@ -138,10 +139,10 @@ def sweep_of(options: argparse.Namespace, scene: Scene) -> Sweep:
 
 def table(study: Study, rows: Sequence[Row]) -> str:
     """Return the designs on a front in words, numbered."""
-    line = "{:>3} {:<42}{:>9}{:>7}{:>6}  {:>12}{:>14}  {:<9}{}"
+    line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
     parts = [
-        line.format("no", "design", "position", "angle", "lit", "at 4 m", "4 to 8 m", "15 deg", ""),
-        line.format("", "", "m", "deg", "%", "deg", "deg", "at", "front"),
+        line.format("no", "design", *HEADS),
+        line.format("", "", "m", "deg", "%", "deg", "deg", "noise", "at", "front"),
     ]
     on, paper = fronts(study, rows), of_the_paper(study, rows)
     for number, row in enumerate(numbered(study, rows), start=1):
@@ -158,6 +159,7 @@ def table(study: Study, rows: Sequence[Row]) -> str:
                 f"{100 * score.lit:.0f}",
                 f"{score.shift_near_deg:.1f}, {score.yaw_near_deg:.1f}",
                 f"{score.shift_deg:.1f}, {score.yaw_deg:.1f}",
+                f"{min(score.shift_sigmas, score.yaw_sigmas):.1f}",
                 "4 to 8 m" if score.told else "4 m" if score.told_near else "none",
                 ", ".join(names),
             )

@@ -86,7 +86,7 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
             ha="right",
             fontsize=9,
             color=colour,
-            bbox={"fc": "w", "ec": "none", "pad": 0.5, "alpha": 0.8},
+            bbox={"fc": "w", "ec": "none", "pad": 0.5, "alpha": 0.85},
             zorder=4,
         )
     for i in range(1, len(sides)):
@@ -150,7 +150,7 @@ def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
     close = [row for row in rows if row.design.detectors_per_side == side]
     by_lamp: dict[str, tuple[Any, list[Row]]] = {}
     radii = sorted({row.design.radius_m for row in close if row.design.radius_m})
-    shades = matplotlib.colormaps["viridis"](np.linspace(0, 0.85, max(1, len(radii))))
+    shades = matplotlib.colormaps["viridis"](np.linspace(0, 0.85, len(radii)))
     for radius, shade in zip(radii, shades, strict=True):
         found = [r for r in close if (r.design.radius_m, r.design.width_m) == (radius, width)]
         if found:
@@ -197,7 +197,7 @@ def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
     """Draw what the criterion and the bound say of each design."""
     for shape, colour in SHAPE_COLOURS.items():
         of_shape = [row for row in rows if row.design.shape == shape]
-        least = [min(row.score.shift_deg, row.score.yaw_deg) for row in of_shape]
+        least = [float(np.min([row.score.shift_deg, row.score.yaw_deg])) for row in of_shape]
         _dots(axes, least, of_shape, "angle_deg", colour)
     _levels(axes, "angle_deg")
     axes.axvline(THRESHOLD_DEG, color="k", lw=1)

@@ -30,6 +30,7 @@ from uuv_optical_array.tradeoff import position_and_angle
 # What the specification wants told apart: m and deg, to either side.
 MOVES: dict[Motion, tuple[float, float]] = {"shift": (0.2, -0.2), "yaw": (10.0, -10.0)}
 NOISE_DRAWS = 64
+ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
 
 
@@ -110,6 +111,7 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
     model = ForwardModel(scene)
     shift, yaw = (separations(scene, motion) for motion in MOVES)
     noise = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
+    noise = np.where(noise > ROUNDING_DEG, noise, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         shift_sigmas, yaw_sigmas = shift / noise, yaw / noise
     known, alone, lit = bounds(model, poses)

@@ -15,7 +15,7 @@ from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene
 
 # How bright each design's lamp is; `designed` explains.
-Power: TypeAlias = Literal["flux", "fixed_gain", "counts"]
+Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
 Mount: TypeAlias = Literal["front", "centre"]
 
 # Radii of 0.8 widths are as curved as the paper's.
@@ -175,11 +175,12 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     design
         What takes their place.
     power
-        ``flux``: the lamp emits as much light as the scene's, into a beam of another width. Where
-        the aligned array would read more of it at the reference range than the scene's does, the
-        gain of the electronics is turned down until it reads the same; noise behind the gain stays
-        as it is in counts. ``fixed_gain``: the same light, but the gain stays, and the array
-        saturates. ``counts``: the lamp is as strong as it takes for the same reading.
+        ``flux``: the lamp emits as much light as the scene's, into a beam of another width; what
+        is brighter than the electronics can read saturates. ``flux_in_range``: the same light,
+        but where the aligned array would read more of it at the reference range than the scene's
+        does, the gain of the electronics is turned down until it reads the same; noise behind the
+        gain stays as it is in counts. ``counts``: the lamp is as strong as it takes for the same
+        reading.
     mount
         ``front``: the foremost point of the array stays where the scene's is. ``centre``: the
         frame of the array does, which is the centre of a sphere, as Eren et al. (2016) have it.
@@ -209,7 +210,7 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
         math.radians(scene.lamp.beam_sigma_deg)
     )
     brighter = base_flux / solid_angle / ForwardModel(found).power
-    if power == "flux" and brighter > 1:
+    if power == "flux_in_range" and brighter > 1:
         return with_gain(found, 1 / brighter)
     lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)
     return dataclasses.replace(found, lamp=lamp)

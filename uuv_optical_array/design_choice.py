@@ -2,18 +2,16 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from uuv_optical_array.design import Design
 from uuv_optical_array.design_store import Row, Study
-from uuv_optical_array.pareto import STEP, pareto_front
+from uuv_optical_array.pareto import STEP
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
-    """Find the designs that none beats in detectors, position and angle.
+    """Find the designs worth their detectors.
 
-    Bounds are rounded to steps of 10 %; of designs that are then equal, the one with the least
-    bound on the position is kept.
+    A design is left out for one that has no more detectors and bounds on position and angle that
+    are no more than 10 % larger, or smaller.
 
     Parameters
     ----------
@@ -23,16 +21,21 @@ def front(rows: Sequence[Row]) -> list[Row]:
     Returns
     -------
     list
-        Those on the front, fewest detectors first.
+        Those that remain, fewest detectors first; none of them stands for another.
     """
-    ordered = sorted(rows, key=lambda row: (row.design.detectors, row.score.position_m))
-    bounds = np.reshape([(row.score.position_m, row.score.angle_deg) for row in ordered], (-1, 2))
-    steps = np.round(np.log(bounds) / np.log(STEP))
-    costs = np.column_stack([[row.design.detectors for row in ordered], steps])
-    first: dict[tuple[float, ...], Row] = {}
-    for i in pareto_front(costs).nonzero()[0]:
-        first.setdefault(tuple(costs[i]), ordered[i])
-    return list(first.values())
+    # A later design stands for an earlier one never: that would need a smaller product.
+    ordered = sorted(
+        rows, key=lambda row: (row.design.detectors, row.score.position_m * row.score.angle_deg)
+    )
+    kept: list[Row] = []
+    for row in ordered:
+        if not any(
+            other.score.position_m <= STEP * row.score.position_m
+            and other.score.angle_deg <= STEP * row.score.angle_deg
+            for other in kept
+        ):
+            kept.append(row)
+    return sorted(kept, key=lambda row: (row.design.detectors, row.score.position_m))
 
 
 def fronts(study: Study, rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -43,12 +43,13 @@ examples:
   uuv_array design -o /shared/d.zarr --scheduler tcp://10.0.0.1:8786
                                                on a cluster, into a folder that all of it sees
 fronts: `fits` is of arrays no wider than the scene's, `told` of those of them that meet the
-criterion at 4 m, `any` of all. Bounds within 10 % of each other count as equal there."""
+criterion at 4 m, `any` of all. A design is left out for one that has no more detectors and bounds
+no more than 10 % larger."""
 
 POSES = Quantity("poses at which the bound is taken", "", 1, 10_000_000)
 SEED = Quantity("seed of poses and noise", "", 0, 2**32 - 1)
 CLEAR_SIGMAS = 3.0
-HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "of", "15 deg", "")
+HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
 # Option and field of `Sweep`.
 LISTS: dict[str, tuple[str, type, str]] = {
     "shapes": ("shape", str, "planar, curved"),
@@ -86,8 +87,8 @@ def add_parser(subparsers: Subparsers) -> None:
         "--power",
         choices=get_args(Power),
         default="flux",
-        help="lamps of equal flux, the gain turned down where they read brighter than the scene's; "
-        "or of equal flux at a fixed gain; or of equal counts (default: %(default)s)",
+        help="lamps of equal flux; the same with the gain turned down where they would read "
+        "brighter than the scene's own; or lamps of equal counts (default: %(default)s)",
     )
     about.add_argument(
         "--mount",
@@ -142,7 +143,7 @@ def table(study: Study, rows: Sequence[Row]) -> str:
     line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
     parts = [
         line.format("no", "design", *HEADS),
-        line.format("", "", "m", "deg", "%", "deg", "deg", "noise", "at", "front"),
+        line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
     ]
     on, paper = fronts(study, rows), of_the_paper(study, rows)
     for number, row in enumerate(numbered(study, rows), start=1):

@@ -26,7 +26,7 @@ from uuv_optical_array.array import build_array
 from uuv_optical_array.cluster import on_cluster, on_threads
 from uuv_optical_array.commands import main
 from uuv_optical_array.design import Design, Sweep, default_sweep, designed, with_gain
-from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper
+from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.design_score import Score, score, signature_noise_deg, volume_poses
 from uuv_optical_array.design_store import COLUMNS, DesignStore, Row, Study
@@ -528,9 +528,13 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     paper = Row(Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9))
     rows, study = [wide, fits, told, paper], study_of()
     assert fronts(study, rows) == {"fits": [fits], "told": [told], "any": [wide]}
-    assert of_the_paper(study, rows) == paper
     assert numbered(study, rows) == [fits, told, wide, paper]
-    assert of_the_paper(study, [wide]) is None
+    assert standing(study, rows) == ["fits", "told", "any", "none; the paper's array"]
+    assert [of_the_paper(row.design) for row in rows] == [False, False, False, True]
+    # With another lamp it is the paper's array still, but not told for its own sake.
+    other = Row(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
+    assert of_the_paper(other.design)
+    assert other not in numbered(study, [*rows, other])
 
 
 def run(capsys, *words):
@@ -563,7 +567,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     assert code == 0
     assert "left out: 4 designs whose corners lie beyond their sphere" in out
     assert "2 of 7 chunks are there already" in out
-    assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's choice", out)
+    assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
     assert "of 20 designs tell" in out
 
     code, text = run(capsys, *words, "--json")
@@ -572,7 +576,9 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     rows = DesignStore.create(tmp_path / "follow.design.zarr", study).rows()
     assert code == 0
     assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
-    assert rows[told["paper"]].design == Design("curved", 5, 0.4, 0.32, 8.0)
+    assert [rows[i].design for i in told["papers_array"]] == [
+        Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
+    ]
     assert [rows[i] for i in told["numbered"]] == numbered(study, rows)
     table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
     assert len(table) == 20

@@ -1,6 +1,8 @@
 """The designs that none beats: few detectors against what they allow to be known."""
 
+import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 from uuv_optical_array.design import Design
 from uuv_optical_array.design_store import Row, Study
@@ -60,14 +62,36 @@ def fronts(study: Study, rows: Sequence[Row]) -> dict[str, list[Row]]:
     }
 
 
-def of_the_paper(study: Study, rows: Sequence[Row]) -> Row | None:
-    """Return what Eren et al. (2016) choose, with the scene's lamp, or ``None`` if not swept."""
-    chosen = Design("curved", 5, 0.4, 0.32, study.scene.lamp.beam_sigma_deg)
-    return next((row for row in rows if row.design == chosen), None)
+# What Eren et al. (2016) choose; their lamp is not given.
+PAPER: dict[str, Any] = {
+    "shape": "curved",
+    "detectors_per_side": 5,
+    "width_m": 0.4,
+    "radius_m": 0.32,
+}
+
+
+def of_the_paper(design: Design) -> bool:
+    """Say whether a design has the array that the paper chooses, whatever its lamp."""
+    return design == dataclasses.replace(design, **PAPER)
 
 
 def numbered(study: Study, rows: Sequence[Row]) -> list[Row]:
-    """Return every design that is told, once: the fronts in turn, then the paper's choice."""
-    paper = of_the_paper(study, rows)
+    """Return every design that is told, once: the fronts in turn, then the paper's array.
+
+    The last is the one with the scene's lamp, where it is swept.
+    """
+    own = study.scene.lamp.beam_sigma_deg
+    paper = [row for row in rows if of_the_paper(row.design) and row.design.beam_sigma_deg == own]
     listed = [row for found in fronts(study, rows).values() for row in found]
-    return list(dict.fromkeys([*listed, *([paper] if paper else [])]))
+    return list(dict.fromkeys([*listed, *paper]))
+
+
+def standing(study: Study, rows: Sequence[Row]) -> list[str]:
+    """Return for each of `numbered` on which fronts it is, and whether it is the paper's array."""
+    on = fronts(study, rows)
+    return [
+        ", ".join([name for name, found in on.items() if row in found] or ["none"])
+        + ("; the paper's array" if of_the_paper(row.design) else "")
+        for row in numbered(study, rows)
+    ]

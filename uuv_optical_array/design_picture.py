@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from uuv_optical_array.array import Shape
-from uuv_optical_array.design_choice import fronts, numbered, of_the_paper
+from uuv_optical_array.design_choice import fronts, numbered, standing
 from uuv_optical_array.design_store import Row, Study
 from uuv_optical_array.paper import THRESHOLD_DEG
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
@@ -96,8 +96,15 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
     axes.set(xlim=(-0.5, len(sides) - 0.5), xlabel="detectors")
     named = numbered(study, rows)
     for style, found in zip(("-", (0, (1, 1)), "--"), fronts(study, rows).values(), strict=True):
-        x = [place(row) for row in found]
-        axes.plot(x, [getattr(row.score, name) for row in found], "k", ls=style, lw=1, zorder=2.5)
+        best = [
+            min(
+                (row for row in found if row.design.detectors_per_side == side),
+                key=lambda row: getattr(row.score, name),
+            )
+            for side in sorted({row.design.detectors_per_side for row in found})
+        ]
+        x = [place(row) for row in best]
+        axes.plot(x, [getattr(row.score, name) for row in best], "k", ls=style, lw=1, zorder=2.5)
     spread: dict[int, float] = {}
     low, high = np.log(axes.get_ylim())
     for row in sorted(named, key=lambda row: -getattr(row.score, name)):
@@ -208,18 +215,13 @@ def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
 def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
     """List the designs that are named, and what each is worth."""
     axes.set_axis_off()
-    named, paper = numbered(study, rows), of_the_paper(study, rows)
     line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>9}{:>7}  {:<9}{}"
     lines = [
         line.format("", "", "", "width", "radius", "beam", "position", "angle", "15 deg", "front"),
         line.format("", "", "", "m", "m", "deg", "m", "deg", "at", ""),
     ]
-    on = fronts(study, rows)
-    for number, row in enumerate(named, start=1):
-        design, score = row
-        where = ", ".join(name for name, found in on.items() if row in found)
-        if row == paper:
-            where = f"{where or 'none'}; the paper's"
+    told = zip(numbered(study, rows), standing(study, rows), strict=True)
+    for number, ((design, score), where) in enumerate(told, start=1):
         lines.append(
             line.format(
                 number,
@@ -234,7 +236,7 @@ def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
                 where,
             )
         )
-    axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=9, va="top", linespacing=1.3)
+    axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=8.5, va="top", linespacing=1.25)
 
 
 def _legend(axes: Axes, width_m: float) -> None:
@@ -268,7 +270,7 @@ def draw_designs(study: Study, rows: Sequence[Row], path: Path) -> None:
         PNG file, written whole or not at all.
     """
     figure = Figure(figsize=(16, 14), layout="constrained")
-    parts: Any = figure.subfigures(3, 1, height_ratios=[6, 3.7, 3.7])
+    parts: Any = figure.subfigures(3, 1, height_ratios=[6, 3.5, 4])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
         _all_designs(axes, study, rows, name)
     _close_up(parts[1].subplots(1, 4), study, rows)

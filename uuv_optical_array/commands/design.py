@@ -21,7 +21,7 @@ from uuv_optical_array.commands.parser import (
     add_scene,
 )
 from uuv_optical_array.design import Mount, Power, Sweep, default_sweep, designed
-from uuv_optical_array.design_choice import fronts, numbered, of_the_paper
+from uuv_optical_array.design_choice import fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.design_store import DesignStore, Row, Study, write_csv
 from uuv_optical_array.quantity import Quantity, check
@@ -145,12 +145,8 @@ def table(study: Study, rows: Sequence[Row]) -> str:
         line.format("no", "design", *HEADS),
         line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
     ]
-    on, paper = fronts(study, rows), of_the_paper(study, rows)
-    for number, row in enumerate(numbered(study, rows), start=1):
-        design, score = row
-        names = [name for name, found in on.items() if row in found] or ["none"]
-        if row == paper:
-            names.append("the paper's choice")
+    told = zip(numbered(study, rows), standing(study, rows), strict=True)
+    for number, ((design, score), where) in enumerate(told, start=1):
         parts.append(
             line.format(
                 number,
@@ -162,7 +158,7 @@ def table(study: Study, rows: Sequence[Row]) -> str:
                 f"{score.shift_deg:.1f}, {score.yaw_deg:.1f}",
                 f"{min(score.shift_sigmas, score.yaw_sigmas):.1f}",
                 "4 to 8 m" if score.told else "4 m" if score.told_near else "none",
-                ", ".join(names),
+                where,
             )
         )
     return "\n".join(parts)
@@ -192,8 +188,6 @@ def take(study: Study, row: Row, path: Path) -> None:
 
 def as_object(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
     """Return a study as plain values."""
-    named = numbered(study, rows)
-    paper = of_the_paper(study, rows)
     return {
         "scene": study.scene.name,
         **{name: value for name, value in study.as_object().items() if name != "scene"},
@@ -201,8 +195,8 @@ def as_object(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
         "fronts": {
             name: [rows.index(row) for row in found] for name, found in fronts(study, rows).items()
         },
-        "numbered": [rows.index(row) for row in named],
-        "paper": None if paper is None else rows.index(paper),
+        "numbered": [rows.index(row) for row in numbered(study, rows)],
+        "papers_array": [i for i, row in enumerate(rows) if of_the_paper(row.design)],
         "dropped": study.sweep.dropped(),
     }
 

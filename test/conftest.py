@@ -1,9 +1,12 @@
 """A test run has a ROS domain, cache and log of its own; a Lab holds nodes and a probe."""
 
+import contextlib
 import functools
 import json
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -28,6 +31,41 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_unconfigure():
     SCRATCH.cleanup()
+
+
+@contextlib.contextmanager
+def dask_workers(folder, preload):
+    """Start a scheduler and two worker processes on loopback, by the ordinary commands.
+
+    Yields the address and the workers' processes, each of which has run the code `preload`.
+    """
+    pytest.importorskip("distributed", reason="a cluster needs distributed")
+    from distributed import Client
+
+    dask = [sys.executable, "-m", "dask"]
+    ready, code = folder / "scheduler.json", folder / "preload.py"
+    code.write_text(preload)
+    with open(folder / "log", "w") as log:
+        start = {"stdout": log, "stderr": log, "cwd": folder}
+        scheduler = [*dask, "scheduler", "--scheduler-file", str(ready), "--no-dashboard"]
+        scheduler += ["--host", "127.0.0.1", "--port", "0"]
+        processes = [subprocess.Popen(scheduler, **start)]
+        try:
+            worker = [*dask, "worker", "--scheduler-file", str(ready), "--nthreads", "1"]
+            worker += ["--no-nanny", "--no-dashboard", "--preload", str(code)]
+            processes += [subprocess.Popen(worker, **start) for _ in range(2)]
+            until = time.monotonic() + 2 * PATIENCE_S
+            while not ready.exists():
+                assert time.monotonic() < until, "no scheduler"
+                time.sleep(0.05)
+            with Client(scheduler_file=str(ready), timeout=2 * PATIENCE_S) as client:
+                client.wait_for_workers(2, timeout=2 * PATIENCE_S)
+                address = client.scheduler.address
+            yield address, processes[1:]
+        finally:
+            for process in processes:
+                process.kill()
+                process.wait()
 
 
 class Lab:

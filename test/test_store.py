@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from conftest import dask_workers
 
 from uuv_optical_array import cluster, memory
 from uuv_optical_array import store as store_module
@@ -342,37 +343,11 @@ def test_the_command_builds_resumes_and_refuses(tmp_path, monkeypatch, capsys):
 
 
 @pytest.fixture
-def two_workers(tmp_path, monkeypatch):
-    """A scheduler and two worker processes on loopback, by the ordinary commands."""
-    pytest.importorskip("distributed", reason="a cluster needs distributed")
-    dask = [sys.executable, "-m", "dask"]
-    ready = tmp_path / "scheduler.json"
+def two_workers(tmp_path):
     # Workers compute small chunks too.
-    preload = tmp_path / "preload.py"
-    preload.write_text(f"import uuv_optical_array.store as s; s.CHUNK_ROWS = {CHUNK}\n")
-    with open(tmp_path / "log", "w") as log:
-        start = {"stdout": log, "stderr": log, "cwd": tmp_path}
-        scheduler = [*dask, "scheduler", "--scheduler-file", str(ready), "--no-dashboard"]
-        scheduler += ["--host", "127.0.0.1", "--port", "0"]
-        processes = [subprocess.Popen(scheduler, **start)]
-        try:
-            worker = [*dask, "worker", "--scheduler-file", str(ready), "--nthreads", "1"]
-            worker += ["--no-nanny", "--no-dashboard", "--preload", str(preload)]
-            processes += [subprocess.Popen(worker, **start) for _ in range(2)]
-            until = time.monotonic() + 60
-            while not ready.exists():
-                assert time.monotonic() < until, "no scheduler"
-                time.sleep(0.05)
-            from distributed import Client
-
-            with Client(scheduler_file=str(ready), timeout=60) as client:
-                client.wait_for_workers(2, timeout=60)
-                address = client.scheduler.address
-            yield address, processes[1:]
-        finally:
-            for process in processes:
-                process.kill()
-                process.wait()
+    small = f"import uuv_optical_array.store as s; s.CHUNK_ROWS = {CHUNK}\n"
+    with dask_workers(tmp_path, small) as cluster:
+        yield cluster
 
 
 def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, two_workers):

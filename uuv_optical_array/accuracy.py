@@ -134,6 +134,26 @@ def random_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> A
     return poses[:count]
 
 
+def within_volume(information: Array) -> Array:
+    """Bound the errors of an image whose pose is known to lie in the study's volume.
+
+    The volume counts as a Gaussian of its variance. Where the image tells more than that, this is
+    the Cramer-Rao bound; where it tells nothing, it is the volume's own spread, and never more.
+
+    Parameters
+    ----------
+    information
+        Fisher information of the image, as `limits.fisher_information`, shape ``(..., 5, 5)``.
+
+    Returns
+    -------
+    Array
+        Standard deviations, m and rad, shape ``(..., 5)``.
+    """
+    covariance = np.linalg.inv(information + np.diag(12 / (HIGH - LOW) ** 2))
+    return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+
+
 def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
     """Return the table of the same scene with another prior: the signatures are the same."""
     return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))

@@ -1,11 +1,13 @@
 """The ideal light of the lamp at each detector, in clear water and without electronics."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import quad
 
 from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
@@ -26,6 +28,25 @@ class LampSettings:
     reference_range_m: Annotated[
         float, Quantity("base_link behind the lamp for that reading", "m", 0.1, 1000)
     ]
+
+
+def beam_solid_angle(sigma_rad: float) -> float:
+    """Flux of the Gaussian beam over its intensity on the axis, of all directions.
+
+    Parameters
+    ----------
+    sigma_rad
+        Standard deviation of the beam, rad, > 0.
+
+    Returns
+    -------
+    float
+        ``2 pi`` times the integral of ``exp(-eta^2 / (2 sigma^2)) sin eta`` from 0 to pi, sr; for
+        a narrow beam ``2 pi sigma^2``.
+    """
+    end = min(math.pi, 12 * sigma_rad)  # a narrow peak would be missed in a wide interval
+    integral, _ = quad(lambda eta: math.exp(-((eta / sigma_rad) ** 2) / 2) * math.sin(eta), 0, end)
+    return 2 * math.pi * float(integral)
 
 
 @dataclass(frozen=True)

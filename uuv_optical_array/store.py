@@ -1,23 +1,20 @@
-"""A signature table built chunk by chunk: a Zarr array that many machines fill.
+"""A signature table built chunk by chunk, `chunks.ChunkedRows` on disk, named ``*.zarr``.
 
-The store is one Zarr array (format 2), named ``*.zarr``: the key parameters of every pose of the
-grid in the grid's order, NaN where there is no light. So a pose is the number of its row, and a
-chunk has its place and size before anything is computed: who computes it, and when, leaves no
-trace. A chunk is one file that appears whole, with a checksum. The attributes hold the scene and,
-once every chunk is there, the number of rows with light.
+Its rows are the key parameters of every pose of the grid in the grid's order, NaN where there is no
+light. So a pose is the number of its row. The attributes hold the scene and, once every chunk is
+there, the number of rows with light.
 """
 
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from uuv_optical_array import files, memory
 from uuv_optical_array.bulk import worthwhile
+from uuv_optical_array.chunks import ChunkedRows
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene
@@ -26,7 +23,6 @@ from uuv_optical_array.table import (
     GridPoses,
     SignatureTable,
     check_scene,
-    damaged,
     grid_axes,
     no_light,
     signatures,
@@ -37,24 +33,6 @@ CHUNK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second's work
 # What a thread holds: the chunk, encoded and not, and for each reading of a block the temporaries
 # of the forward model.
 CHUNK_BYTES, READING_BYTES = 4 * CHUNK_ROWS * 5 * 8, 16 * 8
-
-_CHUNK_ERRORS = (OSError, ValueError, RuntimeError, TypeError)  # by version and damage
-
-
-def needs(module: str) -> Any:
-    """Import what only the extra ``cluster`` installs.
-
-    Raises
-    ------
-    ValueError
-        Where it is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise ValueError(
-            f"{error}; tables in chunks need the extra: pip install 'uuv_optical_array[cluster]'"
-        ) from None
 
 
 def is_store(path: Path) -> bool:
@@ -112,9 +90,8 @@ class TableStore:
                     f"not {min_peak_counts:g}; name another folder"
                 )
             return store
-        zarr, codecs = needs("zarr"), needs("numcodecs")
         readings = scene.array.detectors_per_side**2
-        rows = GridPoses(grid_axes(scene.table)).shape[0]
+        rows = _on_disk(path, scene).shape[0]
         home = next(parent for parent in path.parents if parent.exists())
         need, free = rows * 5 * 8, shutil.disk_usage(home).free
         if need > free:
@@ -131,23 +108,7 @@ class TableStore:
             "compiled": compiled,
             "scene": scene.settings(),
         }
-        # Zarr 3 writes no file for a chunk of nothing but the fill value, which no chunk is so.
-        layout = {"shape": (rows, 5), "chunks": (CHUNK_ROWS, 5), "dtype": "<f8", "fill_value": 0.0}
-        # Fast, and nearly halves the file.
-        packing = codecs.Zstd(level=1, checksum=True)
-        with files.whole_directory(path) as scratch:
-            if zarr.__version__.startswith("2."):
-                array = zarr.open_array(str(scratch), mode="w", compressor=packing, **layout)
-            else:
-                array = zarr.create_array(
-                    str(scratch),
-                    zarr_format=2,
-                    filters=None,
-                    compressors=packing,
-                    overwrite=True,
-                    **layout,
-                )
-            array.attrs.put(about)
+        _on_disk(path, scene).create(about)
         return cls(path, scene, min_peak_counts, compiled)
 
     @classmethod
@@ -160,31 +121,9 @@ class TableStore:
             Where there is none, or that of another scene.
         """
         path = path.absolute()
-        if not path.exists():
-            raise ValueError(f"table {path}: no table there; build one with uuv_array table")
-        try:
-            if not (path / ".zarray").is_file():
-                raise ValueError("no Zarr array")
-            array = needs("zarr").open_array(str(path), mode="r")
-            about = dict(array.attrs)
-            if about["format"] != FORMAT:
-                raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
+        with _on_disk(path, scene).opening(FORMAT) as about:
             check_scene(path, about, scene)
-            store = cls(path, scene, float(about["min_peak_counts"]), bool(about["compiled"]))
-            chunks = min(CHUNK_ROWS, store.rows), 5
-            if array.shape != (store.rows, 5) or array.dtype != np.dtype("<f8"):
-                raise ValueError(f"{array.dtype} {array.shape}, not float64 {(store.rows, 5)}")
-            if (min(array.chunks[0], store.rows), array.chunks[1]) != chunks:
-                raise ValueError(f"chunks of {array.chunks}, not {(CHUNK_ROWS, 5)}")
-        except (OSError, KeyError, TypeError) as error:
-            raise damaged(path, ".zarray or .zattrs", error) from None
-        except ValueError as error:
-            if str(error).startswith("table "):
-                raise
-            if isinstance(error.__cause__, ImportError) or "extra" in str(error):
-                raise
-            raise ValueError(f"table {path}: exists and is no table ({error})") from None
-        return store
+            return cls(path, scene, float(about["min_peak_counts"]), bool(about["compiled"]))
 
     @property
     def rows(self) -> int:
@@ -194,7 +133,11 @@ class TableStore:
     @property
     def chunks(self) -> range:
         """The numbers of the chunks."""
-        return range(-(-self.rows // CHUNK_ROWS))
+        return self._disk.chunks
+
+    @property
+    def _disk(self) -> ChunkedRows:
+        return _on_disk(self.path, self.scene)
 
     @property
     def _grid(self) -> GridPoses:
@@ -206,7 +149,7 @@ class TableStore:
 
     def present(self) -> list[int]:
         """Return the chunks that have a file, whole ones by the way they are written."""
-        return [chunk for chunk in self.chunks if (self.path / f"{chunk}.0").is_file()]
+        return self._disk.present()
 
     def fill(self, chunk: int) -> int:
         """Make sure that a chunk is there; one that is whole is not computed again.
@@ -226,21 +169,13 @@ class TableStore:
         ValueError
             On a machine that does not see the store, or computes in another way.
         """
-        if not (self.path / ".zarray").is_file():
-            raise ValueError(
-                f"table {self.path}: not seen by every worker; name a folder that all share"
-            )
-        array = needs("zarr").open_array(str(self.path), mode="r+")
-        try:
-            parameters = self._read(array, chunk)
-        except _CHUNK_ERRORS:
-            parameters = self.compute(chunk)
-            array[self._rows(chunk)] = parameters
+        parameters = self._disk.fill(chunk, self.compute)
         return int((~np.isnan(parameters[:, 0])).sum())
 
     def compute(self, chunk: int) -> Array:
         """Compute the key parameters of a chunk's poses, NaN without light, shape ``(m, 5)``."""
-        model, grid, rows = ForwardModel(self.scene, self.compiled), self._grid, self._rows(chunk)
+        model, rows = ForwardModel(self.scene, self.compiled), self._disk.rows(chunk)
+        grid = self._grid
         parameters = np.full((rows.stop - rows.start, 5), np.nan)
         for start in range(0, len(parameters), BLOCK_POSES):
             poses = grid[rows.start + start : min(rows.start + start + BLOCK_POSES, rows.stop)]
@@ -259,9 +194,7 @@ class TableStore:
         count = sum(lit)
         if count == 0:
             raise no_light(self.scene, self.min_peak_counts)
-        array = needs("zarr").open_array(str(self.path), mode="r+")
-        if array.attrs.get("lit") != count:
-            array.attrs["lit"] = count
+        self._disk.mark("lit", count)
 
     def table(self) -> SignatureTable:
         """Read the table into memory, the poses as row numbers.
@@ -271,8 +204,7 @@ class TableStore:
         ValueError
             For a table that is unfinished, damaged, or too large for this machine.
         """
-        array = needs("zarr").open_array(str(self.path), mode="r")
-        lit = array.attrs.get("lit")
+        lit = self._disk.attribute("lit")
         if lit is None:
             raise ValueError(
                 f"table {self.path}: {len(self.present())} of {len(self.chunks)} chunks are there; "
@@ -284,28 +216,21 @@ class TableStore:
         rows = None if lit == self.rows else np.empty(lit, dtype=np.intp)
         kept = 0
         for chunk in self.chunks:
-            try:
-                found = self._read(array, chunk)
-                has_light = ~np.isnan(found[:, 0])
-                stop = kept + int(has_light.sum())
-                parameters[kept:stop] = found[has_light]
-            except _CHUNK_ERRORS as error:
-                raise ValueError(
-                    f"table {self.path}: chunk {chunk}.0 is damaged ({' '.join(str(error).split())}"
-                    "); run the same uuv_array table again to mend it"
-                ) from None
+            found = self._disk.read(chunk)
+            has_light = ~np.isnan(found[:, 0])
+            stop = kept + int(has_light.sum())
+            if stop > lit:
+                break
+            parameters[kept:stop] = found[has_light]
             if rows is not None:
-                rows[kept:stop] = self._rows(chunk).start + np.flatnonzero(has_light)
+                rows[kept:stop] = self._disk.rows(chunk).start + np.flatnonzero(has_light)
             kept = stop
         if kept != lit:
             raise ValueError(f"table {self.path}: {kept} rows have light, not {lit}; build again")
         return SignatureTable(self.scene, GridPoses(grid_axes(self.scene.table), rows), parameters)
 
-    def _rows(self, chunk: int) -> slice:
-        return slice(chunk * CHUNK_ROWS, min((chunk + 1) * CHUNK_ROWS, self.rows))
 
-    def _read(self, array: Any, chunk: int) -> Array:
-        """Read a chunk; its checksum is looked at. A missing one would read as dark."""
-        if not (self.path / f"{chunk}.0").is_file():
-            raise FileNotFoundError("missing")
-        return array[self._rows(chunk)]
+def _on_disk(path: Path, scene: Scene) -> ChunkedRows:
+    """Return where the rows of a scene's table lie."""
+    rows = GridPoses(grid_axes(scene.table)).shape[0]
+    return ChunkedRows(path, (rows, 5), CHUNK_ROWS, "table", "uuv_array table")

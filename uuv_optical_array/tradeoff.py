@@ -14,7 +14,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from uuv_optical_array.accuracy import HIGH, LOW, MODEL_EVERY, MODEL_POSES, Study, random_poses
+from uuv_optical_array.accuracy import (
+    HIGH,
+    LOW,
+    MODEL_EVERY,
+    MODEL_POSES,
+    Study,
+    random_poses,
+    within_volume,
+)
 from uuv_optical_array.array import Shape
 from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.estimate import METHODS, Estimator, NoPose
@@ -221,9 +229,7 @@ def known_volume_std(model: ForwardModel, poses: Array) -> Array:
     Array
         Standard deviations, m and rad, shape ``(n, 5)``.
     """
-    prior = np.diag(12 / (HIGH - LOW) ** 2)
-    covariance = np.linalg.inv(cramer_rao_bound(model, poses).information + prior)
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return within_volume(cramer_rao_bound(model, poses).information)
 
 
 def guess() -> tuple[float, float]:

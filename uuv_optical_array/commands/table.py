@@ -5,10 +5,8 @@ import sys
 import time
 from pathlib import Path
 
-from tqdm import tqdm
-
 from uuv_optical_array import memory
-from uuv_optical_array.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
 from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
 from uuv_optical_array.scene import Scene, load_scene
 from uuv_optical_array.store import TableStore
@@ -51,10 +49,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
-    chunks = parser.add_argument_group("in chunks (default folder: SCENE.zarr here)")
-    chunks.add_argument("--threads", type=int, help="threads of this machine (default: all cores)")
-    chunks.add_argument("--memory", help="what this process may take, such as 2GB")
-    chunks.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
+    add_chunks(parser, "in chunks (default folder: SCENE.zarr here)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -77,34 +72,14 @@ def run(options: argparse.Namespace) -> int:
 
 def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
     """Build the table in chunks."""
-    if options.scheduler and (options.memory or options.threads):
-        raise ValueError(
-            "scheduler: its workers have limits of their own; give them to dask worker as "
-            "--memory-limit and --nthreads"
-        )
-    if options.threads is not None and options.threads < 1:
-        raise ValueError(f"threads: {options.threads}; give at least 1")
+    check_chunks(options)
     output = options.output or Path(f"{scene.name}.zarr")
     began = time.perf_counter()
     store = TableStore.create(output, scene)
     if why := memory.shortfall(store.rows):
         print(f"warning: not to be served here: {why}", file=sys.stderr)
-    chunks, before = store.chunks, len(store.present())
-    if before:
-        print(f"{output}: {before} of {len(chunks)} chunks are there already")
-    try:
-        with tqdm(total=len(chunks), unit="chunk") as shown:
-            need = store.thread_bytes()
-            if options.scheduler:
-                lit = on_cluster(store.fill, chunks, options.scheduler, need, shown.update)
-            else:
-                threads = threads_within(options.memory, need, options.threads)
-                lit = on_threads(store.fill, chunks, threads, shown.update)
-    except KeyboardInterrupt:
-        print(
-            f"interrupted: {len(store.present())} of {len(chunks)} chunks are in {output}; "
-            "the same command goes on from there"
-        )
+    lit = fill_chunks(store, output, options)
+    if lit is None:
         return INTERRUPTED
     store.finish(lit)
     size_mb = sum(file.stat().st_size for file in store.path.iterdir()) / 1e6

@@ -1,0 +1,236 @@
+"""What array and lamp to build: a design, a sweep of them, and the scene of each."""
+
+import dataclasses
+import itertools
+import math
+import typing
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeAlias
+
+from uuv_optical_array.array import ArraySettings, Shape
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.light import LampSettings, beam_solid_angle
+from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.scene import Scene
+
+# How bright each design's lamp is; `designed` explains.
+Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
+Mount: TypeAlias = Literal["front", "centre"]
+
+# Radii of 0.8 widths are as curved as the paper's.
+DEFAULTS: dict[str, tuple[Any, ...]] = {
+    "detectors_per_side": (3, 5, 7, 9, 11, 21),
+    "width_m": (0.2, 0.3, 0.4, 0.5, 0.6),
+    "radius_m": (0.16, 0.24, 0.32, 0.4, 0.48, 0.64),
+    "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
+}
+# Settings that are a reading of the light, or its inverse, and so change with the gain.
+WITH_GAIN = {("ambient", "level_counts"): 1, ("ambient", "surface_counts"): 1}
+WITH_GAIN |= {("shot_noise", "electrons_per_count"): -1, ("photodiode", "amps_per_count"): -1}
+WITH_GAIN |= {("photodiode", "watts_per_m2_per_count"): -1}
+
+
+@dataclass(frozen=True)
+class Design:
+    """An array and a lamp.
+
+    Parameters
+    ----------
+    shape, detectors_per_side, width_m, radius_m
+        As in `ArraySettings`.
+    beam_sigma_deg
+        Standard deviation of the lamp's beam, deg.
+    """
+
+    shape: Shape
+    detectors_per_side: int
+    width_m: float
+    radius_m: float | None
+    beam_sigma_deg: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Design":
+        """Return the design that a scene has."""
+        array = scene.array
+        return cls(
+            array.shape,
+            array.detectors_per_side,
+            array.width_m,
+            array.radius_m,
+            scene.lamp.beam_sigma_deg,
+        )
+
+    @property
+    def detectors(self) -> int:
+        """How many there are."""
+        return self.detectors_per_side**2
+
+    @property
+    def label(self) -> str:
+        """The design in words."""
+        side, sphere = self.detectors_per_side, "" if self.radius_m is None else self.radius_m
+        radius = f", radius {sphere:g} m" if sphere else ""
+        return (
+            f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, "
+            f"beam {self.beam_sigma_deg:g} deg"
+        )
+
+
+_HINTS = {
+    **typing.get_type_hints(ArraySettings, include_extras=True),
+    **typing.get_type_hints(LampSettings, include_extras=True),
+    "radius_m": Annotated[float, Quantity("sphere, curved only", "m", 0.01, 100)],
+}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A grid of designs, without those that cannot be built.
+
+    Parameters
+    ----------
+    shape, detectors_per_side, width_m, radius_m, beam_sigma_deg
+        Values of each, all different; a radius is for curved arrays alone.
+
+    Raises
+    ------
+    ValueError
+        For an empty list, a value that is given twice or out of bounds, or where nothing is left.
+    """
+
+    shape: Sequence[Shape]
+    detectors_per_side: Sequence[int]
+    width_m: Sequence[float]
+    radius_m: Sequence[float]
+    beam_sigma_deg: Sequence[float]
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            values = [check(_HINTS[field.name], v, field.name) for v in getattr(self, field.name)]
+            if not values and (field.name != "radius_m" or "curved" in self.shape):
+                raise ValueError(f"{field.name}: no value; give at least one")
+            for value in values:
+                if values.count(value) > 1:
+                    raise ValueError(f"{field.name}: {value} is given twice; give it once")
+            object.__setattr__(self, field.name, tuple(values))
+        if not self.designs():
+            reasons = "; ".join(self.dropped())
+            raise ValueError(f"radius_m: no design is left ({reasons}); give a larger one")
+
+    def designs(self) -> list[Design]:
+        """List what can be built, the number of detectors changing fastest."""
+        return [design for design in self._grid() if _fault(design) is None]
+
+    def dropped(self) -> dict[str, int]:
+        """Count what cannot be built, by the reason."""
+        found: dict[str, int] = {}
+        for fault in filter(None, map(_fault, self._grid())):
+            found[fault] = found.get(fault, 0) + 1
+        return found
+
+    def as_object(self) -> dict[str, list[Any]]:
+        """Return the lists as plain values."""
+        return {name: list(values) for name, values in vars(self).items()}
+
+    def _grid(self) -> list[Design]:
+        return [
+            Design(shape, side, width_m, radius_m, sigma_deg)
+            for shape in self.shape
+            for radius_m, width_m, sigma_deg, side in itertools.product(
+                self.radius_m if shape == "curved" else (None,),
+                self.width_m,
+                self.beam_sigma_deg,
+                self.detectors_per_side,
+            )
+        ]
+
+
+def default_sweep(scene: Scene) -> Sweep:
+    """Return the sweep of a scene where none is asked for: the lists below and the scene's own."""
+    own = Design.of(scene)
+    lists = {
+        name: tuple(sorted({*values, getattr(own, name) or values[0]}))
+        for name, values in DEFAULTS.items()
+    }
+    return Sweep(shape=typing.get_args(Shape), **lists)
+
+
+def _fault(design: Design) -> str | None:
+    """Say why a design cannot be built, alike for all that share the reason."""
+    try:
+        ArraySettings(design.shape, 2, design.width_m, 0.0, design.radius_m)
+    except ValueError:
+        return f"{design.width_m:g} m wide on a sphere of {design.radius_m:g} m: corners beyond it"
+    return None
+
+
+def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount = "front") -> Scene:
+    """Return a scene with another array and lamp, and the lamp's power set.
+
+    Parameters
+    ----------
+    scene
+        The scene, whose own array and lamp are the reference.
+    design
+        What takes their place.
+    power
+        ``flux``: the lamp emits as much light as the scene's, into a beam of another width; what
+        is brighter than the electronics can read saturates. ``flux_in_range``: the same light,
+        but where the aligned array would read more of it at the reference range than the scene's
+        does, the gain of the electronics is turned down until it reads the same; noise behind the
+        gain stays as it is in counts. ``counts``: the lamp is as strong as it takes for the same
+        reading.
+    mount
+        ``front``: the foremost point of the array stays where the scene's is. ``centre``: the
+        frame of the array does, which is the centre of a sphere, as Eren et al. (2016) have it.
+
+    Returns
+    -------
+    Scene
+        A scene like any other.
+
+    Raises
+    ------
+    ValueError
+        For an array that cannot be built, or that gets no light at the reference range.
+    """
+    bow_m = scene.array.bow_m
+    if mount == "front":
+        bow_m += (scene.array.radius_m or 0.0) - (design.radius_m or 0.0)
+    array = ArraySettings(
+        design.shape, design.detectors_per_side, design.width_m, bow_m, design.radius_m
+    )
+    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
+    found = dataclasses.replace(scene, array=array, lamp=lamp)
+    if power == "counts" or design == Design.of(scene):
+        return found
+    solid_angle = beam_solid_angle(math.radians(design.beam_sigma_deg))
+    base_flux = ForwardModel(scene).power * beam_solid_angle(
+        math.radians(scene.lamp.beam_sigma_deg)
+    )
+    brighter = base_flux / solid_angle / ForwardModel(found).power
+    if power == "flux_in_range" and brighter > 1:
+        return with_gain(found, 1 / brighter)
+    lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)
+    return dataclasses.replace(found, lamp=lamp)
+
+
+def with_gain(scene: Scene, gain: float) -> Scene:
+    """Return a scene whose electronics give `gain` times the counts for the same light.
+
+    The lamp's `reference_counts` are not touched: they say how strong the lamp is after the change.
+    """
+    effects = {
+        name: {
+            key: value * gain ** WITH_GAIN[name, key]
+            if (name, key) in WITH_GAIN and value is not None
+            else value
+            for key, value in settings.items()
+        }
+        for name, settings in scene.effects.items()
+    }
+    prior = dataclasses.replace(
+        scene.prior, ambient_std_counts=gain * scene.prior.ambient_std_counts
+    )
+    return dataclasses.replace(scene, effects=effects, prior=prior)

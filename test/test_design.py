@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import math
+import random
 import re
 import signal
 import time
@@ -13,7 +14,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from conftest import dask_workers
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
@@ -251,12 +252,15 @@ def own_power(design, bow_m, k_per_m, reference_counts):
 @pytest.mark.parametrize("design", [PLANAR, CURVED])
 def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     scene = scene_with({"attenuation": {"k_per_m": 0.15}, "sensor_noise": {"sigma_counts": 2.0}})
+    # A weak lamp leaves some of the poses dark.
+    weak = dataclasses.replace(scene.lamp, reference_counts=150.0)
+    scene = dataclasses.replace(scene, lamp=weak)
     poses = volume_poses(12, rng())
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
     found = score(designed(scene, design, "counts"), poses, rng())
     bow_m = 0.72 - (design.radius_m or 0.0)
-    power = own_power(design, bow_m, 0.15, 900.0)
+    power = own_power(design, bow_m, 0.15, 150.0)
     alone, known, lit = [], [], []
     for pose in poses:
         slopes = []
@@ -271,7 +275,7 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
         known.append(np.linalg.inv(information + spread).diagonal())
         alone.append(np.linalg.inv(information).diagonal())
     known, alone = np.array(known), np.array(alone)[np.array(lit)]
-    assert found.lit == np.mean(lit)
+    assert 0 < found.lit == np.mean(lit) < 1
     for variances, position, angle, rtol in (
         (known, found.position_m, found.angle_deg, 1e-5),
         (alone, found.lit_position_m, found.lit_angle_deg, 1e-2),
@@ -321,7 +325,7 @@ def test_the_angles_are_those_of_an_implementation_of_its_own(design):
 
 def test_the_papers_array_gets_the_numbers_of_docs_paper():
     """Row "moves to port", the smaller side at 5 x 5: nos. 8 and 11 at 4 m, 13 and 14 at 8 m."""
-    scene = designed(load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5))
+    scene = designed(load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5), "counts")
     found = score(scene, volume_poses(2, rng()), rng())
     stated = [found.shift_near_deg, found.yaw_near_deg, found.shift_deg, found.yaw_deg]
     np.testing.assert_allclose(stated, [26.1, 21.2, 6.3, 9.7], atol=0.05)
@@ -415,7 +419,7 @@ def test_the_same_bytes_by_one_thread_two_threads_and_any_order(tmp_path, small_
     assert contents(one.path) == contents(two.path) == contents(back.path)
     assert len(contents(one.path)) == 7 + 2
     # A design's score is its own, whatever else is swept.
-    alone = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(8.0,))
+    alone = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
     rows = dict(one.rows())
     for design, values in zip(
         alone.designs(), study_of(sweep=alone).scored(alone.designs()), strict=True
@@ -496,6 +500,7 @@ def row_of(side, position_m, angle_deg, **changes):
     st.lists(st.tuples(st.integers(2, 6), st.floats(0.01, 10), st.floats(0.01, 10)), min_size=1),
     st.randoms(),
 )
+@example([(3, 10.0, 0.1), (3, 9.5, 0.12)], random.Random(1))
 def test_the_front_stands_for_all_and_none_of_it_for_another(points, order):
     rows = [row_of(*point, width_m=0.1 + i / 100) for i, point in enumerate(points)]
 
@@ -526,6 +531,8 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     paper = Row(Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9))
     rows, study = [wide, fits, told, paper], study_of()
     assert fronts(study, rows) == {"fits": [fits], "told": [told], "any": [wide]}
+    assert told.score.told_near
+    assert not paper.score.told_near
     assert numbered(study, rows) == [fits, told, wide, paper]
     assert standing(study, rows) == ["fits", "told", "any", "none; the paper's array"]
     assert [of_the_paper(row.design) for row in rows] == [False, False, False, True]

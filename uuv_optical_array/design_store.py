@@ -234,4 +234,4 @@ def write_csv(study: Study, rows: Sequence[Row], path: Path) -> None:
     writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(lines)
-    files.write_whole(path, text.getvalue())
+    files.write_text(path, text.getvalue())

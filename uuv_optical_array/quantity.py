@@ -135,12 +135,14 @@ def check(hint: Any, value: Any, name: str) -> Any:
         Names the key, the value, the bound and the cure.
     """
     quantity = Quantity("")
-    if typing.get_origin(hint) is typing.Annotated:
-        hint, quantity = typing.get_args(hint)
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        if value is None:
+    # Python 3.10 wraps the whole hint of an argument with the default None once more.
+    while typing.get_origin(hint) in (typing.Annotated, types.UnionType, typing.Union):
+        if typing.get_origin(hint) is typing.Annotated:
+            hint, quantity = typing.get_args(hint)
+        elif value is None:
             return None
-        hint = next(option for option in typing.get_args(hint) if option is not type(None))
+        else:
+            hint = next(option for option in typing.get_args(hint) if option is not type(None))
     if typing.get_origin(hint) is Literal:
         choices = typing.get_args(hint)
         if value not in choices or isinstance(value, bool):

@@ -183,7 +183,7 @@ def take(study: Study, row: Row, path: Path) -> None:
     scene = designed(study.scene, row.design, study.power, study.mount)
     settings = scene_from_settings(scene.settings(), path.stem).settings()  # its bounds checked
     head = f"# {row.design.label}, by uuv_array design from scene {study.scene.name}\n"
-    files.write_whole(path, head + yaml.safe_dump(settings, sort_keys=False))
+    files.write_text(path, head + yaml.safe_dump(settings, sort_keys=False))
 
 
 def as_object(study: Study, rows: Sequence[Row]) -> dict[str, Any]:

@@ -27,6 +27,7 @@ PATHS = [
     ),
 ]
 both = pytest.mark.parametrize("compiled", PATHS)
+numba = pytest.mark.skipif(not bulk.installed(), reason="Numba is not installed")
 SHAPES = {
     "planar": ArraySettings("planar", 5),
     "curved": ArraySettings("curved", 4, width_m=0.5, bow_m=0.7, radius_m=0.4),
@@ -127,12 +128,29 @@ def test_light_too_dim_for_a_number_is_zero_and_a_pose_that_is_no_number_gives_n
     assert np.isnan(light[2]).all()
 
 
+@numba
 @pytest.mark.parametrize("degrees", [0.0, 1e-6, 0.01, 1.0, 10.0, 30.0, 44.0, 45.0])
 def test_the_polynomial_is_the_square_of_the_angle(degrees):
+    from uuv_optical_array import bulk_kernel
+
     eta = math.radians(degrees)
-    versine = 2 * math.sin(eta / 2) ** 2
-    square = versine * np.polyval(bulk._SQUARED_ANGLE, versine)
+    squared = math.sin(eta) ** 2
+    square = squared * np.polyval(bulk_kernel.SQUARED_ANGLE, squared)
     assert square == pytest.approx(eta**2, rel=2e-15)
+
+
+@numba
+def test_roots_and_exponentials_of_the_kernel_are_those_of_mathematics():
+    from uuv_optical_array import bulk_kernel
+
+    rng = np.random.default_rng(5)
+    numbers = np.concatenate([10 ** rng.uniform(-6, 200, 20_000), [1e-6, 1.0, 2.0, 4.0]])
+    roots = np.array([bulk_kernel.inverse_root(x) for x in numbers])
+    np.testing.assert_allclose(roots, 1 / np.sqrt(numbers), rtol=4e-16)
+    numbers = np.concatenate([rng.uniform(-708, 0, 20_000), [0.0, -0.0, -1e-300, -707.99]])
+    exponentials = np.array([bulk_kernel.exponential(x) for x in numbers])
+    np.testing.assert_allclose(exponentials, np.exp(numbers), rtol=4e-16)
+    assert [bulk_kernel.exponential(x) for x in (-708.1, -1e5, -1e200)] == [0, 0, 0]
 
 
 EFFECTS = {
@@ -226,9 +244,11 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_bulk_work_goes
     assert light.max() > 0
 
 
-@pytest.mark.skipif(not bulk.installed(), reason="Numba is not installed")
+@numba
 def test_where_nothing_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba
+
+    from uuv_optical_array import bulk_kernel
 
     asked = []
 
@@ -241,7 +261,7 @@ def test_where_nothing_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypat
     monkeypatch.setattr(numba, "njit", njit)
     bulk.kernel.cache_clear()
     try:
-        assert bulk.kernel() is bulk.prepare
+        assert bulk.kernel() is bulk_kernel.write
     finally:
         bulk.kernel.cache_clear()
     assert asked == [True, False]

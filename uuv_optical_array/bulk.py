@@ -54,7 +54,8 @@ def kernel() -> Callable[..., None]:
     except ImportError as error:
         raise ValueError(f"compiled: {error}; install Numba: pip install -e '.[fast]'") from None
     matrix, poses = float64[:, ::1], types.Array(float64, 2, "A", readonly=True)
-    signature = void(matrix, poses, matrix, matrix, float64, float64, float64)
+    rolls = types.Array(float64, 1, "A", readonly=True)
+    signature = void(matrix, poses, rolls, matrix, float64, float64, float64)
     options: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
     try:
         return njit(signature, cache=True, **options)(write)
@@ -123,12 +124,8 @@ class BulkLight:
                 exponents, factors = self._prepared(poses, rolls)
                 np.multiply(factors.T, np.exp(exponents, out=exponents).T, out=light)
             else:
-                tangents = np.empty((3, len(poses)))
-                tangents[0], tangents[1], tangents[2] = rolls, poses[:, PITCH], poses[:, YAW]
-                tangents *= 0.5
-                np.tan(tangents, out=tangents)
                 settings = self._detectors, self._reach_m, self._gain, self._k_per_m
-                self._kernel(light, poses, tangents, *settings)
+                self._kernel(light, poses, rolls, *settings)
 
     def _prepared(self, poses: Array, rolls: Array) -> tuple[Array, Array]:
         """Return exponents and factors of the light, shape ``(n, m)``, which NumPy is fast in."""

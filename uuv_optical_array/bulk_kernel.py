@@ -12,9 +12,9 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from uuv_optical_array.light import MIN_RANGE_M
-from uuv_optical_array.pose import Array
+from uuv_optical_array.pose import PITCH, YAW, Array
 
-TILE_READINGS = 400
+TILE_POSES, TILE_READINGS = 16, 400
 MAX_RANGE_M = 1e100  # whose square is a number
 
 # eta^2 / s by powers of s = sin(eta)^2, highest first: minimax up to 45 deg, right to 7e-17.
@@ -40,6 +40,30 @@ SQUARED_ANGLE = (
     1.0,
 )
 EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers: two short chains of sums
+# sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
+SINE = (
+    2.7215660921125597e-15,
+    -7.643025738964345e-13,
+    1.6058940847832492e-10,
+    -2.505210688997513e-08,
+    2.7557319211223257e-06,
+    -0.00019841269841208638,
+    0.008333333333333186,
+    -0.16666666666666666,
+    1.0,
+)
+COSINE = (
+    -1.51197786600161e-16,
+    4.776871733415368e-14,
+    -1.1470670142864075e-11,
+    2.087675566605353e-09,
+    -2.755731920964734e-07,
+    2.4801587301492586e-05,
+    -0.001388888888888853,
+    0.04166666666666666,
+    -0.5,
+    1.0,
+)
 # exp by powers up to log(2) / 2, highest first: minimax, right to 3e-18.
 EXPONENTIAL = (
     2.5110037605963777e-08,
@@ -56,6 +80,7 @@ EXPONENTIAL = (
     1.0,
 )
 LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum
+PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
 
@@ -92,6 +117,14 @@ def _inverse_root(x: float) -> float:
     return root + root * error * (0.5 + error * 0.375)
 
 
+def _sine_and_cosine(angle: float) -> tuple[float, float]:
+    # Of half the angle, less whole turns of pi, which do not change the double angle's.
+    turns = (angle * (0.5 / math.pi) + ROUND) - ROUND
+    half = 0.5 * angle - turns * PI_HIGH - turns * PI_LOW
+    sine = half * horner(SINE, half * half)
+    return 2 * sine * horner(COSINE, half * half), 1 - 2 * sine * sine
+
+
 def _exponential(x: float) -> float:
     """Return exp(x) of a number up to 700, 0 below `SMALLEST`."""
     shifted = x * (1 / math.log(2)) + ROUND
@@ -104,13 +137,14 @@ def _exponential(x: float) -> float:
 
 horner = njit(_horner, inline="always")
 inverse_root = njit(_inverse_root, inline="always")
+sine_and_cosine = njit(_sine_and_cosine, inline="always")
 exponential = njit(_exponential, inline="always")
 
 
 def write(
     light: Array,
     poses: Array,
-    half_tangents: Array,
+    rolls: Array,
     detectors: Array,
     reach_m: float,
     gain: float,
@@ -123,9 +157,9 @@ def write(
     light
         Result, counts, shape ``(m, n)``.
     poses
-        Poses of the follower in ``beacon``, of which x, y and z are read, m, shape ``(m, 5)``.
-    half_tangents
-        Of half the roll, pitch and yaw, each of which gives sine and cosine; shape ``(3, m)``.
+        Poses of the follower in ``beacon``, m and rad, shape ``(m, 5)``.
+    rolls
+        Its roll, rad, shape ``(m,)``.
     detectors
         Position, normal times the lamp's power, and their product, shape ``(7, n)``.
     reach_m
@@ -137,30 +171,35 @@ def write(
     """
     wide_vectors()
     count, n = light.shape
-    tile = max(1, TILE_READINGS // n)
-    frames = np.empty((15, tile))
+    tile = max(1, min(TILE_POSES, TILE_READINGS // n))
+    frames = np.empty((15, TILE_POSES))
     along, across_squared, facing, range_m, sine_squared, factor, exponent = np.empty((7, tile * n))
     for first in range(0, count, tile):
         size = min(tile, count - first)
         # For each pose its place and `pose.rotation_matrix`, by rows, and the lamp in base_link.
         for i in range(size):
-            x, y, z = poses[first + i, 0], poses[first + i, 1], poses[first + i, 2]
-            r, p, w = (
-                half_tangents[0, first + i],
-                half_tangents[1, first + i],
-                half_tangents[2, first + i],
+            frames[0, i], frames[4, i], frames[8, i] = (
+                poses[first + i, 0],
+                poses[first + i, 1],
+                poses[first + i, 2],
             )
-            share_r, share_p, share_w = 1 / (1 + r * r), 1 / (1 + p * p), 1 / (1 + w * w)
-            sin_r, cos_r = 2 * r * share_r, (1 - r * r) * share_r
-            sin_p, cos_p = 2 * p * share_p, (1 - p * p) * share_p
-            sin_y, cos_y = 2 * w * share_w, (1 - w * w) * share_w
+            frames[12, i], frames[13, i], frames[14, i] = (
+                rolls[first + i],
+                poses[first + i, PITCH],
+                poses[first + i, YAW],
+            )
+        for i in range(size):
+            x, y, z = frames[0, i], frames[4, i], frames[8, i]
+            sin_r, cos_r = sine_and_cosine(frames[12, i])
+            sin_p, cos_p = sine_and_cosine(frames[13, i])
+            sin_y, cos_y = sine_and_cosine(frames[14, i])
             xx, yx, zx = cos_y * cos_p, sin_y * cos_p, -sin_p
             xy, xz = cos_y * sin_p * sin_r - sin_y * cos_r, cos_y * sin_p * cos_r + sin_y * sin_r
             yy, yz = sin_y * sin_p * sin_r + cos_y * cos_r, sin_y * sin_p * cos_r - cos_y * sin_r
             zy, zz = cos_p * sin_r, cos_p * cos_r
-            frames[0, i], frames[1, i], frames[2, i], frames[3, i] = x, xx, xy, xz
-            frames[4, i], frames[5, i], frames[6, i], frames[7, i] = y, yx, yy, yz
-            frames[8, i], frames[9, i], frames[10, i], frames[11, i] = z, zx, zy, zz
+            frames[1, i], frames[2, i], frames[3, i] = xx, xy, xz
+            frames[5, i], frames[6, i], frames[7, i] = yx, yy, yz
+            frames[9, i], frames[10, i], frames[11, i] = zx, zy, zz
             frames[12, i] = -(xx * x + yx * y + zx * z)
             frames[13, i] = -(xy * x + yy * y + zy * z)
             frames[14, i] = -(xz * x + yz * y + zz * z)

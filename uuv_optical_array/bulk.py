@@ -1,9 +1,8 @@
 """Light on very many poses at once: blocks that stay in the cache, compiled where that pays.
 
-Each block is worked out twofold, an exponent and a factor for every reading, by Numba's kernel or
-by NumPy; then NumPy's own exponential, which is vectorised, joins them. Both cover inverse square,
-Gaussian beam, Lambert's cosine and attenuation, and agree with `light.trace` and `light.irradiance`
-to rounding. Numba is imported when it is first used.
+`bulk_kernel`, which Numba compiles, and NumPy both cover inverse square, Gaussian beam, Lambert's
+cosine and attenuation, and agree with `light.trace` and `light.irradiance` to rounding. Numba is
+imported when it is first used.
 """
 
 import importlib.util

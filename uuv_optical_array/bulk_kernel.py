@@ -1,9 +1,10 @@
 """The kernel of `bulk.BulkLight`, for Numba to compile; importing this module imports Numba.
 
-Everything a reading needs is adds and multiplies that vectorise: no division, no square root, no
-branch, no call. At each step a tile of poses stays in the first level of the cache.
+It takes a tile of poses at a time, which stays in the first level of the cache. What every reading
+needs is sums and products, which vectorise: no division, no square root, no branch, no call.
 """
 
+import contextlib
 import math
 from typing import Any
 
@@ -87,8 +88,9 @@ ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in th
 
 def _wide_vectors(_typing: Any) -> Any:
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        # llvmlite's own `add` knows no attributes with a value.
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        with contextlib.suppress(TypeError):  # without it the kernel is slower, and as right
+            # llvmlite's own `add` knows no attributes that have a value.
+            set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -171,82 +173,96 @@ def write(
     """
     wide_vectors()
     count, n = light.shape
-    tile = max(1, min(TILE_POSES, TILE_READINGS // n))
+    flat = light.reshape(-1)
     frames = np.empty((15, TILE_POSES))
-    along, across_squared, facing, range_m, sine_squared, factor, exponent = np.empty((7, tile * n))
-    for first in range(0, count, tile):
-        size = min(tile, count - first)
-        # For each pose its place and `pose.rotation_matrix`, by rows, and the lamp in base_link.
-        for i in range(size):
-            frames[0, i], frames[4, i], frames[8, i] = (
-                poses[first + i, 0],
-                poses[first + i, 1],
-                poses[first + i, 2],
-            )
-            frames[12, i], frames[13, i], frames[14, i] = (
-                rolls[first + i],
-                poses[first + i, PITCH],
-                poses[first + i, YAW],
-            )
-        for i in range(size):
-            x, y, z = frames[0, i], frames[4, i], frames[8, i]
-            sin_r, cos_r = sine_and_cosine(frames[12, i])
-            sin_p, cos_p = sine_and_cosine(frames[13, i])
-            sin_y, cos_y = sine_and_cosine(frames[14, i])
-            xx, yx, zx = cos_y * cos_p, sin_y * cos_p, -sin_p
-            xy, xz = cos_y * sin_p * sin_r - sin_y * cos_r, cos_y * sin_p * cos_r + sin_y * sin_r
-            yy, yz = sin_y * sin_p * sin_r + cos_y * cos_r, sin_y * sin_p * cos_r - cos_y * sin_r
-            zy, zz = cos_p * sin_r, cos_p * cos_r
-            frames[1, i], frames[2, i], frames[3, i] = xx, xy, xz
-            frames[5, i], frames[6, i], frames[7, i] = yx, yy, yz
-            frames[9, i], frames[10, i], frames[11, i] = zx, zy, zz
-            frames[12, i] = -(xx * x + yx * y + zx * z)
-            frames[13, i] = -(xy * x + yy * y + zy * z)
-            frames[14, i] = -(xz * x + yz * y + zz * z)
-        # For each reading the detector along the beam and across it, and how it faces the lamp.
-        for i in range(size):
-            x, xx, xy, xz = frames[0, i], frames[1, i], frames[2, i], frames[3, i]
-            y, yx, yy, yz = frames[4, i], frames[5, i], frames[6, i], frames[7, i]
-            z, zx, zy, zz = frames[8, i], frames[9, i], frames[10, i], frames[11, i]
-            lamp_x, lamp_y, lamp_z = frames[12, i], frames[13, i], frames[14, i]
-            for j in range(n):
-                a, b, c = detectors[0, j], detectors[1, j], detectors[2, j]
-                along[i * n + j] = -(x + xx * a + xy * b + xz * c)
-                across_y = y + yx * a + yy * b + yz * c
-                across_z = z + zx * a + zy * b + zz * c
-                across_squared[i * n + j] = across_y * across_y + across_z * across_z
-                facing[i * n + j] = max(
-                    lamp_x * detectors[3, j]
-                    + lamp_y * detectors[4, j]
-                    + lamp_z * detectors[5, j]
-                    - detectors[6, j],
-                    0.0,
+    here = np.empty((7, TILE_READINGS))
+    along, across_squared, facing, range_m, sine_squared, factor, exponent = np.empty(
+        (7, TILE_READINGS)
+    )
+    for low in range(0, n, TILE_READINGS):
+        width = min(TILE_READINGS, n - low)
+        # Arrays of constant shape, which LLVM can tell apart without tests for every pose.
+        here[:, :width] = detectors[:, low : low + width]
+        tile = min(TILE_POSES, TILE_READINGS // width) if width == n else 1
+        for first in range(0, count, tile):
+            size = min(tile, count - first)
+            # Of each pose: place and `pose.rotation_matrix`, by rows; the lamp in base_link.
+            for i in range(size):
+                frames[0, i], frames[4, i], frames[8, i] = (
+                    poses[first + i, 0],
+                    poses[first + i, 1],
+                    poses[first + i, 2],
                 )
-        # Inverse square, Lambert's cosine and what the exponential needs: loops so short that the
-        # processor works on several turns at once.
-        for k in range(size * n):
-            squared = across_squared[k] + along[k] * along[k]
-            inverse = inverse_root(squared)
-            range_m[k] = squared * inverse
-            sine_squared[k] = across_squared[k] * inverse * inverse
-            factor[k] = facing[k] * (inverse * inverse * inverse)
-        for k in range(size * n):
-            s, fourth = sine_squared[k], sine_squared[k] * sine_squared[k]
-            eta_squared = s * (horner(EVEN, fourth) + s * horner(ODD, fourth))
-            exponent[k] = gain * eta_squared - k_per_m * range_m[k]
-        # The polynomial holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
-        for i in range(size):
-            x, y, z = frames[0, i], frames[4, i], frames[8, i]
-            room_m = -x - math.sqrt(y * y + z * z)
-            if math.sqrt(2.0) * (reach_m + MIN_RANGE_M) <= room_m <= MAX_RANGE_M:
-                continue
-            for k in range(i * n, i * n + n):
-                far_m = max(math.sqrt(across_squared[k] + along[k] * along[k]), MIN_RANGE_M)
-                eta = math.atan2(math.sqrt(across_squared[k]), along[k])
-                exponent[k] = gain * (eta * eta) - k_per_m * far_m
-                factor[k] = facing[k] / far_m / far_m / far_m
-        readings = light[first : first + size].reshape(-1)
-        for k in range(size * n):
-            # Half of the exponent, twice: so what is nearly too dim for a number is right too.
-            root = exponential(0.5 * exponent[k])
-            readings[k] = factor[k] * root * root
+                frames[12, i], frames[13, i], frames[14, i] = (
+                    rolls[first + i],
+                    poses[first + i, PITCH],
+                    poses[first + i, YAW],
+                )
+            for i in range(size):
+                x, y, z = frames[0, i], frames[4, i], frames[8, i]
+                sin_r, cos_r = sine_and_cosine(frames[12, i])
+                sin_p, cos_p = sine_and_cosine(frames[13, i])
+                sin_y, cos_y = sine_and_cosine(frames[14, i])
+                xx, yx, zx = cos_y * cos_p, sin_y * cos_p, -sin_p
+                xy, xz = (
+                    cos_y * sin_p * sin_r - sin_y * cos_r,
+                    cos_y * sin_p * cos_r + sin_y * sin_r,
+                )
+                yy, yz = (
+                    sin_y * sin_p * sin_r + cos_y * cos_r,
+                    sin_y * sin_p * cos_r - cos_y * sin_r,
+                )
+                zy, zz = cos_p * sin_r, cos_p * cos_r
+                frames[1, i], frames[2, i], frames[3, i] = xx, xy, xz
+                frames[5, i], frames[6, i], frames[7, i] = yx, yy, yz
+                frames[9, i], frames[10, i], frames[11, i] = zx, zy, zz
+                frames[12, i] = -(xx * x + yx * y + zx * z)
+                frames[13, i] = -(xy * x + yy * y + zy * z)
+                frames[14, i] = -(xz * x + yz * y + zz * z)
+            # Of each reading: its place along the beam and across it; how it faces the lamp.
+            for i in range(size):
+                x, xx, xy, xz = frames[0, i], frames[1, i], frames[2, i], frames[3, i]
+                y, yx, yy, yz = frames[4, i], frames[5, i], frames[6, i], frames[7, i]
+                z, zx, zy, zz = frames[8, i], frames[9, i], frames[10, i], frames[11, i]
+                lamp_x, lamp_y, lamp_z = frames[12, i], frames[13, i], frames[14, i]
+                for j in range(width):
+                    a, b, c = here[0, j], here[1, j], here[2, j]
+                    along[i * width + j] = -(x + xx * a + xy * b + xz * c)
+                    across_y = y + yx * a + yy * b + yz * c
+                    across_z = z + zx * a + zy * b + zz * c
+                    across_squared[i * width + j] = across_y * across_y + across_z * across_z
+                    facing[i * width + j] = max(
+                        lamp_x * here[3, j]
+                        + lamp_y * here[4, j]
+                        + lamp_z * here[5, j]
+                        - here[6, j],
+                        0.0,
+                    )
+            # Inverse square, cosine, exponent and exponential, in loops so short that the processor
+            # works on several turns at once.
+            for k in range(size * width):
+                squared = across_squared[k] + along[k] * along[k]
+                inverse = inverse_root(squared)
+                range_m[k] = squared * inverse
+                sine_squared[k] = across_squared[k] * inverse * inverse
+                factor[k] = facing[k] * (inverse * inverse * inverse)
+            for k in range(size * width):
+                s, fourth = sine_squared[k], sine_squared[k] * sine_squared[k]
+                eta_squared = s * (horner(EVEN, fourth) + s * horner(ODD, fourth))
+                exponent[k] = gain * eta_squared - k_per_m * range_m[k]
+            # That holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
+            for i in range(size):
+                x, y, z = frames[0, i], frames[4, i], frames[8, i]
+                room_m = -x - math.sqrt(y * y + z * z)
+                if math.sqrt(2.0) * (reach_m + MIN_RANGE_M) <= room_m <= MAX_RANGE_M:
+                    continue
+                for k in range(i * width, (i + 1) * width):
+                    far_m = max(math.sqrt(across_squared[k] + along[k] * along[k]), MIN_RANGE_M)
+                    eta = math.atan2(math.sqrt(across_squared[k]), along[k])
+                    exponent[k] = gain * (eta * eta) - k_per_m * far_m
+                    factor[k] = facing[k] / far_m / far_m / far_m
+            readings = flat[first * n + low : first * n + low + size * width]
+            for k in range(size * width):
+                # Half of the exponent, twice: so what is nearly too dim for a number is right too.
+                root = exponential(0.5 * exponent[k])
+                readings[k] = factor[k] * root * root

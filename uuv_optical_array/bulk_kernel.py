@@ -98,7 +98,7 @@ def _wide_vectors(_typing: Any) -> Any:
 
 # LLVM keeps to 256 bits on Intel's processors; NumPy's exponential does not. Without AVX-512
 # this says nothing.
-wide_vectors = intrinsic(_wide_vectors)
+wide_vectors: Any = intrinsic(_wide_vectors)
 
 
 def _horner(coefficients: tuple[float, ...], x: float) -> float:
@@ -137,10 +137,10 @@ def _exponential(x: float) -> float:
     return 0.0 if x < SMALLEST else np.int64(bits).view(np.float64)
 
 
-horner = njit(_horner, inline="always")
-inverse_root = njit(_inverse_root, inline="always")
-sine_and_cosine = njit(_sine_and_cosine, inline="always")
-exponential = njit(_exponential, inline="always")
+horner: Any = njit(_horner, inline="always")
+inverse_root: Any = njit(_inverse_root, inline="always")
+sine_and_cosine: Any = njit(_sine_and_cosine, inline="always")
+exponential: Any = njit(_exponential, inline="always")
 
 
 def write(

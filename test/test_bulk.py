@@ -119,13 +119,14 @@ def test_singular_places_have_the_light_of_trace_and_irradiance(compiled, place)
 
 @both
 def test_light_too_dim_for_a_number_is_zero_and_a_pose_that_is_no_number_gives_none(compiled):
-    pose = np.array([[-1000.0, 0, 0, 0, 0], [math.nan, 0, 0, 0, 0], [-4.0, 0, 0, math.nan, 0]])
-    light = np.empty((3, 25))
-    with np.errstate(under="raise", invalid="ignore"):
-        bulk.BulkLight(ARRAYS["planar"], 0.1, 900.0, 10.0, compiled).write(light, pose, np.zeros(3))
-    assert (light[0] == 0).all()
-    assert np.isnan(light[1]).all()
-    assert np.isnan(light[2]).all()
+    pose = np.zeros((4, 5))
+    pose[:, 0] = -1000, -1e200, math.nan, -4
+    pose[3, 3] = math.nan
+    light = np.empty((4, 25))
+    with np.errstate(under="raise", over="ignore", invalid="ignore"):
+        bulk.BulkLight(ARRAYS["planar"], 0.1, 900.0, 10.0, compiled).write(light, pose, np.zeros(4))
+    assert (light[:2] == 0).all()
+    assert np.isnan(light[2:]).all()
 
 
 @numba
@@ -196,6 +197,19 @@ def test_an_effect_that_asks_for_rays_gets_them(compiled, monkeypatch):
     assert (light == 0).any()
     assert (light > 0).any()
     np.testing.assert_allclose(light[::100], model.light(pose[::100]), rtol=1e-11, atol=1e-11)
+
+
+@both
+def test_a_turn_of_a_thousand_rounds_is_none(compiled):
+    pose = table_poses(40, seed=3)
+    turned = pose.copy()
+    turned[:, 3:] += 2 * math.pi * np.array([1000, -1000])
+    light, expected = np.empty((2, 40, 25))
+    lamp = bulk.BulkLight(ARRAYS["planar"], 0.2, 900.0, 0.1, compiled)
+    lamp.write(expected, pose, np.zeros(40))
+    lamp.write(light, turned, np.full(40, 2000 * math.pi))
+    # 2000 pi itself is known to 5e-13.
+    np.testing.assert_allclose(light, expected, rtol=0, atol=1e-10 * expected.max())
 
 
 def test_late_rays_are_traced_once_when_asked():

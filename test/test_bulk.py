@@ -200,6 +200,21 @@ def test_an_effect_that_asks_for_rays_gets_them(compiled, monkeypatch):
 
 
 @both
+def test_light_whose_exponential_is_subnormal_is_right(compiled):
+    array, power, k = ARRAYS["planar"], 1e9, 10.0
+    pose = np.array([[-72.5, 0, 0, 0, 0]])
+    light = np.empty((1, 25))
+    bulk.BulkLight(array, 1.0, power, k, compiled).write(light, pose, np.zeros(1))
+    rays = trace(array, *lamp_in_body(pose, np.zeros(1)))
+    range_m = rays.range_m
+    assert (-k * range_m > -745).all()
+    assert (-k * range_m < -708).all()
+    expected = irradiance(rays, 1.0, power) * np.exp(-k / 2 * range_m) * np.exp(-k / 2 * range_m)
+    assert (expected > 0).all()
+    np.testing.assert_allclose(light, expected, rtol=1e-9)
+
+
+@both
 def test_a_turn_of_a_thousand_rounds_is_none(compiled):
     pose = table_poses(40, seed=3)
     turned = pose.copy()

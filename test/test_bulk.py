@@ -27,6 +27,7 @@ PATHS = [
     ),
 ]
 both = pytest.mark.parametrize("compiled", PATHS)
+numba = pytest.mark.skipif(not bulk.installed(), reason="Numba is not installed")
 SHAPES = {
     "planar": ArraySettings("planar", 5),
     "curved": ArraySettings("curved", 4, width_m=0.5, bow_m=0.7, radius_m=0.4),
@@ -118,21 +119,39 @@ def test_singular_places_have_the_light_of_trace_and_irradiance(compiled, place)
 
 @both
 def test_light_too_dim_for_a_number_is_zero_and_a_pose_that_is_no_number_gives_none(compiled):
-    pose = np.array([[-1000.0, 0, 0, 0, 0], [math.nan, 0, 0, 0, 0], [-4.0, 0, 0, math.nan, 0]])
-    light = np.empty((3, 25))
-    with np.errstate(under="raise", invalid="ignore"):
-        bulk.BulkLight(ARRAYS["planar"], 0.1, 900.0, 10.0, compiled).write(light, pose, np.zeros(3))
-    assert (light[0] == 0).all()
-    assert np.isnan(light[1]).all()
-    assert np.isnan(light[2]).all()
+    pose = np.zeros((4, 5))
+    pose[:, 0] = -1000, -1e200, math.nan, -4
+    pose[3, 3] = math.nan
+    light = np.empty((4, 25))
+    with np.errstate(under="raise", over="ignore", invalid="ignore"):
+        bulk.BulkLight(ARRAYS["planar"], 0.1, 900.0, 10.0, compiled).write(light, pose, np.zeros(4))
+    assert (light[:2] == 0).all()
+    assert np.isnan(light[2:]).all()
 
 
+@numba
 @pytest.mark.parametrize("degrees", [0.0, 1e-6, 0.01, 1.0, 10.0, 30.0, 44.0, 45.0])
 def test_the_polynomial_is_the_square_of_the_angle(degrees):
+    from uuv_optical_array import bulk_kernel
+
     eta = math.radians(degrees)
-    versine = 2 * math.sin(eta / 2) ** 2
-    square = versine * np.polyval(bulk._SQUARED_ANGLE, versine)
+    squared = math.sin(eta) ** 2
+    square = squared * np.polyval(bulk_kernel.SQUARED_ANGLE, squared)
     assert square == pytest.approx(eta**2, rel=2e-15)
+
+
+@numba
+def test_roots_and_exponentials_of_the_kernel_are_those_of_mathematics():
+    from uuv_optical_array import bulk_kernel
+
+    rng = np.random.default_rng(5)
+    numbers = np.concatenate([10 ** rng.uniform(-6, 200, 20_000), [1e-6, 1.0, 2.0, 4.0]])
+    roots = np.array([bulk_kernel.inverse_root(x) for x in numbers])
+    np.testing.assert_allclose(roots, 1 / np.sqrt(numbers), rtol=4e-16)
+    numbers = np.concatenate([rng.uniform(-708, 0, 20_000), [0.0, -0.0, -1e-300, -707.99]])
+    exponentials = np.array([bulk_kernel.exponential(x) for x in numbers])
+    np.testing.assert_allclose(exponentials, np.exp(numbers), rtol=4e-16)
+    assert [bulk_kernel.exponential(x) for x in (-708.1, -1e5, -1e200)] == [0, 0, 0]
 
 
 EFFECTS = {
@@ -178,6 +197,34 @@ def test_an_effect_that_asks_for_rays_gets_them(compiled, monkeypatch):
     assert (light == 0).any()
     assert (light > 0).any()
     np.testing.assert_allclose(light[::100], model.light(pose[::100]), rtol=1e-11, atol=1e-11)
+
+
+@both
+def test_light_whose_exponential_is_subnormal_is_right(compiled):
+    array, power, k = ARRAYS["planar"], 1e9, 10.0
+    pose = np.array([[-72.5, 0, 0, 0, 0]])
+    light = np.empty((1, 25))
+    bulk.BulkLight(array, 1.0, power, k, compiled).write(light, pose, np.zeros(1))
+    rays = trace(array, *lamp_in_body(pose, np.zeros(1)))
+    range_m = rays.range_m
+    assert (-k * range_m > -745).all()
+    assert (-k * range_m < -708).all()
+    expected = irradiance(rays, 1.0, power) * np.exp(-k / 2 * range_m) * np.exp(-k / 2 * range_m)
+    assert (expected > 0).all()
+    np.testing.assert_allclose(light, expected, rtol=1e-9)
+
+
+@both
+def test_a_turn_of_a_thousand_rounds_is_none(compiled):
+    pose = table_poses(40, seed=3)
+    turned = pose.copy()
+    turned[:, 3:] += 2 * math.pi * np.array([1000, -1000])
+    light, expected = np.empty((2, 40, 25))
+    lamp = bulk.BulkLight(ARRAYS["planar"], 0.2, 900.0, 0.1, compiled)
+    lamp.write(expected, pose, np.zeros(40))
+    lamp.write(light, turned, np.full(40, 2000 * math.pi))
+    # 2000 pi itself is known to 5e-13.
+    np.testing.assert_allclose(light, expected, rtol=0, atol=1e-10 * expected.max())
 
 
 def test_late_rays_are_traced_once_when_asked():
@@ -226,9 +273,11 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_bulk_work_goes
     assert light.max() > 0
 
 
-@pytest.mark.skipif(not bulk.installed(), reason="Numba is not installed")
+@numba
 def test_where_nothing_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba
+
+    from uuv_optical_array import bulk_kernel
 
     asked = []
 
@@ -241,7 +290,7 @@ def test_where_nothing_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypat
     monkeypatch.setattr(numba, "njit", njit)
     bulk.kernel.cache_clear()
     try:
-        assert bulk.kernel() is bulk.prepare
+        assert bulk.kernel() is bulk_kernel.write
     finally:
         bulk.kernel.cache_clear()
     assert asked == [True, False]

@@ -60,7 +60,7 @@ class Chart:
         coordinates[..., DIMNESS] = np.log(range_m) + self.k_per_m / 2 * range_m
         coordinates[..., DIMNESS] += self._beam_loss(sight, axis)[0]
         if self.planar:
-            coordinates[..., :2] -= self._share * _directions(-axis)
+            coordinates[..., :2] -= self.share * _directions(-axis)
             coordinates[..., DIMNESS] -= 0.5 * np.log(_facing(sight))
         coordinates[..., PITCH:] = poses[..., PITCH:]
         return coordinates
@@ -89,7 +89,7 @@ class Chart:
         axis = -rotation[..., 0, :]
         angles = coordinates[..., :2]
         if self.planar:
-            angles = angles + self._share * _directions(-axis)
+            angles = angles + self.share * _directions(-axis)
         sight, _ = _sight(angles)
         dimness = coordinates[..., DIMNESS] - self._beam_loss(sight, axis)[0]
         if self.planar:
@@ -134,12 +134,12 @@ class Chart:
         of_axis[..., YAW] = rotation[..., 1, :]
         angles = coordinates[..., :2]
         if self.planar:
-            angles = angles + self._share * _directions(-axis)
+            angles = angles + self.share * _directions(-axis)
         sight, turns = _sight(angles)
         of_sight[..., :2] = turns
         if self.planar:
             swing = _direction_slopes(-axis) @ -of_axis[..., PITCH:]
-            of_sight[..., PITCH:] = self._share * (turns @ swing)
+            of_sight[..., PITCH:] = self.share * (turns @ swing)
         loss, ratio = self._beam_loss(sight, axis)
         dimness = coordinates[..., DIMNESS] - loss
         # How the loss to the beam's profile, and so the range at this dimness, changes.
@@ -184,7 +184,8 @@ class Chart:
         return turned
 
     @property
-    def _share(self) -> float:
+    def share(self) -> float:
+        """The c of ``azimuth - c b``, in which a planar array's azimuth differs from the lamp's."""
         return 1 / (1 + 3 * self.beam_sigma_rad**2)
 
     def _beam_loss(self, sight: Array, axis: Array) -> tuple[Array, Array]:

@@ -135,7 +135,7 @@ class Estimator:
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        self._fit = ImageFit(
+        self._fit = image_fit(
             ForwardModel(table.scene),
             Prior(middle, prior_std, table.scene.prior.nuisance_std()),
         )

@@ -98,6 +98,17 @@ class ImageFit:
         The scene's forward model.
     prior
         What is known before the image: wide for the pose, as given for the nuisances.
+
+    Attributes
+    ----------
+    chart : Chart
+        In which the fit moves.
+    names : tuple of str
+        Nuisances that are estimated along; their offsets follow the chart's coordinates.
+    mean, std
+        Of the prior: pose, then nuisances, shape ``(p,)``.
+    reach
+        Longest step by coordinate, shape ``(p,)``.
     """
 
     def __init__(self, model: ForwardModel, prior: Prior) -> None:
@@ -112,9 +123,9 @@ class ImageFit:
             model.scene.array.shape == "planar",
         )
         nuisance_std = np.array(list(prior.nuisance_std.values()))
-        self._std = np.concatenate([prior.pose_std, nuisance_std])
-        self._mean = np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))])
-        self._reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
+        self.std = np.concatenate([prior.pose_std, nuisance_std])
+        self.mean = np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))])
+        self.reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
 
     def _offsets(self, coordinates: Array) -> dict[str, Array]:
         return {name: coordinates[..., 5 + i] for i, name in enumerate(self.names)}
@@ -141,7 +152,7 @@ class ImageFit:
         Evaluation
             Of k places.
         """
-        mean = self._mean if mean is None else mean
+        mean = self.mean if mean is None else mean
         lamp, axis, by_chart, poses, pose_by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
         light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
@@ -154,11 +165,11 @@ class ImageFit:
         if self.names:
             jacobian = np.concatenate([jacobian, by_lamp[..., 6:]], axis=-1)
             off = np.concatenate([poses, coordinates[:, 5:]], axis=-1)
-            by_coordinate = np.zeros((len(off), len(self._std), len(self._std)))
+            by_coordinate = np.zeros((len(off), len(self.std), len(self.std)))
             by_coordinate[:, :5, :5] = pose_by_chart
             by_coordinate[:, 5:, 5:] = np.eye(len(self.names))
-        off = (off - mean) / self._std
-        by_coordinate = by_coordinate / self._std[:, None]
+        off = (off - mean) / self.std
+        by_coordinate = by_coordinate / self.std[:, None]
         gradient = (score[:, None, :] @ jacobian - off[:, None, :] @ by_coordinate)[:, 0, :]
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
         information += np.swapaxes(by_coordinate, -1, -2) @ by_coordinate
@@ -198,6 +209,17 @@ class ImageFit:
 
         Readings and the prior's mean may be those of each start, ``(k, n)`` and ``(k, p)``.
         """
+        cost, information, poses = self._descended(readings, coordinates, roll, mean)
+        fits = [
+            Fit(poses[i], coordinates[i], information[i], float(cost[i]))
+            for i in np.flatnonzero(np.isfinite(cost))
+        ]
+        return sorted(fits, key=_cost)
+
+    def _descended(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Move coordinates to where each is most probable; return costs, informations and poses."""
         count, size = coordinates.shape
         now = self.evaluate(readings, coordinates, roll, mean)
         cost, gradient, information, *_ = now
@@ -216,7 +238,7 @@ class ImageFit:
             arrived |= last
             if arrived.all():
                 break
-            excess = (np.abs(step) / self._reach).max(axis=1)
+            excess = (np.abs(step) / self.reach).max(axis=1)
             step /= np.maximum(excess, 1.0)[:, None]
             trial = coordinates + step
             new = self.evaluate(readings, trial, roll, mean)
@@ -230,11 +252,7 @@ class ImageFit:
             arrived |= (better & (gain < ARRIVED)) | (damping > 1e4)
             damping = np.where(better, damping * 0.1, damping * 10)
         poses, *_ = self.chart.to_pose(coordinates[:, :5], roll)
-        fits = [
-            Fit(poses[i], coordinates[i], information[i], float(cost[i]))
-            for i in np.flatnonzero(np.isfinite(cost))
-        ]
-        return sorted(fits, key=_cost)
+        return cost, information, poses
 
     @np.errstate(under="ignore")
     def randomised(
@@ -263,13 +281,17 @@ class ImageFit:
         """
         limits = self.model.limits
         starts = np.stack([fit.coordinates for fit in fits])[np.arange(len(noise)) % len(fits)]
-        light = self.model.light(fits[0].pose, roll, self._offsets(fits[0].coordinates)).ravel()
-        variance, _ = self.model.variance(light)
+        variance, _ = self.model.variance(self.light(fits[0].coordinates, roll))
         moved = np.clip(readings + np.sqrt(variance) * noise, limits.low + TINY, limits.high - TINY)
         free = (readings > limits.low) & (readings < limits.high)
-        mean = self._mean + pull * self._std
+        mean = self.mean + pull * self.std
         found = self._descend(np.where(free, moved, readings), starts.copy(), roll, mean)
         return np.stack([fit.coordinates for fit in found]) if found else starts
+
+    def light(self, coordinates: Array, roll: float) -> Array:
+        """Return the light at coordinates, nuisances included, shape ``(p,)``: ``(n,)`` counts."""
+        _, lamp, axis, _ = self.chart.to_pose(coordinates[:5], roll)
+        return self.model.light_by_lamp(lamp, axis, self._offsets(coordinates)).ravel()
 
     def lit(self, readings: Array) -> int:
         """Count the readings, shape ``(n,)``, that are clearly lit and not at a limit."""
@@ -283,7 +305,7 @@ class ImageFit:
 
         A censored reading counts by how far the light is from where it would not be censored.
         """
-        light = self.model.light(fit.pose, roll, self._offsets(fit.coordinates)).ravel()
+        light = self.light(fit.coordinates, roll)
         variance, _ = self.model.variance(light)
         expected = np.clip(light, self.model.limits.low, self.model.limits.high)
         return float(np.mean((readings - expected) ** 2 / variance))
@@ -315,5 +337,5 @@ class ImageFit:
         light = light.reshape(len(poses), -1)
         variance, slope = self.model.variance(light)
         value, _, _ = log_likelihood(readings, light, variance, slope, self.model.limits)
-        off = (np.concatenate([poses, coordinates[:, 5:]], axis=-1) - self._mean) / self._std
+        off = (np.concatenate([poses, coordinates[:, 5:]], axis=-1) - self.mean) / self.std
         return poses, 0.5 * (off * off).sum(axis=1) - value, log_volume

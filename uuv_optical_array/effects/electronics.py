@@ -40,7 +40,7 @@ def shot_noise(
     """
 
     def step(image: Array) -> Variance:
-        return image / electrons_per_count, 1 / electrons_per_count
+        return np.maximum(image, 0.0) / electrons_per_count, 1 / electrons_per_count
 
     return step
 

@@ -1,0 +1,230 @@
+"""The fit of one image by kernels that Numba compiles (the extra ``fast``), the same to rounding.
+
+A frame of 25 readings keeps NumPy busy with being called; `fit_kernel` does without. Numba is
+imported when the first of these fits is made.
+"""
+
+import importlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.effects import EFFECTS, Stage
+from uuv_optical_array.effects.water import hanning_blur
+from uuv_optical_array.fit import ARRIVED, MAX_ITERATIONS, Evaluation, ImageFit, Prior
+from uuv_optical_array.image import MIN_VARIANCE, ForwardModel
+from uuv_optical_array.light import LateRays, Light
+from uuv_optical_array.pose import Array
+
+COSINE_POWER, RIM = 1, 2  # forms of `effects.field_of_view`
+
+
+class Sea(NamedTuple):
+    """What a scene says about an image, in numbers; see `_sea`.
+
+    Parameters
+    ----------
+    positions, normals
+        Of the detectors, shape ``(n, 3)``.
+    centre
+        Of the array, m, shape ``(3,)``.
+    beam_sigma_rad, power, k_per_m
+        Lamp and water, as in `light.irradiance` and `effects.attenuation`.
+    planar_share
+        0 for a curved array, else the `chart`'s share of the beam's direction.
+    scattering_per_m, scattering_variance
+        Of `effects.beam_spread`, 1/m and rad^2; 0: none.
+    view_form, view_values
+        Of `effects.field_of_view`: 0, `COSINE_POWER` with the power less one, or `RIM` with the
+        cosine and the width of its edge.
+    ambient
+        Level, counts.
+    blur
+        Of one axis, shape ``(side, side)``; ``(0, 0)``: none.
+    gain, drift_per_c, floor
+        Of each detector, shape ``(n,)``, its change with temperature, and its reading in the dark.
+    still, steep
+        Variance of a dark reading, counts^2, and its slope by the light, counts.
+    least_variance
+        And never less than this, counts^2.
+    low, high
+        As in `likelihood.Limits`.
+    std
+        Of the prior: pose, then nuisances, shape ``(p,)``.
+    reach
+        Longest step of a fit by coordinate, shape ``(p,)``.
+    at_power, at_k, at_ambient, at_temperature
+        Place of each nuisance among the coordinates; -1: fixed.
+    """
+
+    positions: Array
+    normals: Array
+    centre: Array
+    beam_sigma_rad: float
+    power: float
+    k_per_m: float
+    planar_share: float
+    scattering_per_m: float
+    scattering_variance: float
+    view_form: int
+    view_values: tuple[float, float]
+    ambient: float
+    blur: Array
+    gain: Array
+    drift_per_c: float
+    floor: Array
+    still: float
+    steep: float
+    least_variance: float
+    low: float
+    high: float
+    std: Array
+    reach: Array
+    at_power: int
+    at_k: int
+    at_ambient: int
+    at_temperature: int
+
+
+def _sea(fit: ImageFit) -> Sea:
+    """Take the numbers from the scene of a fit."""
+    model, names = fit.model, fit.names
+    array, scene = model.array, model.scene
+    effects = scene.effects
+    lit_by = [name for name in effects if EFFECTS[name][0] is Stage.LIGHT]
+    # What each detector makes of darkness and of one count.
+    shape = array.side, array.side
+    dark, unit = Light(np.zeros(shape)), Light(np.ones(shape))
+    for name, step in zip(lit_by, model.plan.light, strict=True):
+        if name in ("responsivity", "detector_faults"):
+            for light in (dark, unit):
+                step(light, LateRays(array, np.zeros(5), np.zeros(())))
+    blur = np.zeros((0, 0))
+    if "forward_scatter" in effects:
+        window_m = effects["forward_scatter"]["window_m"]
+        blur = hanning_blur(array.side, array.spacing_m, window_m)
+    spread = effects.get("beam_spread", {"scattering_per_m": 0.0, "scattering_angle_deg": 0.0})
+    view_form, view_values = _view(effects.get("field_of_view", {}))
+    still, steep = model.variance(np.zeros(1))
+    places = {name: 5 + i for i, name in enumerate(names)}
+    return Sea(
+        positions=np.ascontiguousarray(array.positions),
+        normals=np.ascontiguousarray(array.normals),
+        centre=fit.chart.centre,
+        beam_sigma_rad=fit.chart.beam_sigma_rad,
+        power=float(model.power),
+        k_per_m=float(fit.chart.k_per_m),
+        planar_share=fit.chart.share if fit.chart.planar else 0.0,
+        scattering_per_m=float(spread["scattering_per_m"]),
+        scattering_variance=float(np.radians(spread["scattering_angle_deg"]) ** 2),
+        view_form=view_form,
+        view_values=view_values,
+        ambient=float(effects.get("ambient", {}).get("level_counts", 0.0)),
+        blur=blur,
+        gain=(unit.image - dark.image).ravel(),
+        drift_per_c=float(effects.get("responsivity", {}).get("drift_per_c", 0.0)),
+        floor=dark.image.ravel(),
+        still=float(still[0]),
+        steep=float(steep[0]),
+        least_variance=MIN_VARIANCE,
+        low=float(model.limits.low),
+        high=float(model.limits.high),
+        std=fit.std,
+        reach=fit.reach,
+        at_power=places.get("lamp.power", -1),
+        at_k=places.get("attenuation.k_per_m", -1),
+        at_ambient=places.get("ambient.level_counts", -1),
+        at_temperature=places.get("responsivity.temperature_c", -1),
+    )
+
+
+def _view(settings: Mapping[str, Any]) -> tuple[int, tuple[float, float]]:
+    if "cosine_power" in settings:
+        return COSINE_POWER, (settings["cosine_power"] - 1, 0.0)
+    if "half_angle_deg" in settings:
+        half, edge = np.radians(settings["half_angle_deg"]), np.radians(settings["edge_deg"])
+        return RIM, (float(np.cos(half)), float(0.5 * edge * np.sin(half)))
+    return 0, (0.0, 0.0)
+
+
+class CompiledFit(ImageFit):
+    """An `ImageFit` whose evaluations and descents Numba has compiled.
+
+    Parameters
+    ----------
+    model, prior
+        As in `ImageFit`.
+
+    Raises
+    ------
+    ValueError
+        Where Numba is not installed, or not for this NumPy.
+    """
+
+    def __init__(self, model: ForwardModel, prior: Prior) -> None:
+        super().__init__(model, prior)
+        try:
+            self._kernel = importlib.import_module("uuv_optical_array.fit_kernel")
+        except ImportError as error:
+            raise ValueError(
+                f"compiled: {error}; install Numba: pip install -e '.[fast]'"
+            ) from None
+        self._sea = _sea(self)
+
+    def _rows(self, readings: Array, mean: Array | None, count: int) -> tuple[Array, Array]:
+        """Repeat readings and the prior's mean for each place, where they are those of all."""
+        mean = self.mean if mean is None else mean
+        return tuple(
+            np.ascontiguousarray(np.broadcast_to(values, (count, values.shape[-1])))
+            for values in (readings, mean)
+        )
+
+    def evaluate(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
+    ) -> Evaluation:
+        """As `ImageFit.evaluate`."""
+        rows = self._rows(readings, mean, len(coordinates))
+        found = self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1], True)
+        return Evaluation(*found[:5])
+
+    def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array, Array]:
+        """As `ImageFit.cost`."""
+        rows = self._rows(readings, None, len(coordinates))
+        found = self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1], False)
+        return found[3], found[0], found[5]
+
+    def light(self, coordinates: Array, roll: float) -> Array:
+        """As `ImageFit.light`."""
+        return self._kernel.lights(self._sea, coordinates[None], roll)[0]
+
+    def _descended(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None
+    ) -> tuple[Array, Array, Array]:
+        rows = self._rows(readings, mean, len(coordinates))
+        return self._kernel.descend(
+            self._sea, rows[0], coordinates, roll, rows[1], MAX_ITERATIONS, ARRIVED
+        )
+
+
+def image_fit(model: ForwardModel, prior: Prior, compiled: bool | None = None) -> ImageFit:
+    """Return the fit of a model's images, compiled where that is asked for and can be.
+
+    Parameters
+    ----------
+    model, prior
+        As in `ImageFit`.
+    compiled
+        Whether Numba has to be there, or must not be used; ``None``: where it is installed.
+
+    Raises
+    ------
+    ValueError
+        As `CompiledFit`, where it is asked for.
+    """
+    if compiled is None:
+        try:
+            return CompiledFit(model, prior)
+        except ValueError:
+            return ImageFit(model, prior)
+    return CompiledFit(model, prior) if compiled else ImageFit(model, prior)

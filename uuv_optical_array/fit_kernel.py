@@ -1,0 +1,489 @@
+"""The kernels of `fit.ImageFit`, compiled by Numba; importing this module imports Numba.
+
+They say the same as `chart`, `light`, `effects` and `likelihood`, at one place of the chart and
+without an array in between: for the 25 readings of a frame NumPy takes longer to be called than to
+calculate. All is in one file, because Numba keeps what it compiled until that file changes.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
+from uuv_optical_array.light import MIN_RANGE_M
+from uuv_optical_array.pose import Array
+
+compiled: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+
+@compiled
+def _omega(target: float) -> float:
+    """Solve ``w + ln w = target`` (F. Fritsch, R. Shafer and W. Crowley, 1973)."""
+    if target < -1.0:
+        w = math.exp(target)
+    else:
+        w = target - math.log(target) if target > 2.0 else 0.5671 + 0.3620 * target
+    for _ in range(3):
+        left = target - w - math.log(w)
+        ahead = 1 + w
+        wide = 2 * ahead * (ahead + 2 / 3 * left)
+        w *= 1 + left / ahead * (wide - left) / (wide - 2 * left)
+    return w
+
+
+@compiled
+def _erfcx(x: float) -> float:
+    """Return ``exp(x^2) erfc(x)`` of a number above -26."""
+    if x < 20.0:
+        return math.exp(x * x) * math.erfc(x)
+    s = 0.5 / (x * x)
+    return (1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))) / (x * math.sqrt(math.pi))
+
+
+@compiled
+def _chart(
+    sea: Sea, at: Array, roll: float, lamp: Array, by_chart: Array, pose: Array, pose_by: Array
+) -> float:
+    """Write lamp and axis, the pose and their derivatives at a place; return the log-volume.
+
+    `lamp` holds position and axis, shape ``(6,)``, `by_chart` their derivatives, ``(6, 5)``,
+    `pose_by` those of the pose, ``(5, 5)``.
+    """
+    sin_r, cos_r = math.sin(roll), math.cos(roll)
+    sin_p, cos_p = math.sin(at[3]), math.cos(at[3])
+    sin_y, cos_y = math.sin(at[4]), math.cos(at[4])
+    turn = (
+        (
+            cos_y * cos_p,
+            cos_y * sin_p * sin_r - sin_y * cos_r,
+            cos_y * sin_p * cos_r + sin_y * sin_r,
+        ),
+        (
+            sin_y * cos_p,
+            sin_y * sin_p * sin_r + cos_y * cos_r,
+            sin_y * sin_p * cos_r - cos_y * sin_r,
+        ),
+        (-sin_p, cos_p * sin_r, cos_p * cos_r),
+    )
+    source = turn[0]  # where the light comes from: the beam's axis, turned round
+    by_chart[:] = 0.0
+    lamp[3], lamp[4], lamp[5] = -source[0], -source[1], -source[2]
+    by_chart[3, 3] = source[1] * sin_r + source[2] * cos_r
+    by_chart[4, 3] = -source[0] * sin_r
+    by_chart[5, 3] = -source[0] * cos_r
+    for i in range(3):
+        by_chart[3 + i, 4] = turn[1][i]
+    azimuth, elevation, share = at[0], at[1], sea.planar_share
+    level = math.hypot(source[0], source[1])
+    if share > 0:
+        azimuth += share * math.atan2(source[1], source[0])
+        elevation += share * math.atan2(source[2], level)
+    cos_a, sin_a = math.cos(azimuth), math.sin(azimuth)
+    cos_e, sin_e = math.cos(elevation), math.sin(elevation)
+    sight = (cos_e * cos_a, cos_e * sin_a, sin_e)
+    by_chart[0, 0], by_chart[1, 0] = -sight[1], sight[0]
+    by_chart[0, 1], by_chart[1, 1], by_chart[2, 1] = -sin_e * cos_a, -sin_e * sin_a, cos_e
+    if share > 0:
+        level = max(level, 1e-6)
+        for q in (3, 4):
+            x, y, z = -by_chart[3, q], -by_chart[4, q], -by_chart[5, q]
+            swing_a = (source[0] * y - source[1] * x) / level**2
+            swing_e = level * z - source[2] / level * (source[0] * x + source[1] * y)
+            for i in range(3):
+                by_chart[i, q] = share * (by_chart[i, 0] * swing_a + by_chart[i, 1] * swing_e)
+    # Loss to the beam's profile, as `Chart._beam_loss`.
+    cosine = sight[0] * source[0] + sight[1] * source[1] + sight[2] * source[2]
+    sine = 0.0
+    for i in range(3):
+        sine += (sight[i] - cosine * source[i]) ** 2
+    sine = math.sqrt(sine)
+    off_axis = math.atan2(sine, cosine)
+    scale = 0.25 / sea.beam_sigma_rad**2
+    ratio = 2 * scale * (off_axis / sine if sine > 1e-9 else 1.0)
+    dimness, slope = at[2] - scale * off_axis**2, 0.0
+    if share > 0:
+        facing = max(sight[0], 1e-3)
+        dimness += 0.5 * math.log(facing)
+        slope = 0.5 / facing if facing == sight[0] else 0.0
+    half_k = sea.k_per_m / 2
+    dimness = min(max(dimness, -7.0), 12.0)
+    if half_k == 0:
+        range_m = math.exp(dimness)
+    else:
+        range_m = _omega(dimness + math.log(half_k)) / half_k
+    given = 1 / (1 / range_m + half_k)
+    for q in range(5):
+        stretch = 1.0
+        if q != 2:
+            stretch = 0.0
+            for i in range(3):
+                stretch += ratio * (source[i] * by_chart[i, q] - sight[i] * by_chart[3 + i, q])
+        stretch = given * (stretch + slope * by_chart[0, q])
+        for i in range(3):
+            by_chart[i, q] = range_m * by_chart[i, q] + sight[i] * stretch
+    for i in range(3):
+        lamp[i] = range_m * sight[i] + sea.centre[i]
+    pitched = -(lamp[1] * sin_r + lamp[2] * cos_r), lamp[0] * sin_r, lamp[0] * cos_r
+    pose_by[:] = 0.0
+    for i in range(3):
+        row = turn[i]
+        pose[i] = -(row[0] * lamp[0] + row[1] * lamp[1] + row[2] * lamp[2])
+        for q in range(5):
+            for j in range(3):
+                moved = by_chart[j, q] - pitched[j] if q == 3 else by_chart[j, q]
+                pose_by[i, q] -= row[j] * moved
+    pose[3], pose[4] = at[3], at[4]
+    pose_by[0, 4] -= pose[1]
+    pose_by[1, 4] += pose[0]
+    pose_by[3, 3] = pose_by[4, 4] = 1.0
+    return math.log(range_m**2 * max(abs(cos_e), 1e-9) * given)
+
+
+@compiled
+def _rays(
+    sea: Sea,
+    at: Array,
+    lamp: Array,
+    by_chart: Array,
+    light: Array,
+    jacobian: Array,
+    differentiate: bool,
+) -> None:
+    """Write the light of lamp and water on each detector, and its derivatives, ``(n, p)``."""
+    size = len(at)
+    power = sea.power * (math.exp(at[sea.at_power]) if sea.at_power >= 0 else 1.0)
+    k_per_m = sea.k_per_m + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
+    narrow = sea.beam_sigma_rad**2
+    b = sea.scattering_per_m
+    for j in range(len(light)):
+        normal, position = sea.normals[j], sea.positions[j]
+        to_x, to_y, to_z = lamp[0] - position[0], lamp[1] - position[1], lamp[2] - position[2]
+        along = -(to_x * lamp[3] + to_y * lamp[4] + to_z * lamp[5])
+        x, y, z = to_x + along * lamp[3], to_y + along * lamp[4], to_z + along * lamp[5]
+        across = math.sqrt(x * x + y * y + z * z)
+        r = max(math.sqrt(to_x * to_x + to_y * to_y + to_z * to_z), MIN_RANGE_M)
+        cosine = min((to_x * normal[0] + to_y * normal[1] + to_z * normal[2]) / r, 1.0)
+        light[j] = 0.0
+        if differentiate:
+            for q in range(size):
+                jacobian[j, q] = 0.0
+        if not cosine > 0:
+            continue
+        off_axis = math.atan2(across, along)
+        half_square = 0.5 * off_axis**2
+        bright = power / (r * r) * math.exp(-half_square / narrow - k_per_m * r)
+        # Of the logarithm, but for the cosine.
+        by_r, by_half_square = -2 / r - k_per_m, -1 / narrow
+        if b > 0:
+            # As `effects.beam_spread`.
+            straight, scattered = math.exp(-b * r), -math.expm1(-b * r)
+            wide = narrow + sea.scattering_variance * b * r / (3 * scattered)
+            spread = narrow / wide * math.exp(min(half_square * (1 / narrow - 1 / wide), 600.0))
+            widening = b * sea.scattering_variance / 3
+            widening *= (scattered - b * r * straight) / scattered**2
+            factor = straight + scattered * spread
+            bright *= factor
+            slope = b * straight * (spread - 1)
+            slope += scattered * spread * widening / wide * (half_square / wide - 1)
+            by_r += slope / factor
+            by_half_square += scattered * spread * (1 / narrow - 1 / wide) / factor
+        by_cosine = bright
+        if sea.view_form == COSINE_POWER:
+            seen = max(cosine, 1e-12) ** sea.view_values[0]
+            bright *= seen
+            by_cosine = bright * (1 + sea.view_values[0])
+        elif sea.view_form == RIM:
+            inside = math.tanh((cosine - sea.view_values[0]) / sea.view_values[1])
+            seen = 0.5 * (1 + inside)
+            by_cosine = bright * (seen + cosine * 0.5 * (1 - inside**2) / sea.view_values[1])
+            bright *= seen
+        bright *= cosine
+        light[j] = bright
+        if not differentiate:
+            continue
+        ratio = bright * by_half_square * off_axis / max(across, 1e-9 * r)
+        radial = (bright * by_r - by_cosine * cosine / r + ratio * along / r) / r
+        by_cosine /= r
+        for q in range(5):
+            jacobian[j, q] = (
+                (radial * to_x + by_cosine * normal[0] + ratio * lamp[3]) * by_chart[0, q]
+                + (radial * to_y + by_cosine * normal[1] + ratio * lamp[4]) * by_chart[1, q]
+                + (radial * to_z + by_cosine * normal[2] + ratio * lamp[5]) * by_chart[2, q]
+                + ratio * (to_x * by_chart[3, q] + to_y * by_chart[4, q] + to_z * by_chart[5, q])
+            )
+        if sea.at_power >= 0:
+            jacobian[j, sea.at_power] = bright
+        if sea.at_k >= 0:
+            jacobian[j, sea.at_k] = -r * bright
+
+
+@compiled
+def _blurred(blur: Array, image: Array, half: Array) -> None:
+    """Blur an image, shape ``(side, side)``, in place, by ``blur @ image @ blur.T``."""
+    side = len(blur)
+    half[:] = 0.0
+    for i in range(side):
+        for k in range(side):
+            if blur[i, k] != 0:
+                for j in range(side):
+                    half[i, j] += blur[i, k] * image[k, j]
+    image[:] = 0.0
+    for j in range(side):
+        for k in range(side):
+            if blur[j, k] != 0:
+                for i in range(side):
+                    image[i, j] += blur[j, k] * half[i, k]
+
+
+@compiled
+def _detect(sea: Sea, at: Array, light: Array, jacobian: Array, differentiate: bool) -> None:
+    """Turn the light of the lamp into that of the reading, its derivatives along with it."""
+    size = len(at)
+    side = len(sea.blur)
+    if side:
+        half = np.empty((side, side))
+        _blurred(sea.blur, light.reshape(side, side), half)
+        if differentiate:
+            plane = np.empty((side, side))
+            for q in range(size):
+                plane.reshape(-1)[:] = jacobian[:, q]
+                _blurred(sea.blur, plane, half)
+                jacobian[:, q] = plane.reshape(-1)
+    drift = 1 + (sea.drift_per_c * at[sea.at_temperature] if sea.at_temperature >= 0 else 0.0)
+    ambient = sea.ambient + (at[sea.at_ambient] if sea.at_ambient >= 0 else 0.0)
+    for j in range(len(light)):
+        whole = sea.gain[j] * (light[j] + ambient)
+        light[j] = drift * whole + sea.floor[j]
+        if not differentiate:
+            continue
+        for q in range(size):
+            jacobian[j, q] *= sea.gain[j] * drift
+        if sea.at_ambient >= 0:
+            jacobian[j, sea.at_ambient] = sea.gain[j] * drift
+        if sea.at_temperature >= 0:
+            jacobian[j, sea.at_temperature] = sea.drift_per_c * whole
+
+
+@compiled
+def _likely(sea: Sea, reading: float, light: float) -> tuple[float, float, float]:
+    """Return log-likelihood, score and curvature, as `likelihood.log_likelihood`."""
+    variance = max(sea.still + sea.steep * max(light, 0.0), sea.least_variance)
+    if sea.low < reading < sea.high:
+        curvature = 1 / variance
+        residual = reading - light
+        score = residual * curvature
+        value = -0.5 * residual * score
+        if sea.steep > 0:
+            relative = sea.steep * curvature
+            score += 0.5 * relative * (residual * score - 1)
+            curvature += 0.5 * relative**2
+            value -= 0.5 * math.log(variance)
+        return value, score, curvature
+    sign = 1.0 if reading >= sea.high else -1.0
+    bound = sea.high - 0.5 if reading >= sea.high else sea.low + 0.5
+    inverse_std = 1 / math.sqrt(variance)
+    u = min(max(sign * (light - bound) * inverse_std, -1e100), 1e100)
+    if u > 0:
+        value = math.log1p(-0.5 * math.erfc(u * math.sqrt(0.5)))
+    else:
+        value = math.log(0.5 * _erfcx(-u * math.sqrt(0.5))) - 0.5 * u * u
+    hazard = math.sqrt(2 / math.pi) / _erfcx(-min(u, 35.0) * math.sqrt(0.5))
+    share = 1.0 if u < -1e4 else max(hazard * (hazard + u), 0.0)
+    return value, sign * hazard * inverse_std, share * inverse_std**2
+
+
+@compiled
+def _place(
+    sea: Sea,
+    readings: Array,
+    at: Array,
+    roll: float,
+    mean: Array,
+    differentiate: bool,
+    light: Array,
+    jacobian: Array,
+    gradient: Array,
+    information: Array,
+    pose: Array,
+    pose_by: Array,
+) -> tuple[float, float]:
+    """Write all about one place of the chart; return its cost and its log-volume."""
+    size = len(at)
+    lamp, by_chart = np.empty(6), np.empty((6, 5))
+    log_volume = _chart(sea, at, roll, lamp, by_chart, pose, pose_by)
+    _rays(sea, at, lamp, by_chart, light, jacobian, differentiate)
+    _detect(sea, at, light, jacobian, differentiate)
+    gradient[:] = 0.0
+    information[:] = 0.0
+    cost = 0.0
+    for j in range(len(light)):
+        value, score, curvature = _likely(sea, readings[j], light[j])
+        cost -= value
+        if differentiate:
+            for q in range(size):
+                gradient[q] += score * jacobian[j, q]
+                weighted = curvature * jacobian[j, q]
+                for s in range(q + 1):
+                    information[q, s] += weighted * jacobian[j, s]
+    # The prior is another five readings, of the pose, and one of each nuisance.
+    for i in range(size):
+        std = sea.std[i]
+        off = ((pose[i] if i < 5 else at[i]) - mean[i]) / std
+        cost += 0.5 * off * off
+        if i >= 5:
+            gradient[i] -= off / std
+            information[i, i] += 1 / (std * std)
+        elif differentiate:
+            for q in range(5):
+                gradient[q] -= off * pose_by[i, q] / std
+                for s in range(q + 1):
+                    information[q, s] += pose_by[i, q] * pose_by[i, s] / (std * std)
+    for q in range(size):
+        for s in range(q):
+            information[s, q] = information[q, s]
+    return cost, log_volume
+
+
+@compiled
+def _step(
+    information: Array, damping: float, gradient: Array, factor: Array, step: Array
+) -> float:
+    """Solve for the damped Newton step by Cholesky's factor; return the decrement, nan if none."""
+    size = len(gradient)
+    for i in range(size):
+        for j in range(i + 1):
+            total = information[i, j]
+            if i == j:
+                total *= 1 + damping
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not total > 0:
+                    return math.nan
+                factor[i, i] = math.sqrt(total)
+            else:
+                factor[i, j] = total / factor[j, j]
+    for i in range(size):
+        total = gradient[i]
+        for k in range(i):
+            total -= factor[i, k] * step[k]
+        step[i] = total / factor[i, i]
+    decrement = 0.0
+    for i in range(size):
+        decrement += 0.5 * step[i] * step[i]
+    for i in range(size - 1, -1, -1):
+        total = step[i]
+        for k in range(i + 1, size):
+            total -= factor[k, i] * step[k]
+        step[i] = total / factor[i, i]
+    return decrement
+
+
+@compiled
+def lights(sea: Sea, places: Array, roll: float) -> Array:
+    """Return the light of the readings at places of the chart, shape ``(k, n)``."""
+    count, size = places.shape
+    found = np.empty((count, len(sea.positions)))
+    lamp, by_chart, pose, pose_by = np.empty(6), np.empty((6, 5)), np.empty(5), np.empty((5, 5))
+    jacobian = np.empty((len(sea.positions), size))
+    for i in range(count):
+        _chart(sea, places[i], roll, lamp, by_chart, pose, pose_by)
+        _rays(sea, places[i], lamp, by_chart, found[i], jacobian, False)
+        _detect(sea, places[i], found[i], jacobian, False)
+    return found
+
+
+@compiled
+def evaluate(
+    sea: Sea, readings: Array, places: Array, roll: float, mean: Array, differentiate: bool
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """As `fit.ImageFit.evaluate`, with readings and mean of each place; last the log-volumes."""
+    count, size = places.shape
+    n = len(sea.positions)
+    light, jacobian = np.empty(n), np.empty((n, size))
+    cost, log_volume = np.empty(count), np.empty(count)
+    gradient, information = np.empty((count, size)), np.empty((count, size, size))
+    poses, pose_by = np.empty((count, 5)), np.empty((count, 5, 5))
+    for i in range(count):
+        cost[i], log_volume[i] = _place(
+            sea,
+            readings[i],
+            places[i],
+            roll,
+            mean[i],
+            differentiate,
+            light,
+            jacobian,
+            gradient[i],
+            information[i],
+            poses[i],
+            pose_by[i],
+        )
+    return cost, gradient, information, poses, pose_by, log_volume
+
+
+@compiled
+def descend(
+    sea: Sea,
+    readings: Array,
+    places: Array,
+    roll: float,
+    mean: Array,
+    iterations: int,
+    near: float,
+) -> tuple[Array, Array, Array]:
+    """As `fit.ImageFit.descend`, in place: return costs, informations and poses."""
+    count, size = places.shape
+    n = len(sea.positions)
+    light, jacobian = np.empty(n), np.empty((n, size))
+    costs, informations, poses = np.empty(count), np.empty((count, size, size)), np.empty((count, 5))
+    gradient, new_gradient, new_information = np.empty(size), np.empty(size), np.empty((size, size))
+    pose_by, factor, step = np.empty((5, 5)), np.zeros((size, size)), np.empty(size)
+    trial = np.empty(size)
+    for i in range(count):
+        at, mine, information, pose = places[i], readings[i], informations[i], poses[i]
+        cost, _ = _place(
+            sea, mine, at, roll, mean[i], True, light, jacobian, gradient, information, pose, pose_by
+        )
+        damping = 1e-3
+        for _ in range(iterations):
+            decrement = _step(information, damping, gradient, factor, step)
+            if decrement < near and damping < 1e-1:
+                at += step
+                cost -= decrement
+                break
+            gain = 0.0
+            if decrement == decrement:
+                excess = 1.0
+                for q in range(size):
+                    excess = max(excess, abs(step[q]) / sea.reach[q])
+                for q in range(size):
+                    trial[q] = at[q] + step[q] / excess
+                new_cost, _ = _place(
+                    sea,
+                    mine,
+                    trial,
+                    roll,
+                    mean[i],
+                    True,
+                    light,
+                    jacobian,
+                    new_gradient,
+                    new_information,
+                    pose,
+                    pose_by,
+                )
+                gain = cost - new_cost
+            if gain > 0:
+                at[:] = trial
+                cost = new_cost
+                gradient[:] = new_gradient
+                information[:] = new_information
+            if (0 < gain < near) or damping > 1e4:
+                break
+            damping *= 0.1 if gain > 0 else 10.0
+        costs[i] = cost
+        _chart(sea, at, roll, np.empty(6), np.empty((6, 5)), pose, pose_by)
+    return costs, informations, poses

@@ -25,8 +25,8 @@ class Sea(NamedTuple):
 
     Parameters
     ----------
-    positions, normals
-        Of the detectors, shape ``(n, 3)``.
+    places, normals
+        Of the detectors, by coordinate, shape ``(3, n)``.
     centre
         Of the array, m, shape ``(3,)``.
     beam_sigma_rad, power, k_per_m
@@ -58,7 +58,7 @@ class Sea(NamedTuple):
         Place of each nuisance among the coordinates; -1: fixed.
     """
 
-    positions: Array
+    places: Array
     normals: Array
     centre: Array
     beam_sigma_rad: float
@@ -109,8 +109,8 @@ def _sea(fit: ImageFit) -> Sea:
     still, steep = model.variance(np.zeros(1))
     places = {name: 5 + i for i, name in enumerate(names)}
     return Sea(
-        positions=np.ascontiguousarray(array.positions),
-        normals=np.ascontiguousarray(array.normals),
+        places=np.ascontiguousarray(array.positions.T),
+        normals=np.ascontiguousarray(array.normals.T),
         centre=fit.chart.centre,
         beam_sigma_rad=fit.chart.beam_sigma_rad,
         power=float(model.power),
@@ -196,7 +196,7 @@ class CompiledFit(ImageFit):
 
     def light(self, coordinates: Array, roll: float) -> Array:
         """As `ImageFit.light`."""
-        return self._kernel.lights(self._sea, coordinates[None], roll)[0]
+        return self._kernel.light_at(self._sea, coordinates, roll)
 
     def _descended(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.features import lifted
-from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
+from uuv_optical_array.fit import DISTINCT, Fit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.posterior import Posterior, rivalling
@@ -99,6 +100,8 @@ class Estimator:
         `MOST_STARTS` where these leave doubt.
     max_misfit
         A fit with a larger misfit is no pose: the image is not of this scene.
+    compiled
+        As in `compiled_fit.image_fit`, for ``least_squares``.
 
     Raises
     ------
@@ -114,6 +117,7 @@ class Estimator:
         neighbours: int = 64,
         candidates: int = 4,
         max_misfit: float = 4.0,
+        compiled: bool | None = None,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
@@ -138,6 +142,7 @@ class Estimator:
         self._fit = image_fit(
             ForwardModel(table.scene),
             Prior(middle, prior_std, table.scene.prior.nuisance_std()),
+            compiled if method == "least_squares" else False,
         )
         # The same numbers in every run: an image has one answer.
         self._posterior = Posterior(self._fit, np.random.default_rng(0))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from uuv_optical_array.bulk_kernel import EVEN, ODD, exponential, horner
 from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
 from uuv_optical_array.light import MIN_RANGE_M
 from uuv_optical_array.pose import Array
@@ -34,17 +35,15 @@ def _omega(target: float) -> float:
 
 
 @compiled
-def _erfcx(x: float) -> float:
-    """Return ``exp(x^2) erfc(x)`` of a number above -26."""
-    if x < 20.0:
-        return math.exp(x * x) * math.erfc(x)
-    s = 0.5 / (x * x)
-    return (1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))) / (x * math.sqrt(math.pi))
-
-
-@compiled
 def _chart(
-    sea: Sea, at: Array, roll: float, lamp: Array, by_chart: Array, pose: Array, pose_by: Array
+    sea: Sea,
+    at: Array,
+    roll: float,
+    lamp: Array,
+    by_chart: Array,
+    pose: Array,
+    pose_by: Array,
+    differentiate: bool,
 ) -> float:
     """Write lamp and axis, the pose and their derivatives at a place; return the log-volume.
 
@@ -114,6 +113,15 @@ def _chart(
     else:
         range_m = _omega(dimness + math.log(half_k)) / half_k
     given = 1 / (1 / range_m + half_k)
+    for i in range(3):
+        lamp[i] = range_m * sight[i] + sea.centre[i]
+    for i in range(3):
+        row = turn[i]
+        pose[i] = -(row[0] * lamp[0] + row[1] * lamp[1] + row[2] * lamp[2])
+    pose[3], pose[4] = at[3], at[4]
+    log_volume = math.log(range_m**2 * max(abs(cos_e), 1e-9) * given)
+    if not differentiate:
+        return log_volume
     for q in range(5):
         stretch = 1.0
         if q != 2:
@@ -123,22 +131,18 @@ def _chart(
         stretch = given * (stretch + slope * by_chart[0, q])
         for i in range(3):
             by_chart[i, q] = range_m * by_chart[i, q] + sight[i] * stretch
-    for i in range(3):
-        lamp[i] = range_m * sight[i] + sea.centre[i]
     pitched = -(lamp[1] * sin_r + lamp[2] * cos_r), lamp[0] * sin_r, lamp[0] * cos_r
     pose_by[:] = 0.0
     for i in range(3):
         row = turn[i]
-        pose[i] = -(row[0] * lamp[0] + row[1] * lamp[1] + row[2] * lamp[2])
         for q in range(5):
             for j in range(3):
                 moved = by_chart[j, q] - pitched[j] if q == 3 else by_chart[j, q]
                 pose_by[i, q] -= row[j] * moved
-    pose[3], pose[4] = at[3], at[4]
     pose_by[0, 4] -= pose[1]
     pose_by[1, 4] += pose[0]
     pose_by[3, 3] = pose_by[4, 4] = 1.0
-    return math.log(range_m**2 * max(abs(cos_e), 1e-9) * given)
+    return log_volume
 
 
 @compiled
@@ -150,73 +154,108 @@ def _rays(
     light: Array,
     jacobian: Array,
     differentiate: bool,
+    work: Array,
 ) -> None:
     """Write the light of lamp and water on each detector, and its derivatives, ``(n, p)``."""
-    size = len(at)
+    size, n = len(at), len(light)
     power = sea.power * (math.exp(at[sea.at_power]) if sea.at_power >= 0 else 1.0)
     k_per_m = sea.k_per_m + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
     narrow = sea.beam_sigma_rad**2
-    b = sea.scattering_per_m
-    for j in range(len(light)):
-        normal, position = sea.normals[j], sea.positions[j]
-        to_x, to_y, to_z = lamp[0] - position[0], lamp[1] - position[1], lamp[2] - position[2]
-        along = -(to_x * lamp[3] + to_y * lamp[4] + to_z * lamp[5])
-        x, y, z = to_x + along * lamp[3], to_y + along * lamp[4], to_z + along * lamp[5]
-        across = math.sqrt(x * x + y * y + z * z)
-        r = max(math.sqrt(to_x * to_x + to_y * to_y + to_z * to_z), MIN_RANGE_M)
-        cosine = min((to_x * normal[0] + to_y * normal[1] + to_z * normal[2]) / r, 1.0)
-        light[j] = 0.0
-        if differentiate:
-            for q in range(size):
-                jacobian[j, q] = 0.0
-        if not cosine > 0:
+    beam_x, beam_y, beam_z = lamp[3], lamp[4], lamp[5]
+    to_x, to_y, to_z, along, across_squared, range_m, cosine, squared, ratio = work
+    # Loops that the processor takes several turns of at once: no branch, no call.
+    for j in range(n):
+        x, y, z = lamp[0] - sea.places[0, j], lamp[1] - sea.places[1, j], lamp[2] - sea.places[2, j]
+        ahead = -(x * beam_x + y * beam_y + z * beam_z)
+        off_x, off_y, off_z = x + ahead * beam_x, y + ahead * beam_y, z + ahead * beam_z
+        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+        facing = x * sea.normals[0, j] + y * sea.normals[1, j] + z * sea.normals[2, j]
+        to_x[j], to_y[j], to_z[j], along[j], range_m[j] = x, y, z, ahead, r
+        across_squared[j] = off_x * off_x + off_y * off_y + off_z * off_z
+        cosine[j] = min(facing / r, 1.0)
+    for j in range(n):
+        inverse = 1 / range_m[j]
+        s = across_squared[j] * inverse * inverse
+        relation = horner(EVEN, s * s) + s * horner(ODD, s * s)
+        squared[j] = s * relation
+        ratio[j] = inverse * math.sqrt(abs(relation))
+    # That holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
+    for j in range(n):
+        if not along[j] * along[j] > across_squared[j] or along[j] <= MIN_RANGE_M:
+            across = math.sqrt(across_squared[j])
+            off_axis = math.atan2(across, along[j])
+            squared[j] = off_axis * off_axis
+            ratio[j] = off_axis / max(across, 1e-9 * range_m[j])
+    for j in range(n):
+        r = range_m[j]
+        faced = cosine[j] if cosine[j] > 0 else 0.0
+        light[j] = faced * (power / (r * r)) * exponential(-0.5 / narrow * squared[j] - k_per_m * r)
+    if sea.scattering_per_m == 0 and sea.view_form == 0 and not differentiate:
+        return
+    for j in range(n):
+        for q in range(size if differentiate else 0):
+            jacobian[j, q] = 0.0
+        if light[j] == 0:
             continue
-        off_axis = math.atan2(across, along)
-        half_square = 0.5 * off_axis**2
-        bright = power / (r * r) * math.exp(-half_square / narrow - k_per_m * r)
-        # Of the logarithm, but for the cosine.
+        r, bright, by_cosine = range_m[j], light[j], light[j] / cosine[j]
+        # Of the logarithm.
         by_r, by_half_square = -2 / r - k_per_m, -1 / narrow
-        if b > 0:
-            # As `effects.beam_spread`.
-            straight, scattered = math.exp(-b * r), -math.expm1(-b * r)
-            wide = narrow + sea.scattering_variance * b * r / (3 * scattered)
-            spread = narrow / wide * math.exp(min(half_square * (1 / narrow - 1 / wide), 600.0))
-            widening = b * sea.scattering_variance / 3
-            widening *= (scattered - b * r * straight) / scattered**2
-            factor = straight + scattered * spread
+        if sea.scattering_per_m > 0:
+            factor, slope, by_scatter = _scattered(
+                sea.scattering_per_m, sea.scattering_variance, narrow, r, 0.5 * squared[j]
+            )
             bright *= factor
-            slope = b * straight * (spread - 1)
-            slope += scattered * spread * widening / wide * (half_square / wide - 1)
-            by_r += slope / factor
-            by_half_square += scattered * spread * (1 / narrow - 1 / wide) / factor
-        by_cosine = bright
+            by_cosine *= factor
+            by_r += slope
+            by_half_square += by_scatter
         if sea.view_form == COSINE_POWER:
-            seen = max(cosine, 1e-12) ** sea.view_values[0]
+            seen = max(cosine[j], 1e-12) ** sea.view_values[0]
             bright *= seen
-            by_cosine = bright * (1 + sea.view_values[0])
+            by_cosine *= seen * (1 + sea.view_values[0])
         elif sea.view_form == RIM:
-            inside = math.tanh((cosine - sea.view_values[0]) / sea.view_values[1])
+            inside = math.tanh((cosine[j] - sea.view_values[0]) / sea.view_values[1])
             seen = 0.5 * (1 + inside)
-            by_cosine = bright * (seen + cosine * 0.5 * (1 - inside**2) / sea.view_values[1])
             bright *= seen
-        bright *= cosine
+            by_cosine *= seen + cosine[j] * 0.5 * (1 - inside**2) / sea.view_values[1]
         light[j] = bright
         if not differentiate:
             continue
-        ratio = bright * by_half_square * off_axis / max(across, 1e-9 * r)
-        radial = (bright * by_r - by_cosine * cosine / r + ratio * along / r) / r
+        bend = bright * by_half_square * ratio[j]
+        radial = (bright * by_r - by_cosine * cosine[j] / r + bend * along[j] / r) / r
         by_cosine /= r
+        by_x = radial * to_x[j] + by_cosine * sea.normals[0, j] + bend * beam_x
+        by_y = radial * to_y[j] + by_cosine * sea.normals[1, j] + bend * beam_y
+        by_z = radial * to_z[j] + by_cosine * sea.normals[2, j] + bend * beam_z
+        turn_x, turn_y, turn_z = bend * to_x[j], bend * to_y[j], bend * to_z[j]
         for q in range(5):
             jacobian[j, q] = (
-                (radial * to_x + by_cosine * normal[0] + ratio * lamp[3]) * by_chart[0, q]
-                + (radial * to_y + by_cosine * normal[1] + ratio * lamp[4]) * by_chart[1, q]
-                + (radial * to_z + by_cosine * normal[2] + ratio * lamp[5]) * by_chart[2, q]
-                + ratio * (to_x * by_chart[3, q] + to_y * by_chart[4, q] + to_z * by_chart[5, q])
+                by_x * by_chart[0, q]
+                + by_y * by_chart[1, q]
+                + by_z * by_chart[2, q]
+                + turn_x * by_chart[3, q]
+                + turn_y * by_chart[4, q]
+                + turn_z * by_chart[5, q]
             )
         if sea.at_power >= 0:
             jacobian[j, sea.at_power] = bright
         if sea.at_k >= 0:
             jacobian[j, sea.at_k] = -r * bright
+
+
+@compiled
+def _scattered(
+    b: float, variance: float, narrow: float, r: float, half_square: float
+) -> tuple[float, float, float]:
+    """Return the factor of `effects.beam_spread`, and slopes of its logarithm by range and angle."""
+    straight, scattered = math.exp(-b * r), -math.expm1(-b * r)
+    wide = narrow + variance * b * r / (3 * scattered)
+    spread = narrow / wide * math.exp(min(half_square * (1 / narrow - 1 / wide), 600.0))
+    widening = b * variance / 3 * (scattered - b * r * straight) / scattered**2
+    factor = straight + scattered * spread
+    by_range = b * straight * (spread - 1)
+    by_range += scattered * spread * widening / wide * (half_square / wide - 1)
+    by_half_square = scattered * spread * (1 / narrow - 1 / wide)
+    return factor, by_range / factor, by_half_square / factor
 
 
 @compiled
@@ -267,29 +306,36 @@ def _detect(sea: Sea, at: Array, light: Array, jacobian: Array, differentiate: b
 
 
 @compiled
-def _likely(sea: Sea, reading: float, light: float) -> tuple[float, float, float]:
+def _likely(
+    reading: float, light: float, still: float, steep: float, least: float, low: float, high: float
+) -> tuple[float, float, float]:
     """Return log-likelihood, score and curvature, as `likelihood.log_likelihood`."""
-    variance = max(sea.still + sea.steep * max(light, 0.0), sea.least_variance)
-    if sea.low < reading < sea.high:
+    variance = max(still + steep * max(light, 0.0), least)
+    if low < reading < high:
         curvature = 1 / variance
         residual = reading - light
         score = residual * curvature
         value = -0.5 * residual * score
-        if sea.steep > 0:
-            relative = sea.steep * curvature
+        if steep > 0:
+            relative = steep * curvature
             score += 0.5 * relative * (residual * score - 1)
             curvature += 0.5 * relative**2
             value -= 0.5 * math.log(variance)
         return value, score, curvature
-    sign = 1.0 if reading >= sea.high else -1.0
-    bound = sea.high - 0.5 if reading >= sea.high else sea.low + 0.5
+    sign = 1.0 if reading >= high else -1.0
+    bound = high - 0.5 if reading >= high else low + 0.5
     inverse_std = 1 / math.sqrt(variance)
     u = min(max(sign * (light - bound) * inverse_std, -1e100), 1e100)
-    if u > 0:
-        value = math.log1p(-0.5 * math.erfc(u * math.sqrt(0.5)))
+    if u > -30.0:
+        # The distribution and, over it, the density.
+        within = 0.5 * math.erfc(-u * math.sqrt(0.5))
+        value = math.log(within)
+        hazard = math.exp(-0.5 * u * u) / (within * math.sqrt(2 * math.pi))
     else:
-        value = math.log(0.5 * _erfcx(-u * math.sqrt(0.5))) - 0.5 * u * u
-    hazard = math.sqrt(2 / math.pi) / _erfcx(-min(u, 35.0) * math.sqrt(0.5))
+        s = 1 / (u * u)  # of Mills's ratio
+        series = 1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))
+        value = -0.5 * u * u + math.log(series / (-u * math.sqrt(2 * math.pi)))
+        hazard = -u / series
     share = 1.0 if u < -1e4 else max(hazard * (hazard + u), 0.0)
     return value, sign * hazard * inverse_std, share * inverse_std**2
 
@@ -308,18 +354,22 @@ def _place(
     information: Array,
     pose: Array,
     pose_by: Array,
+    lamp: Array,
+    by_chart: Array,
+    work: Array,
 ) -> tuple[float, float]:
     """Write all about one place of the chart; return its cost and its log-volume."""
     size = len(at)
-    lamp, by_chart = np.empty(6), np.empty((6, 5))
-    log_volume = _chart(sea, at, roll, lamp, by_chart, pose, pose_by)
-    _rays(sea, at, lamp, by_chart, light, jacobian, differentiate)
+    log_volume = _chart(sea, at, roll, lamp, by_chart, pose, pose_by, differentiate)
+    _rays(sea, at, lamp, by_chart, light, jacobian, differentiate, work)
     _detect(sea, at, light, jacobian, differentiate)
     gradient[:] = 0.0
     information[:] = 0.0
     cost = 0.0
+    # A call with all of the sea would count its arrays' references, which takes longer.
+    noise = sea.still, sea.steep, sea.least_variance, sea.low, sea.high
     for j in range(len(light)):
-        value, score, curvature = _likely(sea, readings[j], light[j])
+        value, score, curvature = _likely(readings[j], light[j], *noise)
         cost -= value
         if differentiate:
             for q in range(size):
@@ -382,17 +432,15 @@ def _step(
 
 
 @compiled
-def lights(sea: Sea, places: Array, roll: float) -> Array:
-    """Return the light of the readings at places of the chart, shape ``(k, n)``."""
-    count, size = places.shape
-    found = np.empty((count, len(sea.positions)))
-    lamp, by_chart, pose, pose_by = np.empty(6), np.empty((6, 5)), np.empty(5), np.empty((5, 5))
-    jacobian = np.empty((len(sea.positions), size))
-    for i in range(count):
-        _chart(sea, places[i], roll, lamp, by_chart, pose, pose_by)
-        _rays(sea, places[i], lamp, by_chart, found[i], jacobian, False)
-        _detect(sea, places[i], found[i], jacobian, False)
-    return found
+def light_at(sea: Sea, at: Array, roll: float) -> Array:
+    """Return the light of the readings at a place of the chart, shape ``(n,)``."""
+    n = len(sea.gain)
+    light, jacobian = np.empty(n), np.empty((n, len(at)))
+    lamp, by_chart, work = np.empty(6), np.empty((6, 5)), np.empty((9, n))
+    _chart(sea, at, roll, lamp, by_chart, np.empty(5), np.empty((5, 5)), False)
+    _rays(sea, at, lamp, by_chart, light, jacobian, False, work)
+    _detect(sea, at, light, jacobian, False)
+    return light
 
 
 @compiled
@@ -401,11 +449,12 @@ def evaluate(
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """As `fit.ImageFit.evaluate`, with readings and mean of each place; last the log-volumes."""
     count, size = places.shape
-    n = len(sea.positions)
+    n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, size))
     cost, log_volume = np.empty(count), np.empty(count)
     gradient, information = np.empty((count, size)), np.empty((count, size, size))
     poses, pose_by = np.empty((count, 5)), np.empty((count, 5, 5))
+    lamp, by_chart, work = np.empty(6), np.empty((6, 5)), np.empty((9, n))
     for i in range(count):
         cost[i], log_volume[i] = _place(
             sea,
@@ -420,6 +469,9 @@ def evaluate(
             information[i],
             poses[i],
             pose_by[i],
+            lamp,
+            by_chart,
+            work,
         )
     return cost, gradient, information, poses, pose_by, log_volume
 
@@ -436,16 +488,30 @@ def descend(
 ) -> tuple[Array, Array, Array]:
     """As `fit.ImageFit.descend`, in place: return costs, informations and poses."""
     count, size = places.shape
-    n = len(sea.positions)
+    n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, size))
     costs, informations, poses = np.empty(count), np.empty((count, size, size)), np.empty((count, 5))
     gradient, new_gradient, new_information = np.empty(size), np.empty(size), np.empty((size, size))
     pose_by, factor, step = np.empty((5, 5)), np.zeros((size, size)), np.empty(size)
-    trial = np.empty(size)
+    trial, lamp, by_chart, work = np.empty(size), np.empty(6), np.empty((6, 5)), np.empty((9, n))
     for i in range(count):
         at, mine, information, pose = places[i], readings[i], informations[i], poses[i]
         cost, _ = _place(
-            sea, mine, at, roll, mean[i], True, light, jacobian, gradient, information, pose, pose_by
+            sea,
+            mine,
+            at,
+            roll,
+            mean[i],
+            True,
+            light,
+            jacobian,
+            gradient,
+            information,
+            pose,
+            pose_by,
+            lamp,
+            by_chart,
+            work,
         )
         damping = 1e-3
         for _ in range(iterations):
@@ -474,6 +540,9 @@ def descend(
                     new_information,
                     pose,
                     pose_by,
+                    lamp,
+                    by_chart,
+                    work,
                 )
                 gain = cost - new_cost
             if gain > 0:
@@ -485,5 +554,5 @@ def descend(
                 break
             damping *= 0.1 if gain > 0 else 10.0
         costs[i] = cost
-        _chart(sea, at, roll, np.empty(6), np.empty((6, 5)), pose, pose_by)
+        _chart(sea, at, roll, lamp, by_chart, pose, pose_by, False)
     return costs, informations, poses

@@ -25,14 +25,13 @@ class Sea(NamedTuple):
 
     Parameters
     ----------
-    places, normals
-        Of the detectors, by coordinate, shape ``(3, n)``.
-    centre
-        Of the array, m, shape ``(3,)``.
+    detectors
+        Their positions and normals, shape ``(6, n)``.
+    chart
+        Standard deviation of the beam, rad; attenuation, 1/m; 0 for a curved array, else the
+        `Chart.share`; centre of the array, m.
     beam_sigma_rad, power, k_per_m
         Lamp and water, as in `light.irradiance` and `effects.attenuation`.
-    planar_share
-        0 for a curved array, else the `chart`'s share of the beam's direction.
     scattering_per_m, scattering_variance
         Of `effects.beam_spread`, 1/m and rad^2; 0: none.
     view_form, view_values
@@ -58,13 +57,11 @@ class Sea(NamedTuple):
         Place of each nuisance among the coordinates; -1: fixed.
     """
 
-    places: Array
-    normals: Array
-    centre: Array
+    detectors: Array
+    chart: tuple[float, float, float, float, float, float]
     beam_sigma_rad: float
     power: float
     k_per_m: float
-    planar_share: float
     scattering_per_m: float
     scattering_variance: float
     view_form: int
@@ -109,13 +106,16 @@ def _sea(fit: ImageFit) -> Sea:
     still, steep = model.variance(np.zeros(1))
     places = {name: 5 + i for i, name in enumerate(names)}
     return Sea(
-        places=np.ascontiguousarray(array.positions.T),
-        normals=np.ascontiguousarray(array.normals.T),
-        centre=fit.chart.centre,
+        detectors=np.ascontiguousarray(np.hstack([array.positions, array.normals]).T),
+        chart=(
+            fit.chart.beam_sigma_rad,
+            float(fit.chart.k_per_m),
+            fit.chart.share if fit.chart.planar else 0.0,
+            *fit.chart.centre.tolist(),
+        ),
         beam_sigma_rad=fit.chart.beam_sigma_rad,
         power=float(model.power),
         k_per_m=float(fit.chart.k_per_m),
-        planar_share=fit.chart.share if fit.chart.planar else 0.0,
         scattering_per_m=float(spread["scattering_per_m"]),
         scattering_variance=float(np.radians(spread["scattering_angle_deg"]) ** 2),
         view_form=view_form,
@@ -185,14 +185,11 @@ class CompiledFit(ImageFit):
     ) -> Evaluation:
         """As `ImageFit.evaluate`."""
         rows = self._rows(readings, mean, len(coordinates))
-        found = self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1], True)
-        return Evaluation(*found[:5])
+        return Evaluation(*self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1]))
 
     def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array, Array]:
         """As `ImageFit.cost`."""
-        rows = self._rows(readings, None, len(coordinates))
-        found = self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1], False)
-        return found[3], found[0], found[5]
+        return self._kernel.costs(self._sea, readings, coordinates, roll, self.mean)
 
     def light(self, coordinates: Array, roll: float) -> Array:
         """As `ImageFit.light`."""

@@ -36,7 +36,7 @@ def _omega(target: float) -> float:
 
 @compiled
 def _chart(
-    sea: Sea,
+    settings: tuple[float, float, float, float, float, float],
     at: Array,
     roll: float,
     lamp: Array,
@@ -50,6 +50,7 @@ def _chart(
     `lamp` holds position and axis, shape ``(6,)``, `by_chart` their derivatives, ``(6, 5)``,
     `pose_by` those of the pose, ``(5, 5)``.
     """
+    beam_sigma_rad, k_per_m, share, centre_x, centre_y, centre_z = settings
     sin_r, cos_r = math.sin(roll), math.cos(roll)
     sin_p, cos_p = math.sin(at[3]), math.cos(at[3])
     sin_y, cos_y = math.sin(at[4]), math.cos(at[4])
@@ -74,7 +75,7 @@ def _chart(
     by_chart[5, 3] = -source[0] * cos_r
     for i in range(3):
         by_chart[3 + i, 4] = turn[1][i]
-    azimuth, elevation, share = at[0], at[1], sea.planar_share
+    azimuth, elevation = at[0], at[1]
     level = math.hypot(source[0], source[1])
     if share > 0:
         azimuth += share * math.atan2(source[1], source[0])
@@ -99,22 +100,23 @@ def _chart(
         sine += (sight[i] - cosine * source[i]) ** 2
     sine = math.sqrt(sine)
     off_axis = math.atan2(sine, cosine)
-    scale = 0.25 / sea.beam_sigma_rad**2
+    scale = 0.25 / beam_sigma_rad**2
     ratio = 2 * scale * (off_axis / sine if sine > 1e-9 else 1.0)
     dimness, slope = at[2] - scale * off_axis**2, 0.0
     if share > 0:
         facing = max(sight[0], 1e-3)
         dimness += 0.5 * math.log(facing)
         slope = 0.5 / facing if facing == sight[0] else 0.0
-    half_k = sea.k_per_m / 2
+    half_k = k_per_m / 2
     dimness = min(max(dimness, -7.0), 12.0)
     if half_k == 0:
         range_m = math.exp(dimness)
     else:
         range_m = _omega(dimness + math.log(half_k)) / half_k
     given = 1 / (1 / range_m + half_k)
-    for i in range(3):
-        lamp[i] = range_m * sight[i] + sea.centre[i]
+    lamp[0] = range_m * sight[0] + centre_x
+    lamp[1] = range_m * sight[1] + centre_y
+    lamp[2] = range_m * sight[2] + centre_z
     for i in range(3):
         row = turn[i]
         pose[i] = -(row[0] * lamp[0] + row[1] * lamp[1] + row[2] * lamp[2])
@@ -146,6 +148,60 @@ def _chart(
 
 
 @compiled
+def _off_axis(along: float, across_squared: float, r: float) -> tuple[float, float]:
+    """Return the squared off-axis angle, and that angle over the distance from the axis."""
+    if along * along > across_squared and along > MIN_RANGE_M:
+        s = across_squared / (r * r)
+        relation = horner(EVEN, s * s) + s * horner(ODD, s * s)
+        return s * relation, math.sqrt(relation) / r
+    across = math.sqrt(across_squared)
+    off_axis = math.atan2(across, along)
+    return off_axis * off_axis, off_axis / max(across, 1e-9 * r)
+
+
+@compiled
+def _beam(
+    detectors: Array,
+    lamp: tuple[float, float, float, float, float, float],
+    power: float,
+    gain: float,
+    k_per_m: float,
+    light: Array,
+) -> None:
+    """Write the light of the lamp on each detector, in water without scatter."""
+    lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z = lamp
+    wide = 0
+    # No branch and no call, so the processor takes several turns at once.
+    for j in range(len(light)):
+        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
+        along = -(x * beam_x + y * beam_y + z * beam_z)
+        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
+        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
+        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+        inverse = 1 / r
+        facing = x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]
+        cosine = min(facing * inverse, 1.0)
+        cosine = cosine if cosine > 0 else 0.0
+        s = across_squared * inverse * inverse
+        squared = s * (horner(EVEN, s * s) + s * horner(ODD, s * s))
+        wide += 0 if along * along > across_squared and along > MIN_RANGE_M else 1
+        light[j] = cosine * power * inverse * inverse * exponential(gain * squared - k_per_m * r)
+    if not wide:
+        return
+    # That holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
+    for j in range(len(light)):
+        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
+        along = -(x * beam_x + y * beam_y + z * beam_z)
+        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
+        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
+        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+        facing = x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]
+        squared, _ = _off_axis(along, across_squared, r)
+        cosine = max(min(facing / r, 1.0), 0.0)
+        light[j] = cosine * power / (r * r) * exponential(gain * squared - k_per_m * r)
+
+
+@compiled
 def _rays(
     sea: Sea,
     at: Array,
@@ -154,87 +210,66 @@ def _rays(
     light: Array,
     jacobian: Array,
     differentiate: bool,
-    work: Array,
 ) -> None:
     """Write the light of lamp and water on each detector, and its derivatives, ``(n, p)``."""
-    size, n = len(at), len(light)
+    detectors = sea.detectors
     power = sea.power * (math.exp(at[sea.at_power]) if sea.at_power >= 0 else 1.0)
     k_per_m = sea.k_per_m + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
     narrow = sea.beam_sigma_rad**2
-    beam_x, beam_y, beam_z = lamp[3], lamp[4], lamp[5]
-    to_x, to_y, to_z, along, across_squared, range_m, cosine, squared, ratio = work
-    # Loops that the processor takes several turns of at once: no branch, no call.
-    for j in range(n):
-        x, y, z = lamp[0] - sea.places[0, j], lamp[1] - sea.places[1, j], lamp[2] - sea.places[2, j]
-        ahead = -(x * beam_x + y * beam_y + z * beam_z)
-        off_x, off_y, off_z = x + ahead * beam_x, y + ahead * beam_y, z + ahead * beam_z
-        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
-        facing = x * sea.normals[0, j] + y * sea.normals[1, j] + z * sea.normals[2, j]
-        to_x[j], to_y[j], to_z[j], along[j], range_m[j] = x, y, z, ahead, r
-        across_squared[j] = off_x * off_x + off_y * off_y + off_z * off_z
-        cosine[j] = min(facing / r, 1.0)
-    for j in range(n):
-        inverse = 1 / range_m[j]
-        s = across_squared[j] * inverse * inverse
-        relation = horner(EVEN, s * s) + s * horner(ODD, s * s)
-        squared[j] = s * relation
-        ratio[j] = inverse * math.sqrt(abs(relation))
-    # That holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
-    for j in range(n):
-        if not along[j] * along[j] > across_squared[j] or along[j] <= MIN_RANGE_M:
-            across = math.sqrt(across_squared[j])
-            off_axis = math.atan2(across, along[j])
-            squared[j] = off_axis * off_axis
-            ratio[j] = off_axis / max(across, 1e-9 * range_m[j])
-    for j in range(n):
-        r = range_m[j]
-        faced = cosine[j] if cosine[j] > 0 else 0.0
-        light[j] = faced * (power / (r * r)) * exponential(-0.5 / narrow * squared[j] - k_per_m * r)
+    lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z = lamp
+    _beam(
+        detectors, (lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z), power, -0.5 / narrow, k_per_m, light
+    )
     if sea.scattering_per_m == 0 and sea.view_form == 0 and not differentiate:
         return
-    for j in range(n):
-        for q in range(size if differentiate else 0):
+    for j in range(len(light)):
+        for q in range(len(at) if differentiate else 0):
             jacobian[j, q] = 0.0
-        if light[j] == 0:
+        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
+        normal_x, normal_y, normal_z = detectors[3, j], detectors[4, j], detectors[5, j]
+        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+        cosine = min((x * normal_x + y * normal_y + z * normal_z) / r, 1.0)
+        if not cosine > 0:
             continue
-        r, bright, by_cosine = range_m[j], light[j], light[j] / cosine[j]
+        along = -(x * beam_x + y * beam_y + z * beam_z)
+        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
+        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
+        squared, ratio = _off_axis(along, across_squared, r)
+        bright, by_cosine = light[j], light[j] / cosine
         # Of the logarithm.
         by_r, by_half_square = -2 / r - k_per_m, -1 / narrow
         if sea.scattering_per_m > 0:
             factor, slope, by_scatter = _scattered(
-                sea.scattering_per_m, sea.scattering_variance, narrow, r, 0.5 * squared[j]
+                sea.scattering_per_m, sea.scattering_variance, narrow, r, 0.5 * squared
             )
             bright *= factor
             by_cosine *= factor
             by_r += slope
             by_half_square += by_scatter
         if sea.view_form == COSINE_POWER:
-            seen = max(cosine[j], 1e-12) ** sea.view_values[0]
+            seen = max(cosine, 1e-12) ** sea.view_values[0]
             bright *= seen
             by_cosine *= seen * (1 + sea.view_values[0])
         elif sea.view_form == RIM:
-            inside = math.tanh((cosine[j] - sea.view_values[0]) / sea.view_values[1])
+            inside = math.tanh((cosine - sea.view_values[0]) / sea.view_values[1])
             seen = 0.5 * (1 + inside)
             bright *= seen
-            by_cosine *= seen + cosine[j] * 0.5 * (1 - inside**2) / sea.view_values[1]
+            by_cosine *= seen + cosine * 0.5 * (1 - inside**2) / sea.view_values[1]
         light[j] = bright
         if not differentiate:
             continue
-        bend = bright * by_half_square * ratio[j]
-        radial = (bright * by_r - by_cosine * cosine[j] / r + bend * along[j] / r) / r
+        bend = bright * by_half_square * ratio
+        radial = (bright * by_r - by_cosine * cosine / r + bend * along / r) / r
         by_cosine /= r
-        by_x = radial * to_x[j] + by_cosine * sea.normals[0, j] + bend * beam_x
-        by_y = radial * to_y[j] + by_cosine * sea.normals[1, j] + bend * beam_y
-        by_z = radial * to_z[j] + by_cosine * sea.normals[2, j] + bend * beam_z
-        turn_x, turn_y, turn_z = bend * to_x[j], bend * to_y[j], bend * to_z[j]
+        by_x = radial * x + by_cosine * normal_x + bend * beam_x
+        by_y = radial * y + by_cosine * normal_y + bend * beam_y
+        by_z = radial * z + by_cosine * normal_z + bend * beam_z
         for q in range(5):
             jacobian[j, q] = (
                 by_x * by_chart[0, q]
                 + by_y * by_chart[1, q]
                 + by_z * by_chart[2, q]
-                + turn_x * by_chart[3, q]
-                + turn_y * by_chart[4, q]
-                + turn_z * by_chart[5, q]
+                + bend * (x * by_chart[3, q] + y * by_chart[4, q] + z * by_chart[5, q])
             )
         if sea.at_power >= 0:
             jacobian[j, sea.at_power] = bright
@@ -347,7 +382,6 @@ def _place(
     at: Array,
     roll: float,
     mean: Array,
-    differentiate: bool,
     light: Array,
     jacobian: Array,
     gradient: Array,
@@ -356,27 +390,24 @@ def _place(
     pose_by: Array,
     lamp: Array,
     by_chart: Array,
-    work: Array,
-) -> tuple[float, float]:
-    """Write all about one place of the chart; return its cost and its log-volume."""
+) -> float:
+    """Write all about one place of the chart; return its cost."""
     size = len(at)
-    log_volume = _chart(sea, at, roll, lamp, by_chart, pose, pose_by, differentiate)
-    _rays(sea, at, lamp, by_chart, light, jacobian, differentiate, work)
-    _detect(sea, at, light, jacobian, differentiate)
+    _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, True)
+    _rays(sea, at, lamp, by_chart, light, jacobian, True)
+    _detect(sea, at, light, jacobian, True)
     gradient[:] = 0.0
     information[:] = 0.0
     cost = 0.0
-    # A call with all of the sea would count its arrays' references, which takes longer.
     noise = sea.still, sea.steep, sea.least_variance, sea.low, sea.high
     for j in range(len(light)):
         value, score, curvature = _likely(readings[j], light[j], *noise)
         cost -= value
-        if differentiate:
-            for q in range(size):
-                gradient[q] += score * jacobian[j, q]
-                weighted = curvature * jacobian[j, q]
-                for s in range(q + 1):
-                    information[q, s] += weighted * jacobian[j, s]
+        for q in range(size):
+            gradient[q] += score * jacobian[j, q]
+            weighted = curvature * jacobian[j, q]
+            for s in range(q + 1):
+                information[q, s] += weighted * jacobian[j, s]
     # The prior is another five readings, of the pose, and one of each nuisance.
     for i in range(size):
         std = sea.std[i]
@@ -385,7 +416,7 @@ def _place(
         if i >= 5:
             gradient[i] -= off / std
             information[i, i] += 1 / (std * std)
-        elif differentiate:
+        else:
             for q in range(5):
                 gradient[q] -= off * pose_by[i, q] / std
                 for s in range(q + 1):
@@ -393,7 +424,7 @@ def _place(
     for q in range(size):
         for s in range(q):
             information[s, q] = information[q, s]
-    return cost, log_volume
+    return cost
 
 
 @compiled
@@ -436,33 +467,59 @@ def light_at(sea: Sea, at: Array, roll: float) -> Array:
     """Return the light of the readings at a place of the chart, shape ``(n,)``."""
     n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, len(at)))
-    lamp, by_chart, work = np.empty(6), np.empty((6, 5)), np.empty((9, n))
-    _chart(sea, at, roll, lamp, by_chart, np.empty(5), np.empty((5, 5)), False)
-    _rays(sea, at, lamp, by_chart, light, jacobian, False, work)
+    lamp, by_chart = np.empty(6), np.empty((6, 5))
+    _chart(sea.chart, at, roll, lamp, by_chart, np.empty(5), np.empty((5, 5)), False)
+    _rays(sea, at, lamp, by_chart, light, jacobian, False)
     _detect(sea, at, light, jacobian, False)
     return light
 
 
 @compiled
-def evaluate(
-    sea: Sea, readings: Array, places: Array, roll: float, mean: Array, differentiate: bool
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """As `fit.ImageFit.evaluate`, with readings and mean of each place; last the log-volumes."""
+def costs(
+    sea: Sea, readings: Array, places: Array, roll: float, mean: Array
+) -> tuple[Array, Array, Array]:
+    """As `fit.ImageFit.cost`."""
     count, size = places.shape
     n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, size))
-    cost, log_volume = np.empty(count), np.empty(count)
-    gradient, information = np.empty((count, size)), np.empty((count, size, size))
-    poses, pose_by = np.empty((count, 5)), np.empty((count, 5, 5))
-    lamp, by_chart, work = np.empty(6), np.empty((6, 5)), np.empty((9, n))
+    poses, found, log_volume = np.empty((count, 5)), np.empty(count), np.empty(count)
+    lamp, by_chart, pose_by = np.empty(6), np.empty((6, 5)), np.empty((5, 5))
+    # A call with all of the sea would count its arrays' references, which takes longer.
+    noise = sea.still, sea.steep, sea.least_variance, sea.low, sea.high
     for i in range(count):
-        cost[i], log_volume[i] = _place(
+        at, pose = places[i], poses[i]
+        log_volume[i] = _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, False)
+        _rays(sea, at, lamp, by_chart, light, jacobian, False)
+        _detect(sea, at, light, jacobian, False)
+        total = 0.0
+        for j in range(n):
+            value, _, _ = _likely(readings[j], light[j], *noise)
+            total -= value
+        for q in range(size):
+            off = ((pose[q] if q < 5 else at[q]) - mean[q]) / sea.std[q]
+            total += 0.5 * off * off
+        found[i] = total
+    return poses, found, log_volume
+
+
+@compiled
+def evaluate(
+    sea: Sea, readings: Array, places: Array, roll: float, mean: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """As `fit.ImageFit.evaluate`, with readings and mean of each place."""
+    count, size = places.shape
+    n = len(sea.gain)
+    light, jacobian = np.empty(n), np.empty((n, size))
+    cost, gradient, information = np.empty(count), np.empty((count, size)), np.empty((count, size, size))
+    poses, pose_by = np.empty((count, 5)), np.empty((count, 5, 5))
+    lamp, by_chart = np.empty(6), np.empty((6, 5))
+    for i in range(count):
+        cost[i] = _place(
             sea,
             readings[i],
             places[i],
             roll,
             mean[i],
-            differentiate,
             light,
             jacobian,
             gradient[i],
@@ -471,9 +528,8 @@ def evaluate(
             pose_by[i],
             lamp,
             by_chart,
-            work,
         )
-    return cost, gradient, information, poses, pose_by, log_volume
+    return cost, gradient, information, poses, pose_by
 
 
 @compiled
@@ -493,16 +549,15 @@ def descend(
     costs, informations, poses = np.empty(count), np.empty((count, size, size)), np.empty((count, 5))
     gradient, new_gradient, new_information = np.empty(size), np.empty(size), np.empty((size, size))
     pose_by, factor, step = np.empty((5, 5)), np.zeros((size, size)), np.empty(size)
-    trial, lamp, by_chart, work = np.empty(size), np.empty(6), np.empty((6, 5)), np.empty((9, n))
+    trial, lamp, by_chart = np.empty(size), np.empty(6), np.empty((6, 5))
     for i in range(count):
         at, mine, information, pose = places[i], readings[i], informations[i], poses[i]
-        cost, _ = _place(
+        cost = _place(
             sea,
             mine,
             at,
             roll,
             mean[i],
-            True,
             light,
             jacobian,
             gradient,
@@ -511,7 +566,6 @@ def descend(
             pose_by,
             lamp,
             by_chart,
-            work,
         )
         damping = 1e-3
         for _ in range(iterations):
@@ -527,13 +581,12 @@ def descend(
                     excess = max(excess, abs(step[q]) / sea.reach[q])
                 for q in range(size):
                     trial[q] = at[q] + step[q] / excess
-                new_cost, _ = _place(
+                new_cost = _place(
                     sea,
                     mine,
                     trial,
                     roll,
                     mean[i],
-                    True,
                     light,
                     jacobian,
                     new_gradient,
@@ -542,8 +595,7 @@ def descend(
                     pose_by,
                     lamp,
                     by_chart,
-                    work,
-                )
+                        )
                 gain = cost - new_cost
             if gain > 0:
                 at[:] = trial
@@ -554,5 +606,5 @@ def descend(
                 break
             damping *= 0.1 if gain > 0 else 10.0
         costs[i] = cost
-        _chart(sea, at, roll, lamp, by_chart, pose, pose_by, False)
+        _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, False)
     return costs, informations, poses

@@ -276,8 +276,9 @@ def test_the_derivatives_of_the_chart_are_those_of_the_lamp_seen_from_the_body(c
     def pose_at(at):
         return chart.to_pose(at, roll)[0]
 
-    *seen, derivatives, there, pose_derivatives = chart.to_lamp(coordinates, roll)
+    *seen, derivatives, there, pose_derivatives, log_volume = chart.to_lamp(coordinates, roll)
     np.testing.assert_allclose(np.concatenate(seen), lamp(coordinates), rtol=1e-9, atol=1e-9)
     assert_close(derivatives, differentiate(lamp, coordinates))
     np.testing.assert_allclose(there, pose_at(coordinates), rtol=1e-9, atol=1e-9)
     assert_close(pose_derivatives, differentiate(pose_at, coordinates))
+    assert log_volume == pytest.approx(np.linalg.slogdet(pose_derivatives)[1], abs=1e-9)

@@ -1,5 +1,6 @@
 """Markov chains over all poses that an image leaves possible."""
 
+from contextlib import suppress
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -28,17 +29,19 @@ class _Places:
         Per volume of the chart, shape ``(m,)``.
     towards
         The Gauss-Newton step, shape ``(m, p)``.
-    axes, deviations
-        Of the Gaussian: its principal axes by column and its standard deviation along each,
-        shapes ``(m, p, p)`` and ``(m, p)``.
+    spread, whitening
+        Of the Gaussian: a root of its covariance, and the inverse, shapes ``(m, p, p)``.
+    log_size
+        Logarithm of the root's determinant, shape ``(m,)``.
     """
 
     coordinates: Array
     poses: Array
     log_posterior: Array
     towards: Array
-    axes: Array
-    deviations: Array
+    spread: Array
+    whitening: Array
+    log_size: Array
 
     def move(self, there: "_Places", accepted: NDArray[np.bool_]) -> None:
         """Go there where that is accepted."""
@@ -115,12 +118,12 @@ class Chains:
         chains = len(now.coordinates)
         normal, width = self._normal[step, :chains], self._widths[step, :chains, None]
         drift = 0.5 * width**2 * now.towards
-        turned = now.axes @ (now.deviations * normal)[..., None]
-        there = self._places(readings, now.coordinates + drift + width * turned[..., 0], roll)
+        turned = (now.spread @ normal[..., None])[..., 0]
+        there = self._places(readings, now.coordinates + drift + width * turned, roll)
         back = now.coordinates - there.coordinates - 0.5 * width**2 * there.towards
-        returned = (back[:, None, :] @ there.axes)[:, 0, :] / (width * there.deviations)
-        log_odds = 0.5 * (normal**2 - returned**2) + np.log(now.deviations / there.deviations)
-        return there, log_odds.sum(axis=1)
+        returned = (there.whitening @ back[..., None])[..., 0] / width
+        log_odds = 0.5 * (normal**2 - returned**2).sum(axis=1)
+        return there, log_odds + now.log_size - there.log_size
 
     def _jump(
         self, readings: Array, now: _Places, step: int, roll: float
@@ -134,15 +137,34 @@ class Chains:
 
     def _places(self, readings: Array, coordinates: Array, roll: float) -> _Places:
         found = self._fit.evaluate(readings, coordinates, roll)
-        with np.errstate(divide="ignore"):
-            _, log_volume = np.linalg.slogdet(found.pose_by_chart)
-        log_posterior = log_volume - found.cost
+        log_posterior = found.log_volume - found.cost
         lost = ~(np.isfinite(log_posterior) & np.isfinite(found.information).all(axis=(1, 2)))
         log_posterior[lost] = -np.inf
         found.information[lost] = np.eye(coordinates.shape[1])
-        values, axes = np.linalg.eigh(found.information)
-        values = np.maximum(values, RESOLVED * values[:, -1:])
-        along = (found.gradient[:, None, :] @ axes)[:, 0, :] / values
-        towards = (axes @ along[..., None])[..., 0]
+        spread, whitening, log_size = _roots(found.information)
+        towards = spread @ (np.swapaxes(spread, -1, -2) @ found.gradient[..., None])
         towards[lost] = 0.0
-        return _Places(coordinates, found.poses, log_posterior, towards, axes, 1 / np.sqrt(values))
+        return _Places(
+            coordinates,
+            found.poses,
+            log_posterior,
+            towards[..., 0],
+            spread,
+            whitening,
+            log_size,
+        )
+
+
+def _roots(information: Array) -> tuple[Array, Array, Array]:
+    """Return a root of the covariance, its inverse, and the logarithm of its determinant."""
+    with suppress(np.linalg.LinAlgError):
+        factor = np.linalg.cholesky(information)
+        spread = np.swapaxes(np.linalg.inv(factor), -1, -2)
+        diagonal = np.diagonal(factor, axis1=-2, axis2=-1)
+        return spread, np.swapaxes(factor, -1, -2), -np.log(diagonal).sum(axis=-1)
+    # Somewhere rounding has taken its positive definiteness.
+    values, axes = np.linalg.eigh(information)
+    deviations = 1 / np.sqrt(np.maximum(values, RESOLVED * values[:, -1:]))
+    spread = axes * deviations[:, None, :]
+    whitening = np.swapaxes(axes / deviations[:, None, :], -1, -2)
+    return spread, whitening, np.log(deviations).sum(axis=-1)

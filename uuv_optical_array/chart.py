@@ -99,13 +99,11 @@ class Chart:
         poses = np.empty(coordinates.shape)
         poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
         poses[..., PITCH:] = coordinates[..., PITCH:]
-        level = np.maximum(np.abs(np.cos(angles[..., 1])), 1e-9)
-        log_volume = np.log(range_m**2 * level / (1 / range_m + self.k_per_m / 2))
-        return poses, lamp, axis, log_volume
+        return poses, lamp, axis, self._log_volume(range_m, angles)
 
     def to_lamp(
         self, coordinates: Array, roll: ArrayLike
-    ) -> tuple[Array, Array, Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Return lamp, beam axis and pose, and how they change with the coordinates.
 
         Parameters
@@ -125,6 +123,8 @@ class Chart:
             m and rad, shape ``(..., 5)``.
         pose_derivatives : Array
             Of the pose by the coordinates, shape ``(..., 5, 5)``.
+        log_volume : Array
+            As in `to_pose`.
         """
         rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
         axis = -rotation[..., 0, :]
@@ -167,7 +167,8 @@ class Chart:
         pose_derivatives[..., 0, YAW] -= poses[..., 1]
         pose_derivatives[..., 1, YAW] += poses[..., 0]
         pose_derivatives[..., PITCH, PITCH] = pose_derivatives[..., YAW, YAW] = 1.0
-        return lamp, axis, derivatives, poses, pose_derivatives
+        log_volume = self._log_volume(range_m, angles)
+        return lamp, axis, derivatives, poses, pose_derivatives, log_volume
 
     def lookalikes(self, coordinates: Array) -> Array:
         """Return where a planar array sees nearly the same, shape ``(3, n)``; ``(0, n)`` if curved.
@@ -198,6 +199,10 @@ class Chart:
         ratio = np.where(sine > 1e-9, off_axis / np.maximum(sine, 1e-9), 1.0)
         scale = 0.25 / self.beam_sigma_rad**2
         return scale * off_axis**2, 2 * scale * ratio
+
+    def _log_volume(self, range_m: Array, angles: Array) -> Array:
+        level = np.maximum(np.abs(np.cos(angles[..., 1])), 1e-9)
+        return np.log(range_m**2 * level / (1 / range_m + self.k_per_m / 2))
 
     def _range(self, target: Array) -> Array:
         """Solve ``ln r + K r / 2 = target``: with w = K r / 2, ln w + w is known."""

@@ -97,7 +97,7 @@ def _sea(fit: ImageFit) -> Sea:
         if name in ("responsivity", "detector_faults"):
             for light in (dark, unit):
                 step(light, LateRays(array, np.zeros(5), np.zeros(())))
-    blur = np.zeros((0, 0))
+    blur: Array = np.zeros((0, 0))
     if "forward_scatter" in effects:
         window_m = effects["forward_scatter"]["window_m"]
         blur = hanning_blur(array.side, array.spacing_m, window_m)
@@ -148,6 +148,13 @@ def _view(settings: Mapping[str, Any]) -> tuple[int, tuple[float, float]]:
     return 0, (0.0, 0.0)
 
 
+def _rows(values: Array, count: int) -> Array:
+    """Repeat values for each place, where they are those of all."""
+    if values.ndim == 2:
+        return values
+    return np.ascontiguousarray(np.broadcast_to(values, (count, len(values))))
+
+
 class CompiledFit(ImageFit):
     """An `ImageFit` whose evaluations and descents Numba has compiled.
 
@@ -172,20 +179,13 @@ class CompiledFit(ImageFit):
             ) from None
         self._sea = _sea(self)
 
-    def _rows(self, readings: Array, mean: Array | None, count: int) -> tuple[Array, Array]:
-        """Repeat readings and the prior's mean for each place, where they are those of all."""
-        mean = self.mean if mean is None else mean
-        return tuple(
-            np.ascontiguousarray(np.broadcast_to(values, (count, values.shape[-1])))
-            for values in (readings, mean)
-        )
-
     def evaluate(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
     ) -> Evaluation:
         """As `ImageFit.evaluate`."""
-        rows = self._rows(readings, mean, len(coordinates))
-        return Evaluation(*self._kernel.evaluate(self._sea, rows[0], coordinates, roll, rows[1]))
+        readings = _rows(readings, len(coordinates))
+        mean = _rows(self.mean if mean is None else mean, len(coordinates))
+        return Evaluation(*self._kernel.evaluate(self._sea, readings, coordinates, roll, mean))
 
     def cost(self, readings: Array, coordinates: Array, roll: float) -> tuple[Array, Array, Array]:
         """As `ImageFit.cost`."""
@@ -198,9 +198,10 @@ class CompiledFit(ImageFit):
     def _descended(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None
     ) -> tuple[Array, Array, Array]:
-        rows = self._rows(readings, mean, len(coordinates))
+        readings = _rows(readings, len(coordinates))
+        mean = _rows(self.mean if mean is None else mean, len(coordinates))
         return self._kernel.descend(
-            self._sea, rows[0], coordinates, roll, rows[1], MAX_ITERATIONS, ARRIVED
+            self._sea, readings, coordinates, roll, mean, MAX_ITERATIONS, ARRIVED
         )
 
 

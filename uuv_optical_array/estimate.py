@@ -259,7 +259,8 @@ class Estimator:
         while True:
             chosen = rows[self._far_apart(rows, count)][tried:]
             starts = turned_about_beam(self.table.poses[chosen], roll)
-            minima = _distinct(minima + self._fit.refine(readings, starts, roll))
+            fits = minima + self._fit.refine(readings, starts, roll)
+            minima = _distinct(sorted(fits, key=lambda fit: fit.cost) if minima else fits)
             if minima:
                 misfit = self._fit.misfit(readings, minima[0], roll)
                 settled = tried > 0 or len(rivalling(minima)) == 1
@@ -272,7 +273,7 @@ class Estimator:
 
     def _far_apart(self, rows: NDArray[np.intp], count: int) -> list[int]:
         """Choose the first of table rows, and then always the one farthest from those chosen."""
-        poses = self.table.poses[rows] / self._fit.prior.pose_std
+        poses = np.asarray(self.table.poses)[rows] / self._fit.prior.pose_std
         chosen = [0]
         distance = np.full(len(rows), np.inf)
         while len(chosen) < min(count, len(rows)):
@@ -283,9 +284,9 @@ class Estimator:
 
 
 def _distinct(fits: list[Fit]) -> list[Fit]:
-    """Keep the best fit of each minimum, best first."""
+    """Keep the best fit of each minimum, of fits that come best first."""
     minima: list[Fit] = []
-    for fit in sorted(fits, key=lambda fit: fit.cost):
+    for fit in fits:
         offsets = (fit.coordinates - other.coordinates for other in minima)
         near = (
             off @ other.information @ off < DISTINCT**2

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.pose import Array
 from uuv_optical_array.quantity import Quantity
@@ -43,26 +43,26 @@ def skewness(values: ArrayLike) -> Array:
     given = np.asarray(values, dtype=float)
     # Scaled to one, the powers neither overflow nor underflow.
     largest = np.abs(given).max(axis=-1, keepdims=True)
-    scaled = np.divide(given, largest, out=np.zeros_like(given), where=largest > 0)
-    deviation = scaled - scaled.mean(axis=-1, keepdims=True)
-    second = (deviation**2).mean(axis=-1)
-    third = (deviation**3).mean(axis=-1)
+    scaled = given / np.where(largest > 0, largest, 1.0)
+    count = given.shape[-1]
+    deviation = scaled - np.add.reduce(scaled, axis=-1, keepdims=True) / count
+    squared = deviation * deviation
+    second = np.add.reduce(squared, axis=-1) / count
+    third = np.add.reduce(squared * deviation, axis=-1) / count
     # Rounding leaves about 1e-32 of a constant profile; that is no shape.
     varies = second > 1e-30
-    return np.divide(third, second**1.5, out=np.zeros_like(second), where=varies)
+    return np.where(varies, third, 0.0) / np.where(varies, second, 1.0) ** 1.5
 
 
-def _vertex(profile: Array, index: Array) -> Array:
+def _vertex(profiles: Array, index: NDArray[np.intp]) -> Array:
     """Offset of the parabola's vertex from a maximum at `index`, in detectors, within 0.5."""
-    rows = np.arange(len(profile))
-    last = profile.shape[1] - 1
-    inside = (index > 0) & (index < last)
-    before = profile[rows, np.maximum(index - 1, 0)]
-    after = profile[rows, np.minimum(index + 1, last)]
-    curvature = before - 2 * profile[rows, index] + after
-    bent = inside & (curvature < 0)
+    last = profiles.shape[1] - 1
+    around = np.clip(index[:, None] + (-1, 0, 1), 0, last)
+    before, top, after = np.take_along_axis(profiles, around, axis=1).T
+    curvature = before - 2 * top + after
+    bent = (index > 0) & (index < last) & (curvature < 0)
     # Halved after the division: a difference of tiny readings may not halve.
-    offset = np.divide(before - after, curvature, out=np.zeros_like(curvature), where=bent) / 2
+    offset = np.where(bent, before - after, 0.0) / np.where(bent, curvature, 1.0) / 2
     return np.clip(offset, -0.5, 0.5)
 
 
@@ -120,26 +120,20 @@ def key_parameters(
     ) ** 2
     nearest = np.where(top, distance, np.inf).reshape(count, side * side).argmin(axis=1)
     row, column = np.divmod(nearest, side)
-    horizontal, vertical = stack[frames, row], stack[frames, :, column]
+    # Of each frame its horizontal, then of each its vertical profile.
+    profiles = np.concatenate([stack[frames, row], stack[frames, :, column]])
+    peaks = np.concatenate([column, row])
     if peak == "subdetector":
         # A top that is flat along one axis still has its vertex along the other.
-        one_row = np.count_nonzero(lit_rows, axis=1) == 1
-        one_column = np.count_nonzero(lit_columns, axis=1) == 1
-        at_row = np.where(one_row, row + _vertex(vertical, row), centroid_row)
-        at_column = np.where(one_column, column + _vertex(horizontal, column), centroid_column)
+        sharp = np.concatenate([(lit_columns > 0).sum(axis=1), (lit_rows > 0).sum(axis=1)]) == 1
+        centroids = np.concatenate([centroid_column, centroid_row])
+        places = np.where(sharp, peaks + _vertex(profiles, peaks), centroids)
     else:
-        at_row, at_column = row.astype(float), column.astype(float)
-    centre = (side - 1) / 2
-    parameters = np.stack(
-        [
-            brightest / full_scale_counts,
-            at_column - centre,
-            at_row - centre,
-            skewness(np.gradient(horizontal, axis=-1)),
-            skewness(np.gradient(vertical, axis=-1)),
-        ],
-        axis=-1,
-    )
+        places = peaks.astype(float)
+    parameters = np.empty((count, 5))
+    parameters[:, 0] = brightest / full_scale_counts
+    parameters[:, 1:3] = places.reshape(2, count).T - (side - 1) / 2
+    parameters[:, 3:] = skewness(np.gradient(profiles, axis=-1)).reshape(2, count).T
     parameters[brightest <= 0] = 0.0
     return parameters.reshape(*images.shape[:-2], 5)
 

@@ -74,15 +74,15 @@ class Evaluation(NamedTuple):
         As that of a `Fit`, shape ``(k, p, p)``.
     poses
         m and rad, shape ``(k, 5)``.
-    pose_by_chart
-        Derivatives of the pose by the chart, shape ``(k, 5, 5)``.
+    log_volume
+        Of the poses that a unit volume of the chart holds, shape ``(k,)``.
     """
 
     cost: Array
     gradient: Array
     information: Array
     poses: Array
-    pose_by_chart: Array
+    log_volume: Array
 
 
 def _cost(fit: Fit) -> float:
@@ -153,7 +153,8 @@ class ImageFit:
             Of k places.
         """
         mean = self.mean if mean is None else mean
-        lamp, axis, by_chart, poses, pose_by_chart = self.chart.to_lamp(coordinates[:, :5], roll)
+        chart = self.chart.to_lamp(coordinates[:, :5], roll)
+        lamp, axis, by_chart, poses, pose_by_chart, log_volume = chart
         light, by_lamp = self.model.linearised_by_lamp(lamp, axis, self._offsets(coordinates))
         variance, slope = self.model.variance(light)
         value, score, curvature = log_likelihood(
@@ -174,7 +175,7 @@ class ImageFit:
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
         information += np.swapaxes(by_coordinate, -1, -2) @ by_coordinate
         cost = 0.5 * (off * off).sum(axis=1) - value
-        return Evaluation(cost, gradient, information, poses, pose_by_chart)
+        return Evaluation(cost, gradient, information, poses, log_volume)
 
     @np.errstate(under="ignore")
     def refine(self, readings: Array, starts: Array, roll: float = 0.0) -> list[Fit]:

@@ -6,7 +6,8 @@ calculate. All is in one file, because Numba keeps what it compiled until that f
 """
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -16,7 +17,16 @@ from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
 from uuv_optical_array.light import MIN_RANGE_M
 from uuv_optical_array.pose import Array
 
-compiled: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Let Numba compile a function when it is first called, and keep that where it can."""
+    try:
+        return njit(cache=True, **OPTIONS)(function)
+    except RuntimeError:  # no folder to keep it in
+        return njit(**OPTIONS)(function)
 
 
 @compiled
@@ -109,10 +119,7 @@ def _chart(
         slope = 0.5 / facing if facing == sight[0] else 0.0
     half_k = k_per_m / 2
     dimness = min(max(dimness, -7.0), 12.0)
-    if half_k == 0:
-        range_m = math.exp(dimness)
-    else:
-        range_m = _omega(dimness + math.log(half_k)) / half_k
+    range_m = math.exp(dimness) if half_k == 0 else _omega(dimness + math.log(half_k)) / half_k
     given = 1 / (1 / range_m + half_k)
     lamp[0] = range_m * sight[0] + centre_x
     lamp[1] = range_m * sight[1] + centre_y
@@ -218,7 +225,12 @@ def _rays(
     narrow = sea.beam_sigma_rad**2
     lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z = lamp
     _beam(
-        detectors, (lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z), power, -0.5 / narrow, k_per_m, light
+        detectors,
+        (lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z),
+        power,
+        -0.5 / narrow,
+        k_per_m,
+        light,
     )
     if sea.scattering_per_m == 0 and sea.view_form == 0 and not differentiate:
         return
@@ -281,7 +293,7 @@ def _rays(
 def _scattered(
     b: float, variance: float, narrow: float, r: float, half_square: float
 ) -> tuple[float, float, float]:
-    """Return the factor of `effects.beam_spread`, and slopes of its logarithm by range and angle."""
+    """Return the factor of `effects.beam_spread`, and its logarithm's slopes by range and angle."""
     straight, scattered = math.exp(-b * r), -math.expm1(-b * r)
     wide = narrow + variance * b * r / (3 * scattered)
     spread = narrow / wide * math.exp(min(half_square * (1 / narrow - 1 / wide), 600.0))
@@ -390,10 +402,10 @@ def _place(
     pose_by: Array,
     lamp: Array,
     by_chart: Array,
-) -> float:
-    """Write all about one place of the chart; return its cost."""
+) -> tuple[float, float]:
+    """Write all about one place of the chart; return its cost and log-volume."""
     size = len(at)
-    _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, True)
+    log_volume = _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, True)
     _rays(sea, at, lamp, by_chart, light, jacobian, True)
     _detect(sea, at, light, jacobian, True)
     gradient[:] = 0.0
@@ -424,13 +436,11 @@ def _place(
     for q in range(size):
         for s in range(q):
             information[s, q] = information[q, s]
-    return cost
+    return cost, log_volume
 
 
 @compiled
-def _step(
-    information: Array, damping: float, gradient: Array, factor: Array, step: Array
-) -> float:
+def _step(information: Array, damping: float, gradient: Array, factor: Array, step: Array) -> float:
     """Solve for the damped Newton step by Cholesky's factor; return the decrement, nan if none."""
     size = len(gradient)
     for i in range(size):
@@ -510,11 +520,15 @@ def evaluate(
     count, size = places.shape
     n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, size))
-    cost, gradient, information = np.empty(count), np.empty((count, size)), np.empty((count, size, size))
-    poses, pose_by = np.empty((count, 5)), np.empty((count, 5, 5))
+    cost, gradient, information = (
+        np.empty(count),
+        np.empty((count, size)),
+        np.empty((count, size, size)),
+    )
+    poses, pose_by, log_volume = np.empty((count, 5)), np.empty((5, 5)), np.empty(count)
     lamp, by_chart = np.empty(6), np.empty((6, 5))
     for i in range(count):
-        cost[i] = _place(
+        cost[i], log_volume[i] = _place(
             sea,
             readings[i],
             places[i],
@@ -525,11 +539,11 @@ def evaluate(
             gradient[i],
             information[i],
             poses[i],
-            pose_by[i],
+            pose_by,
             lamp,
             by_chart,
         )
-    return cost, gradient, information, poses, pose_by
+    return cost, gradient, information, poses, log_volume
 
 
 @compiled
@@ -546,13 +560,17 @@ def descend(
     count, size = places.shape
     n = len(sea.gain)
     light, jacobian = np.empty(n), np.empty((n, size))
-    costs, informations, poses = np.empty(count), np.empty((count, size, size)), np.empty((count, 5))
+    costs, informations, poses = (
+        np.empty(count),
+        np.empty((count, size, size)),
+        np.empty((count, 5)),
+    )
     gradient, new_gradient, new_information = np.empty(size), np.empty(size), np.empty((size, size))
     pose_by, factor, step = np.empty((5, 5)), np.zeros((size, size)), np.empty(size)
     trial, lamp, by_chart = np.empty(size), np.empty(6), np.empty((6, 5))
     for i in range(count):
         at, mine, information, pose = places[i], readings[i], informations[i], poses[i]
-        cost = _place(
+        cost, _ = _place(
             sea,
             mine,
             at,
@@ -581,7 +599,7 @@ def descend(
                     excess = max(excess, abs(step[q]) / sea.reach[q])
                 for q in range(size):
                     trial[q] = at[q] + step[q] / excess
-                new_cost = _place(
+                new_cost, _ = _place(
                     sea,
                     mine,
                     trial,
@@ -595,7 +613,7 @@ def descend(
                     pose_by,
                     lamp,
                     by_chart,
-                        )
+                )
                 gain = cost - new_cost
             if gain > 0:
                 at[:] = trial

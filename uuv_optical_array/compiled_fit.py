@@ -178,6 +178,12 @@ class CompiledFit(ImageFit):
                 f"compiled: {error}; install Numba: pip install -e '.[fast]'"
             ) from None
         self._sea = _sea(self)
+        # So that no frame has to wait for the compiler.
+        readings, start = np.zeros(model.array.side**2), np.zeros((1, len(self.mean)))
+        self.descend(readings, start, 0.0)
+        self.evaluate(readings, start, 0.0)
+        self.cost(readings, start, 0.0)
+        self.light(start[0], 0.0)
 
     def evaluate(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
@@ -195,9 +201,10 @@ class CompiledFit(ImageFit):
         """As `ImageFit.light`."""
         return self._kernel.light_at(self._sea, coordinates, roll)
 
-    def _descended(
-        self, readings: Array, coordinates: Array, roll: float, mean: Array | None
+    def descend(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
     ) -> tuple[Array, Array, Array]:
+        """As `ImageFit.descend`."""
         readings = _rows(readings, len(coordinates))
         mean = _rows(self.mean if mean is None else mean, len(coordinates))
         return self._kernel.descend(

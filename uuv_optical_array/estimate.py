@@ -6,6 +6,7 @@
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.stats import chi2
 
 from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.features import lifted
-from uuv_optical_array.fit import DISTINCT, Fit, Prior
+from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.posterior import Posterior, rivalling
@@ -136,18 +137,34 @@ class Estimator:
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
+        readings = table.scene.array.detectors_per_side**2
+        self._plausible_misfit = chi2.isf(IMPLAUSIBLE, max(readings - 5, 1)) / readings
+        self._compiled = compiled
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Make what the method needs, so that the first frame takes no longer than the next.
+
+        To be called after `method` has changed. Compiling the fit takes some ten seconds, once a
+        machine.
+        """
+        if self.method == "least_squares":
+            _ = self._posterior
+
+    @cached_property
+    def _fit(self) -> ImageFit:
+        scene = self.table.scene
+        axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        self._fit = image_fit(
-            ForwardModel(table.scene),
-            Prior(middle, prior_std, table.scene.prior.nuisance_std()),
-            compiled if method == "least_squares" else False,
-        )
+        prior = Prior(middle, prior_std, scene.prior.nuisance_std())
+        return image_fit(ForwardModel(scene), prior, self._compiled)
+
+    @cached_property
+    def _posterior(self) -> Posterior:
         # The same numbers in every run: an image has one answer.
-        self._posterior = Posterior(self._fit, np.random.default_rng(0))
-        readings = table.scene.array.detectors_per_side**2
-        self._plausible_misfit = chi2.isf(IMPLAUSIBLE, max(readings - 5, 1)) / readings
+        return Posterior(self._fit, np.random.default_rng(0))
 
     def _vectors(self, parameters: ArrayLike) -> Array:
         scene = self.table.scene
@@ -278,7 +295,7 @@ class Estimator:
         distance = np.full(len(rows), np.inf)
         while len(chosen) < min(count, len(rows)):
             apart = poses - poses[chosen[-1]]
-            distance = np.minimum(distance, (apart * apart).sum(axis=1))
+            np.minimum(distance, np.einsum("ij,ij->i", apart, apart), out=distance)
             chosen.append(int(distance.argmax()))
         return chosen
 

@@ -198,29 +198,42 @@ class ImageFit:
         """
         coordinates: Array = np.zeros((len(starts), 5 + len(self.names)))
         coordinates[:, :5] = self.chart.from_pose(starts, roll)
-        fits = self._descend(readings, coordinates, roll)
+        fits = self._fits_from(readings, coordinates, roll)
         if fits and len(others := self.chart.lookalikes(fits[0].coordinates)):
-            fits = sorted(fits + self._descend(readings, others, roll), key=_cost)
+            fits = sorted(fits + self._fits_from(readings, others, roll), key=_cost)
         return fits
 
-    def _descend(
+    def _fits_from(
         self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
     ) -> list[Fit]:
         """Refine coordinates, shape ``(k, p)``, in place; best first.
 
         Readings and the prior's mean may be those of each start, ``(k, n)`` and ``(k, p)``.
         """
-        cost, information, poses = self._descended(readings, coordinates, roll, mean)
+        cost, information, poses = self.descend(readings, coordinates, roll, mean)
         fits = [
             Fit(poses[i], coordinates[i], information[i], float(cost[i]))
             for i in np.flatnonzero(np.isfinite(cost))
         ]
         return sorted(fits, key=_cost)
 
-    def _descended(
-        self, readings: Array, coordinates: Array, roll: float, mean: Array | None
+    def descend(
+        self, readings: Array, coordinates: Array, roll: float, mean: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Move coordinates to where each is most probable; return costs, informations and poses."""
+        """Move coordinates, in place, to where each is most probable nearby.
+
+        Parameters
+        ----------
+        readings, coordinates, roll, mean
+            As in `evaluate`.
+
+        Returns
+        -------
+        cost, information : Array
+            As those of a `Fit`, shapes ``(k,)`` and ``(k, p, p)``.
+        poses : Array
+            m and rad, shape ``(k, 5)``.
+        """
         count, size = coordinates.shape
         now = self.evaluate(readings, coordinates, roll, mean)
         cost, gradient, information, *_ = now
@@ -286,11 +299,24 @@ class ImageFit:
         moved = np.clip(readings + np.sqrt(variance) * noise, limits.low + TINY, limits.high - TINY)
         free = (readings > limits.low) & (readings < limits.high)
         mean = self.mean + pull * self.std
-        found = self._descend(np.where(free, moved, readings), starts.copy(), roll, mean)
+        found = self._fits_from(np.where(free, moved, readings), starts.copy(), roll, mean)
         return np.stack([fit.coordinates for fit in found]) if found else starts
 
     def light(self, coordinates: Array, roll: float) -> Array:
-        """Return the light at coordinates, nuisances included, shape ``(p,)``: ``(n,)`` counts."""
+        """Return the light of the readings at one place.
+
+        Parameters
+        ----------
+        coordinates
+            In the chart, then the nuisances, shape ``(p,)``.
+        roll
+            Roll of the follower, rad.
+
+        Returns
+        -------
+        Array
+            Counts, shape ``(n,)``.
+        """
         _, lamp, axis, _ = self.chart.to_pose(coordinates[:5], roll)
         return self.model.light_by_lamp(lamp, axis, self._offsets(coordinates)).ravel()
 

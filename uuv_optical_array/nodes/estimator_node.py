@@ -109,6 +109,7 @@ class EstimatorNode(Node):
         if self.estimator is not None:
             for name in ESTIMATOR_SETTINGS:
                 setattr(self.estimator, name, changes.get(name, self.parameters[name]))
+            self.estimator.prepare()
 
     def on_features(self, message: PointCloud2) -> None:
         """Answer a signature, at once or when its image is there."""

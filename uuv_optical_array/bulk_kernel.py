@@ -40,6 +40,7 @@ SQUARED_ANGLE = (
     0.333333333333282,
     1.0,
 )
+# `fit_kernel` has these too: change that file with them, or Numba will not compile it again.
 EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers: two short chains of sums
 # sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
 SINE = (

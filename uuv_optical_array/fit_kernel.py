@@ -1,8 +1,9 @@
 """The kernels of `fit.ImageFit`, compiled by Numba; importing this module imports Numba.
 
-They say the same as `chart`, `light`, `effects` and `likelihood`, at one place of the chart and
-without an array in between: for the 25 readings of a frame NumPy takes longer to be called than to
-calculate. All is in one file, because Numba keeps what it compiled until that file changes.
+They say the same as `chart`, `light`, `effects` and `likelihood`, at one place of the chart at a
+time: for the 25 readings of a frame NumPy takes longer to be called than to calculate. All is in
+one file, because Numba keeps what it compiled until that file changes. A call with all of a `Sea`
+counts the references of its arrays, so what is called for each reading takes numbers.
 """
 
 import math
@@ -388,22 +389,25 @@ def _likely(
 
 
 @compiled
+def _work(n: int, size: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Return room for light, its Jacobian, the lamp, and the slopes of lamp and pose."""
+    return np.empty(n), np.empty((n, size)), np.empty(6), np.empty((6, 5)), np.empty((5, 5))
+
+
+@compiled
 def _place(
     sea: Sea,
     readings: Array,
     at: Array,
     roll: float,
     mean: Array,
-    light: Array,
-    jacobian: Array,
     gradient: Array,
     information: Array,
     pose: Array,
-    pose_by: Array,
-    lamp: Array,
-    by_chart: Array,
+    work: tuple[Array, Array, Array, Array, Array],
 ) -> tuple[float, float]:
     """Write all about one place of the chart; return its cost and log-volume."""
+    light, jacobian, lamp, by_chart, pose_by = work
     size = len(at)
     log_volume = _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, True)
     _rays(sea, at, lamp, by_chart, light, jacobian, True)
@@ -474,11 +478,9 @@ def _step(information: Array, damping: float, gradient: Array, factor: Array, st
 
 @compiled
 def light_at(sea: Sea, at: Array, roll: float) -> Array:
-    """Return the light of the readings at a place of the chart, shape ``(n,)``."""
-    n = len(sea.gain)
-    light, jacobian = np.empty(n), np.empty((n, len(at)))
-    lamp, by_chart = np.empty(6), np.empty((6, 5))
-    _chart(sea.chart, at, roll, lamp, by_chart, np.empty(5), np.empty((5, 5)), False)
+    """As `fit.ImageFit.light`."""
+    light, jacobian, lamp, by_chart, pose_by = _work(len(sea.gain), len(at))
+    _chart(sea.chart, at, roll, lamp, by_chart, np.empty(5), pose_by, False)
     _rays(sea, at, lamp, by_chart, light, jacobian, False)
     _detect(sea, at, light, jacobian, False)
     return light
@@ -490,11 +492,8 @@ def costs(
 ) -> tuple[Array, Array, Array]:
     """As `fit.ImageFit.cost`."""
     count, size = places.shape
-    n = len(sea.gain)
-    light, jacobian = np.empty(n), np.empty((n, size))
+    light, jacobian, lamp, by_chart, pose_by = _work(len(sea.gain), size)
     poses, found, log_volume = np.empty((count, 5)), np.empty(count), np.empty(count)
-    lamp, by_chart, pose_by = np.empty(6), np.empty((6, 5)), np.empty((5, 5))
-    # A call with all of the sea would count its arrays' references, which takes longer.
     noise = sea.still, sea.steep, sea.least_variance, sea.low, sea.high
     for i in range(count):
         at, pose = places[i], poses[i]
@@ -502,7 +501,7 @@ def costs(
         _rays(sea, at, lamp, by_chart, light, jacobian, False)
         _detect(sea, at, light, jacobian, False)
         total = 0.0
-        for j in range(n):
+        for j in range(len(light)):
             value, _, _ = _likely(readings[j], light[j], *noise)
             total -= value
         for q in range(size):
@@ -518,30 +517,13 @@ def evaluate(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """As `fit.ImageFit.evaluate`, with readings and mean of each place."""
     count, size = places.shape
-    n = len(sea.gain)
-    light, jacobian = np.empty(n), np.empty((n, size))
-    cost, gradient, information = (
-        np.empty(count),
-        np.empty((count, size)),
-        np.empty((count, size, size)),
-    )
-    poses, pose_by, log_volume = np.empty((count, 5)), np.empty((5, 5)), np.empty(count)
-    lamp, by_chart = np.empty(6), np.empty((6, 5))
+    work = _work(len(sea.gain), size)
+    cost, log_volume = np.empty(count), np.empty(count)
+    gradient, information = np.empty((count, size)), np.empty((count, size, size))
+    poses = np.empty((count, 5))
     for i in range(count):
         cost[i], log_volume[i] = _place(
-            sea,
-            readings[i],
-            places[i],
-            roll,
-            mean[i],
-            light,
-            jacobian,
-            gradient[i],
-            information[i],
-            poses[i],
-            pose_by,
-            lamp,
-            by_chart,
+            sea, readings[i], places[i], roll, mean[i], gradient[i], information[i], poses[i], work
         )
     return cost, gradient, information, poses, log_volume
 
@@ -556,63 +538,42 @@ def descend(
     iterations: int,
     near: float,
 ) -> tuple[Array, Array, Array]:
-    """As `fit.ImageFit.descend`, in place: return costs, informations and poses."""
+    """As `fit.ImageFit.descend`, with readings and mean of each place."""
     count, size = places.shape
-    n = len(sea.gain)
-    light, jacobian = np.empty(n), np.empty((n, size))
+    work = _work(len(sea.gain), size)
     costs, informations, poses = (
         np.empty(count),
         np.empty((count, size, size)),
         np.empty((count, 5)),
     )
     gradient, new_gradient, new_information = np.empty(size), np.empty(size), np.empty((size, size))
-    pose_by, factor, step = np.empty((5, 5)), np.zeros((size, size)), np.empty(size)
-    trial, lamp, by_chart = np.empty(size), np.empty(6), np.empty((6, 5))
+    factor, step, trial = np.empty((size, size)), np.empty(size), np.empty(size)
     for i in range(count):
-        at, mine, information, pose = places[i], readings[i], informations[i], poses[i]
-        cost, _ = _place(
-            sea,
-            mine,
-            at,
-            roll,
+        at, mine, prior, information, pose = (
+            places[i],
+            readings[i],
             mean[i],
-            light,
-            jacobian,
-            gradient,
-            information,
-            pose,
-            pose_by,
-            lamp,
-            by_chart,
+            informations[i],
+            poses[i],
         )
+        cost, _ = _place(sea, mine, at, roll, prior, gradient, information, pose, work)
         damping = 1e-3
         for _ in range(iterations):
             decrement = _step(information, damping, gradient, factor, step)
+            # A heavily damped step is short wherever it is taken, so it proves nothing.
             if decrement < near and damping < 1e-1:
                 at += step
                 cost -= decrement
                 break
             gain = 0.0
-            if decrement == decrement:
+            if decrement == decrement:  # else no step, and more damping
                 excess = 1.0
                 for q in range(size):
                     excess = max(excess, abs(step[q]) / sea.reach[q])
                 for q in range(size):
                     trial[q] = at[q] + step[q] / excess
                 new_cost, _ = _place(
-                    sea,
-                    mine,
-                    trial,
-                    roll,
-                    mean[i],
-                    light,
-                    jacobian,
-                    new_gradient,
-                    new_information,
-                    pose,
-                    pose_by,
-                    lamp,
-                    by_chart,
+                    sea, mine, trial, roll, prior, new_gradient, new_information, pose, work
                 )
                 gain = cost - new_cost
             if gain > 0:
@@ -620,9 +581,9 @@ def descend(
                 cost = new_cost
                 gradient[:] = new_gradient
                 information[:] = new_information
-            if (0 < gain < near) or damping > 1e4:
+            if 0 < gain < near or damping > 1e4:
                 break
             damping *= 0.1 if gain > 0 else 10.0
         costs[i] = cost
-        _chart(sea.chart, at, roll, lamp, by_chart, pose, pose_by, False)
+        _chart(sea.chart, at, roll, work[2], work[3], pose, work[4], False)
     return costs, informations, poses

@@ -16,6 +16,7 @@ from numba import njit
 from uuv_optical_array.bulk_kernel import EVEN, ODD, exponential, horner
 from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
 from uuv_optical_array.light import MIN_RANGE_M
+from uuv_optical_array.likelihood import ASYMPTOTIC
 from uuv_optical_array.pose import Array
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
@@ -374,17 +375,18 @@ def _likely(
     bound = high - 0.5 if reading >= high else low + 0.5
     inverse_std = 1 / math.sqrt(variance)
     u = min(max(sign * (light - bound) * inverse_std, -1e100), 1e100)
-    if u > -30.0:
+    if u > ASYMPTOTIC:
         # The distribution and, over it, the density.
         within = 0.5 * math.erfc(-u * math.sqrt(0.5))
         value = math.log(within)
         hazard = math.exp(-0.5 * u * u) / (within * math.sqrt(2 * math.pi))
+        share = max(hazard * (hazard + u), 0.0)
     else:
-        s = 1 / (u * u)  # of Mills's ratio
-        series = 1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))
-        value = -0.5 * u * u + math.log(series / (-u * math.sqrt(2 * math.pi)))
-        hazard = -u / series
-    share = 1.0 if u < -1e4 else max(hazard * (hazard + u), 0.0)
+        s = 1 / (u * u)
+        less = s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s * (1 - 9 * s))))
+        value = -0.5 * u * u + math.log((1 - less) / (-u * math.sqrt(2 * math.pi)))
+        hazard = -u / (1 - less)
+        share = hazard * -u * less / (1 - less)
     return value, sign * hazard * inverse_std, share * inverse_std**2
 
 

@@ -8,6 +8,7 @@ from scipy.special import erfcx, log_ndtr, ndtr
 from uuv_optical_array.pose import Array
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
+ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12
 LOG_SQRT_2PI = 0.5 * np.log(2 * np.pi)
 
 
@@ -84,8 +85,12 @@ def log_likelihood(
             hazard = _hazard(u)
             terms[here] = log_ndtr(u)
             score[here] = sign * hazard * inverse_std
-            # Far beyond, hazard and u cancel, and the curvature is that of a Gaussian.
-            share = np.where(u < -1e4, 1.0, np.maximum(hazard * (hazard + u), 0.0))
+            share = np.where(u > ASYMPTOTIC, np.maximum(hazard * (hazard + u), 0.0), 1.0)
+            # Where hazard and u cancel, the series of Mills's ratio does not.
+            far = u <= ASYMPTOTIC
+            s = 1 / u[far] ** 2
+            less = s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s * (1 - 9 * s))))
+            share[far] = less / s / (1 - less) ** 2
             curvature[here] = share * inverse_std**2
     return terms.sum(axis=-1), score, curvature
 

@@ -66,6 +66,22 @@ def _vertex(profiles: Array, index: NDArray[np.intp]) -> Array:
     return np.clip(offset, -0.5, 0.5)
 
 
+def _flat_tops(top: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
+    """Return the peak of tops of several detectors, and along which axes they are flat, and where.
+
+    Both hold column and row, shape ``(2, m)``; the second is nan along an axis on which the top
+    is one detector wide, so that it still has its vertex there.
+    """
+    indices = np.arange(top.shape[-1])
+    counts = np.stack([top.sum(axis=1), top.sum(axis=2)])  # by column, by row
+    centroids = (counts @ indices) / counts.sum(axis=-1)
+    away = (indices - centroids[..., None]) ** 2
+    distance = np.where(top, away[1, :, :, None] + away[0, :, None, :], np.inf)
+    row, column = np.divmod(distance.reshape(len(top), -1).argmin(axis=1), len(indices))
+    sharp = np.count_nonzero(counts, axis=-1) == 1
+    return np.stack([column, row]), np.where(sharp, np.nan, centroids)
+
+
 @np.errstate(under="ignore")  # the least of readings lose digits, no more
 def key_parameters(
     images: ArrayLike, full_scale_counts: float, peak: Literal["detector", "subdetector"]
@@ -106,30 +122,23 @@ def key_parameters(
         raise ValueError("images: not finite; drop frames that hold NaN or infinity")
     side = images.shape[-1]
     count = int(np.prod(images.shape[:-2]))
-    stack = images.reshape(count, side, side)
-    frames = np.arange(len(stack))
-    brightest = stack.max(axis=(1, 2))
-    top = stack == brightest[:, None, None]
-    indices = np.arange(side)
-    lit_rows, lit_columns = top.sum(axis=2), top.sum(axis=1)
-    size = lit_rows.sum(axis=1)
-    centroid_row = (lit_rows @ indices) / size
-    centroid_column = (lit_columns @ indices) / size
-    distance = (indices[:, None] - centroid_row[:, None, None]) ** 2 + (
-        indices - centroid_column[:, None, None]
-    ) ** 2
-    nearest = np.where(top, distance, np.inf).reshape(count, side * side).argmin(axis=1)
-    row, column = np.divmod(nearest, side)
+    stack, frames = images.reshape(count, side, side), np.arange(count)
+    flat = images.reshape(count, side * side)
+    brightest = flat.max(axis=1)
+    top = flat == brightest[:, None]
+    # Of each frame in column and row: the peak, and where the top is flat its centroid.
+    peaks = np.array(np.divmod(top.argmax(axis=1), side)[::-1])
+    flat_at = np.full((2, count), np.nan)
+    tied = np.flatnonzero(np.count_nonzero(top, axis=1) > 1)
+    if len(tied):
+        peaks[:, tied], flat_at[:, tied] = _flat_tops(top[tied].reshape(-1, side, side))
+    column, row = peaks
     # Of each frame its horizontal, then of each its vertical profile.
     profiles = np.concatenate([stack[frames, row], stack[frames, :, column]])
-    peaks = np.concatenate([column, row])
+    places = peaks.reshape(-1).astype(float)
     if peak == "subdetector":
-        # A top that is flat along one axis still has its vertex along the other.
-        sharp = np.concatenate([(lit_columns > 0).sum(axis=1), (lit_rows > 0).sum(axis=1)]) == 1
-        centroids = np.concatenate([centroid_column, centroid_row])
-        places = np.where(sharp, peaks + _vertex(profiles, peaks), centroids)
-    else:
-        places = peaks.astype(float)
+        places += _vertex(profiles, peaks.reshape(-1))
+        np.copyto(places, flat_at.reshape(-1), where=~np.isnan(flat_at.reshape(-1)))
     parameters = np.empty((count, 5))
     parameters[:, 0] = brightest / full_scale_counts
     parameters[:, 1:3] = places.reshape(2, count).T - (side - 1) / 2

@@ -126,6 +126,7 @@ class ImageFit:
         self.std = np.concatenate([prior.pose_std, nuisance_std])
         self.mean = np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))])
         self.reach = np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std])
+        self._dark_std = float(np.sqrt(model.variance(np.zeros(1))[0][0]))
 
     def _offsets(self, coordinates: Array) -> dict[str, Array]:
         return {name: coordinates[..., 5 + i] for i, name in enumerate(self.names)}
@@ -322,8 +323,7 @@ class ImageFit:
 
     def lit(self, readings: Array) -> int:
         """Count the readings, shape ``(n,)``, that are clearly lit and not at a limit."""
-        variance, _ = self.model.variance(np.zeros(1))
-        seen = (readings > 3 * np.sqrt(variance)) & (readings < self.model.limits.high)
+        seen = (readings > 3 * self._dark_std) & (readings < self.model.limits.high)
         return int(np.count_nonzero(seen))
 
     @np.errstate(under="ignore")

@@ -5,6 +5,7 @@ import functools
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -17,9 +18,26 @@ import yaml
 PATIENCE_S = 30.0
 SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
 
+DOMAIN = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+
+
+def free_domain():
+    """Claim a ROS domain for as long as this process lives, against any other test run.
+
+    The claim is an abstract socket: the kernel lets one process have it, and leaves no file.
+    """
+    for domain in range(1, 102):
+        try:
+            DOMAIN.bind(f"\0uuv_optical_array_test_{domain}")
+        except OSError:
+            continue
+        return domain
+    raise RuntimeError("no ROS domain from 1 to 101 is free; end some of the other test runs")
+
+
 # Before any test module starts ROS, and for every process that a test starts.
 os.environ.update(
-    ROS_DOMAIN_ID=str(1 + os.getpid() % 101),
+    ROS_DOMAIN_ID=str(free_domain()),
     ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
     ROS_LOG_DIR=f"{SCRATCH.name}/log",
     XDG_CACHE_HOME=f"{SCRATCH.name}/cache",
@@ -31,6 +49,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_unconfigure():
     SCRATCH.cleanup()
+    DOMAIN.close()
 
 
 @contextlib.contextmanager

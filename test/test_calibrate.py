@@ -8,13 +8,13 @@ import sys
 import numpy as np
 import pytest
 import yaml
+from command_line import assert_picture, run
 from conftest import Lab
 from nav_msgs.msg import Odometry
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
-from test_commands import assert_picture, run
 
 from uuv_optical_array.bag import Topics, read_recording
 from uuv_optical_array.image import ForwardModel

@@ -1,6 +1,7 @@
 """Designs of array and lamp: what is swept, how bright each lamp is, and what each is worth."""
 
 import dataclasses
+import functools
 import itertools
 import json
 import math
@@ -10,6 +11,7 @@ import signal
 import time
 import tracemalloc
 
+import command_line
 import matplotlib.image
 import numpy as np
 import pytest
@@ -25,7 +27,6 @@ from uuv_optical_array import design_store as store_module
 from uuv_optical_array.accuracy import HIGH, LOW
 from uuv_optical_array.array import build_array
 from uuv_optical_array.cluster import on_cluster, on_threads
-from uuv_optical_array.commands import main
 from uuv_optical_array.design import Design, Sweep, default_sweep, designed, with_gain
 from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import draw_designs
@@ -542,10 +543,7 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     assert other not in numbered(study, [*rows, other])
 
 
-def run(capsys, *words):
-    with pytest.raises(SystemExit) as end:
-        main(["design", *map(str, words)])
-    return end.value.code, capsys.readouterr().out
+run = functools.partial(command_line.run, "design")
 
 
 LISTS = ["--side", 3, 5, "--size", 0.2, 0.4, "--radius", 0.2, 0.32, "--beam-sigma-deg", 6, 8]
@@ -563,23 +561,22 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
 
     words = [*LISTS, "--poses", 40, "--threads", 1]
     monkeypatch.setattr(DesignStore, "fill", interrupted)
-    code, out = run(capsys, *words)
-    assert code == 130
+    run(*words, code=130)
+    out = capsys.readouterr().out
     assert re.search(r"interrupted: \d of 7 chunks are in follow.design.zarr; the same comm", out)
     assert not (tmp_path / "follow.design.csv").exists()
     monkeypatch.setattr(DesignStore, "fill", fill)
-    code, out = run(capsys, *words[:-2], "--memory", "4GB", "--take", 2)
-    assert code == 0
+    run(*words[:-2], "--memory", "4GB", "--take", 2)
+    out = capsys.readouterr().out
     assert "left out: 4 designs whose corners lie beyond their sphere" in out
     assert "2 of 7 chunks are there already" in out
     assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
     assert "of 20 designs tell" in out
 
-    code, text = run(capsys, *words, "--json")
-    told = json.loads(text)
+    run(*words, "--json")
+    told = json.loads(capsys.readouterr().out)
     study = study_of()
     rows = DesignStore.create(tmp_path / "follow.design.zarr", study).rows()
-    assert code == 0
     assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
     assert [rows[i].design for i in told["papers_array"]] == [
         Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
@@ -607,11 +604,9 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
         (["-o", "designs"], r"name it \*.zarr"),
     ],
 )
-def test_a_bad_option_is_one_line(tmp_path, monkeypatch, capsys, words, error):
+def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
     monkeypatch.chdir(tmp_path)
-    code, _ = run(capsys, *words)
-    assert re.search(f"^uuv_array design: .*{error}", code)
-    assert "\n" not in code
+    assert re.search(f"^uuv_array design: .*{error}", run(*words, code=1))
     assert not list(tmp_path.iterdir())
 
 

@@ -1,8 +1,10 @@
 """The Cramer-Rao bound: against independent sums, sampled scores, closed forms, known numbers."""
 
+import functools
 import math
 import re
 
+import command_line
 import matplotlib.image
 import numpy as np
 import pytest
@@ -11,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from uuv_optical_array.commands import limits as command
-from uuv_optical_array.commands import main
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound, fisher_information
 from uuv_optical_array.pose import relative_pose
@@ -399,17 +400,13 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(command, "draw_limits", lambda scene, path: None)
 
 
-def run(capsys, *words, code=0):
-    """Run ``uuv_array limits``; return what it prints, or the line of an error."""
-    with pytest.raises(SystemExit) as end:
-        main(["limits", *map(str, words)])
-    out, error = capsys.readouterr()
-    if isinstance(end.value.code, str):
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code
-        return end.value.code
-    assert (end.value.code or 0) == code, error
-    return out + error
+run = functools.partial(command_line.run, "limits")
+
+
+def told(capsys, *words):
+    """Run the command and return what it prints."""
+    run(*words)
+    return "".join(capsys.readouterr())
 
 
 def printed(out):
@@ -426,7 +423,7 @@ def printed(out):
 def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path, capsys):
     picture = tmp_path / "limits.png"
     words = ("--x", -7, "--y", 0.5, "--z", -0.2, "--pitch-deg", 3, "--yaw-deg", -10)
-    out = run(capsys, *words, "--shape", "planar", "--output", picture)
+    out = told(capsys, *words, "--shape", "planar", "--output", picture)
     model = ForwardModel(load_scene("follow").with_shape("planar"))
     pose = [-7, 0.5, -0.2, *np.radians([3, -10])]
     bound = cramer_rao_bound(model, pose)
@@ -452,7 +449,7 @@ def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path,
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_command_says_what_is_not_observable(capsys):
-    out = run(capsys, "--x", 5)
+    out = told(capsys, "--x", 5)
     assert "observable: nothing" in out
     assert out.count("unobservable") == 5
     assert printed(out) == {}
@@ -466,8 +463,8 @@ def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
         + "\nprior:\n  lamp_power_std: 0.1\n",
         encoding="utf-8",
     )
-    known = printed(run(capsys))
-    out = run(capsys, "--scene", scene)
+    known = printed(told(capsys))
+    out = told(capsys, "--scene", scene)
     assert "estimated along with the pose: lamp.power +-0.1" in out
     assert printed(out)["x"][0] > 2 * known["x"][0]
 
@@ -508,7 +505,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, m
         raise OSError("disk full")
 
     monkeypatch.setattr(Figure, "savefig", break_off)
-    assert "disk full" in run(capsys, "--output", picture, code=1)
+    assert "disk full" in run("--output", picture, code=1)
     assert picture.read_bytes() == b"old"
     assert [file.name for file in tmp_path.iterdir()] == ["limits.png"]
 
@@ -523,13 +520,13 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, m
     ],
 )
 def test_a_wrong_word_ends_in_one_line(capsys, words, said):
-    line = run(capsys, *words, "--output", "never.png", code=1)
+    line = run(*words, "--output", "never.png", code=1)
     assert line.startswith("uuv_array limits: ")
     assert said in line
 
 
 def test_the_help_teaches_by_examples(capsys):
-    text = run(capsys, "--help")
+    text = told(capsys, "--help")
     for word in ("Cramer-Rao", "examples:", "uuv_array limits --shape planar", "condition number"):
         assert word in text
     for option in ("--scene", "--x", "--y", "--z", "--pitch-deg", "--yaw-deg", "--output"):

@@ -5,16 +5,14 @@ import json
 import os
 import re
 import signal as signals
-import struct
 import subprocess
-import sys
 
+import command_line
 import numpy as np
 import pytest
 from scipy import ndimage, stats
 
 from uuv_optical_array import paper, paper_choices
-from uuv_optical_array.commands import main
 from uuv_optical_array.commands import paper as command
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
@@ -22,7 +20,6 @@ from uuv_optical_array.paper import RECONSTRUCTION, STATEMENTS, Conditions, angl
 from uuv_optical_array.sam import spectral_angle
 from uuv_optical_array.scene import load_scene, scene_from_settings
 
-PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()", "paper"]
 # One thread: the program's many small products gain nothing from more.
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 PATIENCE_S = 120.0
@@ -359,32 +356,18 @@ def test_panels_are_the_papers():
 # --- The command. ---
 
 
-def run(*words, code=0):
-    """Run ``uuv_array paper`` in this process; return the line of an error."""
-    with pytest.raises(SystemExit) as end:
-        main(["paper", *map(str, words)])
-    if isinstance(end.value.code, str):
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code.strip()
-        return end.value.code
-    assert (end.value.code or 0) == code
-    return ""
+run = functools.partial(command_line.run, "paper")
 
 
 def assert_picture(path):
-    data = path.read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    width, height = struct.unpack(">II", data[16:24])
-    assert width >= 800
-    assert height >= 1000
-    assert data[-8:-4] == b"IEND"
+    command_line.assert_picture(path, least_height=1000)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
 def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
     picture = tmp_path / "p.png"
     process = subprocess.run(
-        [*PROGRAM, "--json", "--output", picture],
+        [*command_line.PROGRAM, "paper", "--json", "--output", picture],
         capture_output=True,
         text=True,
         env=ENVIRONMENT,
@@ -474,7 +457,7 @@ def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
 
 def test_ctrl_c_reports_what_there_is(tmp_path):
     process = subprocess.Popen(
-        [*PROGRAM, "--output", tmp_path / "p.png"],
+        [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=ENVIRONMENT,

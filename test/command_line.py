@@ -1,12 +1,17 @@
 """``uuv_array`` as the tests run it, in this process or in one of its own, and its pictures."""
 
+import os
+import re
+import signal
 import struct
+import subprocess
 import sys
 
 import pytest
 
 from uuv_optical_array.commands import main
 
+PATIENCE_S = 120.0
 PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
 
 
@@ -20,6 +25,29 @@ def run(*words, code=0):
         return end.value.code
     assert (end.value.code or 0) == code
     return ""
+
+
+def interrupted(program, shown, **options):
+    """Press Ctrl-C once a process shows a pattern on standard error.
+
+    Returns its exit code, and what it wrote to standard output and error, as bytes.
+    """
+    process = subprocess.Popen(
+        [*map(str, program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options
+    )
+    try:
+        seen = b""
+        while not re.search(shown, seen):
+            more = os.read(process.stderr.fileno(), 4096)
+            assert more, seen
+            seen += more
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=PATIENCE_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    return process.returncode, out, error
 
 
 def assert_picture(path, least_width=800, least_height=500):

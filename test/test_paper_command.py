@@ -4,7 +4,6 @@ import functools
 import json
 import os
 import re
-import signal as signals
 import subprocess
 
 import command_line
@@ -19,7 +18,6 @@ from uuv_optical_array.scene import load_scene
 
 # One thread: the program's many small products gain nothing from more.
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +40,7 @@ def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
         capture_output=True,
         text=True,
         env=ENVIRONMENT,
-        timeout=PATIENCE_S,
+        timeout=command_line.PATIENCE_S,
         check=True,
     )
     found = json.loads(process.stdout)
@@ -127,25 +125,10 @@ def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
 
 
 def test_ctrl_c_reports_what_there_is(tmp_path):
-    process = subprocess.Popen(
-        [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=ENVIRONMENT,
-    )
-    try:
-        seen = b""
-        while not re.search(rb"\b[1-9]\d*/24 .*choice", seen):
-            more = os.read(process.stderr.fileno(), 4096)
-            assert more, seen
-            seen += more
-        process.send_signal(signals.SIGINT)
-        out, error = (stream.decode() for stream in process.communicate(timeout=PATIENCE_S))
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-    assert process.returncode == 130, out + error
+    program = [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"]
+    code, *told = command_line.interrupted(program, rb"\b[1-9]\d*/24 .*choice", env=ENVIRONMENT)
+    out, error = (text.decode() for text in told)
+    assert code == 130, out + error
     assert "Traceback" not in error
     assert "interrupted" in out
     assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", out, re.M)

@@ -8,10 +8,10 @@ import subprocess
 import sys
 
 import pytest
+from conftest import PATIENCE_S
 
 from uuv_optical_array.commands import main
 
-PATIENCE_S = 120.0
 PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
 
 

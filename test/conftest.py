@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0  # only a failure takes so long
 SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
 
 DOMAIN = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -73,12 +73,12 @@ def dask_workers(folder, preload):
             worker = [*dask, "worker", "--scheduler-file", str(ready), "--nthreads", "1"]
             worker += ["--no-nanny", "--no-dashboard", "--preload", str(code)]
             processes += [subprocess.Popen(worker, **start) for _ in range(2)]
-            until = time.monotonic() + 2 * PATIENCE_S
+            until = time.monotonic() + PATIENCE_S
             while not ready.exists():
                 assert time.monotonic() < until, "no scheduler"
                 time.sleep(0.05)
-            with Client(scheduler_file=str(ready), timeout=2 * PATIENCE_S) as client:
-                client.wait_for_workers(2, timeout=2 * PATIENCE_S)
+            with Client(scheduler_file=str(ready), timeout=PATIENCE_S) as client:
+                client.wait_for_workers(2, timeout=PATIENCE_S)
                 address = client.scheduler.address
             yield address, processes[1:]
         finally:

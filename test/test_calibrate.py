@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from command_line import assert_picture, interrupted, run
-from conftest import Lab
+from conftest import PATIENCE_S, Lab
 from matplotlib.figure import Figure
 from nav_msgs.msg import Odometry
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -480,7 +480,7 @@ def without(modules, *words):
         [sys.executable, "-c", WITHOUT, modules, *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
 

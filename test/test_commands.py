@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import yaml
 from command_line import PROGRAM, assert_picture, run
+from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from uuv_optical_array import files
 from uuv_optical_array.table import load_table
-
-PATIENCE_S = 60.0
 
 
 @contextlib.contextmanager

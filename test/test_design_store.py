@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import dask_workers
+from conftest import PATIENCE_S, dask_workers
 from designs import SMALL, study_of
 
 from uuv_optical_array.cluster import on_cluster, on_threads
@@ -57,7 +57,7 @@ def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, small_ch
             return fill(chunk)
 
         counts = on_cluster(slow, store.chunks, address, 1, tick)
-        assert workers[0].wait(10) == -signal.SIGKILL
+        assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
     assert seen_chunks[1] < len(store.chunks)
     assert counts == [3] * 6 + [2]
     assert contents(store.path) == whole

@@ -9,6 +9,7 @@ import subprocess
 import command_line
 import numpy as np
 import pytest
+from conftest import PATIENCE_S
 from second_paper import OPTIONS, second_angle
 
 from uuv_optical_array import paper
@@ -40,7 +41,7 @@ def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
         capture_output=True,
         text=True,
         env=ENVIRONMENT,
-        timeout=command_line.PATIENCE_S,
+        timeout=PATIENCE_S,
         check=True,
     )
     found = json.loads(process.stdout)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import dask_workers
+from conftest import PATIENCE_S, dask_workers
 
 from uuv_optical_array import cluster, memory
 from uuv_optical_array import store as store_module
@@ -216,7 +216,9 @@ store.fill(1)
     settings = yaml.safe_dump(scene_with().settings())
     path = tmp_path / "t.zarr"
     # The store itself begins with a rename, and the first chunk is whole.
-    done = subprocess.run([sys.executable, "-c", code, path, settings], check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code, path, settings], check=False, timeout=PATIENCE_S
+    )
     assert done.returncode == 9
     store = TableStore.create(path, scene_with())
     assert store.present() == [0]
@@ -366,7 +368,7 @@ def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, two_work
         return fill(chunk)
 
     lit = on_cluster(slow, store.chunks, address, 1, tick)
-    assert workers[0].wait(10) == -signal.SIGKILL
+    assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
     assert seen[1] < len(store.chunks)
     store.finish(lit)
     assert contents(store.path) == whole

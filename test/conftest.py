@@ -87,6 +87,27 @@ def dask_workers(folder, preload):
                 process.wait()
 
 
+def filled_while_a_worker_dies(store, address, workers, pause_s):
+    """Fill a store on a cluster and kill a worker half way; return what each chunk gave."""
+    from uuv_optical_array.cluster import on_cluster
+
+    present = []
+
+    def tick():
+        present.append(len(store.present()))
+        if len(present) == 2:
+            workers[0].send_signal(signal.SIGKILL)
+
+    def slow(chunk, fill=store.fill, sleep=time.sleep):
+        sleep(pause_s)
+        return fill(chunk)
+
+    given = on_cluster(slow, store.chunks, address, 1, tick)
+    assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
+    assert present[1] < len(store.chunks)
+    return given
+
+
 class Lab:
     """Nodes under test and a probe node in one executor; tests await events, they never sleep."""
 
@@ -243,6 +264,15 @@ class Lab:
         service = f"{node.get_fully_qualified_name()}/set_parameters"
         change = Parameter(name, value=value).to_parameter_msg()
         return self.call(SetParameters, service, parameters=[change]).results[0]
+
+
+@pytest.fixture
+def strict_arithmetic():
+    """Raise on every floating-point accident, so that nothing escapes unseen."""
+    import numpy as np
+
+    with np.errstate(all="raise"):
+        yield
 
 
 @pytest.fixture

@@ -1,15 +1,13 @@
 """A study on disk: the same bytes however it is filled, and no other study in its place."""
 
 import dataclasses
-import signal
-import time
 
 import numpy as np
 import pytest
-from conftest import PATIENCE_S, dask_workers
+from conftest import dask_workers, filled_while_a_worker_dies
 from designs import SMALL, study_of
 
-from uuv_optical_array.cluster import on_cluster, on_threads
+from uuv_optical_array.cluster import on_threads
 from uuv_optical_array.design_store import DesignStore
 from uuv_optical_array.scene import load_scene
 
@@ -45,20 +43,8 @@ def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, small_ch
     whole = contents(fill(tmp_path / "whole.zarr", study_of()).path)
     small = "import uuv_optical_array.design_store as s; s.CHUNK_DESIGNS = 3\n"
     with dask_workers(tmp_path, small) as (address, workers):
-        store, seen_chunks = DesignStore.create(tmp_path / "t.zarr", study_of()), []
-
-        def tick():
-            seen_chunks.append(len(store.present()))
-            if len(seen_chunks) == 2:
-                workers[0].send_signal(signal.SIGKILL)
-
-        def slow(chunk, fill=store.fill):
-            time.sleep(0.1)
-            return fill(chunk)
-
-        counts = on_cluster(slow, store.chunks, address, 1, tick)
-        assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
-    assert seen_chunks[1] < len(store.chunks)
+        store = DesignStore.create(tmp_path / "t.zarr", study_of())
+        counts = filled_while_a_worker_dies(store, address, workers, 0.1)
     assert counts == [3] * 6 + [2]
     assert contents(store.path) == whole
 

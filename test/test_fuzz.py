@@ -9,16 +9,12 @@ from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 SIDE, FULL = 5, 1023.0
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 def small_scene(**arrays):

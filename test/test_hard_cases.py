@@ -16,7 +16,10 @@ from uuv_optical_array.sam import SpectralIndex, spectral_angle
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import SignatureTable, build_table, grid_axes
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in (3, 4, 5, 7, 21)]
 each_method = pytest.mark.parametrize("method", METHODS)
@@ -24,13 +27,6 @@ each_array = pytest.mark.parametrize(("shape", "number"), ARRAYS)
 # Kinds of reason for no pose.
 REASONS = {"no light", "no match", "no fit", "no image", "not five finite numbers"}
 FULL = 1023.0
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 @functools.cache

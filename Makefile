@@ -23,11 +23,13 @@ follow: $(INSTALLED)  ## let one vehicle follow another; options by ARGS='...'
 tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options by ARGS='...'
 	@$(BIN)/uuv_array tradeoff $(ARGS)
 
+# A process for each core, and in each of them one thread for algebra.
+test: export OPENBLAS_NUM_THREADS = 1
 test: $(INSTALLED)  ## check style and types, and run all tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/pytest
+	$(BIN)/pytest -n logical --maxprocesses 8 --dist worksteal
 
 format: $(INSTALLED)  ## bring the code into the house style
 	$(BIN)/ruff check --fix

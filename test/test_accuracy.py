@@ -1,15 +1,16 @@
 """``uuv_array accuracy``: statistics in closed form on planted errors, then real runs."""
 
+import functools
 import json
 from types import SimpleNamespace
 
+import command_line
 import numpy as np
 import pytest
 
 from uuv_optical_array import accuracy
 from uuv_optical_array.accuracy import random_poses, study
 from uuv_optical_array.commands import accuracy as command
-from uuv_optical_array.commands import main
 from uuv_optical_array.estimate import NoPose
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
@@ -59,15 +60,7 @@ def fake_study(model, poses, errors):
     return study(fake, poses, model.expose(poses, np.random.default_rng(7)))
 
 
-def run(*words, code=0):
-    with pytest.raises(SystemExit) as end:
-        main(["accuracy", *map(str, words)])
-    if isinstance(end.value.code, str):
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code
-        return end.value.code
-    assert (end.value.code or 0) == code
-    return ""
+run = functools.partial(command_line.run, "accuracy")
 
 
 def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, honest):

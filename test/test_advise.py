@@ -1,44 +1,29 @@
 """``uuv_array advise``: its choice on measurements made by hand."""
 
+import functools
 import json
 import math
 
+import command_line
+import measured
 import pytest
 import yaml
 
 from uuv_optical_array.advice import Need, advise
 from uuv_optical_array.commands import advise as command
-from uuv_optical_array.commands import main
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
 
-def row(method="least_squares", side=5, rows=1024, position=0.1, angle=5.0, p99=50.0, **others):
-    values = {
-        **{"shape": "curved", "steps": 4, "without_pose": 0.0, "median_ms": 5.0},
-        **{"bound_position_m": 0.1, "bound_angle_deg": 1.0, "floor_position_m": 0.1},
-        **{"floor_angle_deg": 1.0, "model_ms": 0.5, "models": 10.0, "build_s": 0.1},
-        **{"load_average": 1.0, **others},
-    }
-    return Row(
-        method=method,
-        detectors_per_side=side,
-        table_rows=rows,
-        position_m=position,
-        angle_deg=angle,
-        p99_ms=p99,
-        **values,
+def row(method="least_squares", side=5, rows=1024, position=0.1, p99=50.0, **others):
+    return measured.row(
+        method, side, rows, position, **{"median_ms": 5.0, "models": 10.0, "p99_ms": p99, **others}
     )
 
 
-def run(*words, code=0):
-    with pytest.raises(SystemExit) as stopped:
-        main(["advise", *map(str, words)])
-    if code is not str:
-        assert stopped.value.code == code
-    return stopped.value.code
+run = functools.partial(command_line.run, "advise")
 
 
 @pytest.fixture(scope="module")
@@ -179,4 +164,4 @@ def test_nothing_measured_and_interrupted(scene, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("words", [("--rate", "0"), ("--position", "nan"), ("--angle", "-1")])
 def test_needs_out_of_bounds_are_refused(words):
-    assert words[0] in run(*words, code=str)
+    assert words[0] in run(*words, code=1)

@@ -1,8 +1,10 @@
 """``uuv_array approach``: paths and noise against theory, then real runs, cut short and whole."""
 
 import dataclasses
+import functools
 import json
 
+import command_line
 import numpy as np
 import pytest
 import yaml
@@ -24,7 +26,6 @@ from uuv_optical_array.approach import (
     simulate,
 )
 from uuv_optical_array.commands import approach as command
-from uuv_optical_array.commands import main
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene
 
@@ -46,15 +47,7 @@ def tank(tank_file):
     return load_scene(tank_file)
 
 
-def run(*words, code=0):
-    with pytest.raises(SystemExit) as end:
-        main(["approach", *map(str, words)])
-    if isinstance(end.value.code, str):
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code
-        return end.value.code
-    assert (end.value.code or 0) == code
-    return ""
+run = functools.partial(command_line.run, "approach")
 
 
 # --- Paths ---------------------------------------------------------------------------------------

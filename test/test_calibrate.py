@@ -2,21 +2,25 @@
 
 import functools
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from conftest import Lab
+from command_line import assert_picture, interrupted, run
+from conftest import PATIENCE_S, Lab
+from matplotlib.figure import Figure
 from nav_msgs.msg import Odometry
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
-from test_commands import assert_picture, run
 
 from uuv_optical_array.bag import Topics, read_recording
+from uuv_optical_array.commands import calibrate
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.scene import load_scene
@@ -375,6 +379,93 @@ def test_a_bad_option_is_named(recorded, tmp_path, words, told):
     assert told in run(*command(bag, tmp_path, *words), code=1)
 
 
+@pytest.fixture
+def sea_of_before(tmp_path):
+    """A scene where the command is to write its own."""
+    path = tmp_path / "sea.yaml"
+    path.write_text("# of before\n", encoding="utf-8")
+    return path
+
+
+def stopped(self, path, **options):
+    """Write half a picture."""
+    Path(path).write_bytes(b"half")
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("number", [0, 700])
+def test_ctrl_c_while_it_reads_the_bag_leaves_all_as_it_was(
+    bag, tmp_path, sea_of_before, monkeypatch, capsys, number
+):
+    def cut_short(each, unit):
+        for i, message in enumerate(each):
+            if i == number:
+                raise KeyboardInterrupt
+            yield message
+
+    monkeypatch.setattr(calibrate, "bar", cut_short)
+    run(*command(bag, tmp_path, "--picture", tmp_path / "x.png"), code=130)
+    assert capsys.readouterr().out == "interrupted: nothing was written\n"
+    assert list(tmp_path.iterdir()) == [sea_of_before]
+    assert sea_of_before.read_text() == "# of before\n"
+
+
+def test_ctrl_c_while_it_writes_the_scene_leaves_the_one_of_before(
+    bag, tmp_path, sea_of_before, monkeypatch, capsys
+):
+    replace = os.replace
+
+    def cut_short(source, target):
+        if Path(target) == sea_of_before:
+            raise KeyboardInterrupt
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", cut_short)
+    run(*command(bag, tmp_path), code=130)
+    assert capsys.readouterr().out == ""
+    assert list(tmp_path.iterdir()) == [sea_of_before]
+    assert sea_of_before.read_text() == "# of before\n"
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_ctrl_c_while_it_draws_keeps_the_scene_and_the_report(
+    bag, tmp_path, sea_of_before, monkeypatch, capsys, words
+):
+    monkeypatch.setattr(Figure, "savefig", stopped)
+    run(*command(bag, tmp_path, "--picture", tmp_path / "x.png", *words), code=130)
+    printed = capsys.readouterr().out
+    assert json.loads(printed)["images"] == 300 if words else "300 images" in printed
+    assert list(tmp_path.iterdir()) == [sea_of_before]
+    assert load_scene(sea_of_before).effects["responsivity"]["gains"]
+
+
+# Every step of the fit takes a second, so that Ctrl-C comes in the midst of it.
+SLOWLY = """
+import sys, time
+from uuv_optical_array.commands import calibrate, main
+fit = calibrate.calibrate
+
+def slowly(*given):
+    def step():
+        given[-1]()
+        time.sleep(1)
+    return fit(*given[:-1], step)
+
+calibrate.calibrate = slowly
+main(sys.argv[1:])
+"""
+
+
+def test_ctrl_c_in_the_midst_of_the_fit_leaves_all_as_it_was(bag, tmp_path, sea_of_before):
+    program = [sys.executable, "-c", SLOWLY, *command(bag, tmp_path)]
+    code, out, error = interrupted(program, rb"\b[1-9]\d*step")
+    assert code == 130, error
+    assert b"Traceback" not in error
+    assert out == b"interrupted: nothing was written\n"
+    assert list(tmp_path.iterdir()) == [sea_of_before]
+    assert sea_of_before.read_text() == "# of before\n"
+
+
 WITHOUT = """
 import sys
 for name in sys.argv[1].split(","):
@@ -389,7 +480,7 @@ def without(modules, *words):
         [sys.executable, "-c", WITHOUT, modules, *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
 

@@ -4,33 +4,17 @@ import contextlib
 import os
 import re
 import signal
-import struct
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 import yaml
+from command_line import PROGRAM, assert_picture, run
+from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from uuv_optical_array import files
-from uuv_optical_array.commands import main
 from uuv_optical_array.table import load_table
-
-PATIENCE_S = 60.0
-PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
-
-
-def run(*words, code=0):
-    """Run ``uuv_array`` in this process and expect an exit code, or the line of an error."""
-    with pytest.raises(SystemExit) as end:
-        main([str(word) for word in words])
-    if isinstance(end.value.code, str):  # which Python prints before it exits with 1
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code.strip()
-        return end.value.code
-    assert (end.value.code or 0) == code
-    return ""
 
 
 @contextlib.contextmanager
@@ -56,16 +40,6 @@ def changed_parameters(path, node, **changes):
     document[f"/**/{node}"]["ros__parameters"].update(changes)
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     return path
-
-
-def assert_picture(path):
-    data = path.read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    assert data[12:16] == b"IHDR"
-    width, height = struct.unpack(">II", data[16:24])
-    assert width >= 800
-    assert height >= 500
-    assert data[-8:-4] == b"IEND"
 
 
 def test_help_names_every_command(capsys):

@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.docking import MOTION, DockingSettings, DockingSmoother
+from uuv_optical_array.docking import DockingSmoother
+from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import information
 from uuv_optical_array.scene import load_scene
@@ -72,11 +73,11 @@ def first_prior(model):
     return mean, np.array([10, 5, 5, 2, 2, SETTINGS.speed_std_m_per_s, turn, turn, *stds])
 
 
-def test_motion_is_that_of_the_heading_and_its_derivatives_are_right(model):
-    smoother = DockingSmoother(model, STEP_S, SETTINGS)
+def test_motion_is_that_of_the_heading_and_its_derivatives_are_right():
+    motion = DockingMotion(STEP_S, [0.1, 0.02], SETTINGS)
     rng = np.random.default_rng(1)
     states = rng.normal(0, 0.4, (20, MOTION + 2))
-    ahead, slopes = smoother._moved(states)
+    ahead, slopes = motion.moved(states)
     np.testing.assert_allclose(ahead, [step(state) for state in states], atol=1e-12)
     for state, slope in zip(states, slopes, strict=True):
         nudges = 1e-6 * np.eye(len(state))
@@ -153,7 +154,7 @@ def test_the_path_is_the_most_probable_one(model):
     moved[:, MOTION:] += 0.01
     readings = images.reshape(1, 4, 25)
     theirs = [
-        smoother._motion_cost(states[None], smoother._prior)
+        smoother._motion.cost(states[None], smoother._prior)
         + smoother._images(readings, states[None])[0]
         for states in (found, moved)
     ]

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
@@ -17,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
 POSES = 500
-PATIENCE_S = 60.0
 NODES = ("simulator_node", "feature_node", "estimator_node")
 
 
@@ -39,7 +39,7 @@ def sensor_processes(tmp_path):
         yield processes
         for process in processes:
             process.send_signal(signal.SIGINT)
-        codes = [process.wait(timeout=20) for process in processes]
+        codes = [process.wait(timeout=PATIENCE_S) for process in processes]
     text = (tmp_path / "log").read_text()
     assert codes == [0, 0, 0], text
     assert "Traceback" not in text

@@ -13,19 +13,15 @@ from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 MIDDLE = np.array([-6.0, 0, 0, 0, 0])
 WIDE = np.full(5, 1e4)
 STDS = {"lamp.power": 0.1, "attenuation.k_per_m": 0.01, "ambient.level_counts": 3.0}
 ROLL = np.radians(20)
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 def scene(counts=900.0, ambient=None, prior=None, number=5):

@@ -16,7 +16,10 @@ from uuv_optical_array.sam import SpectralIndex, spectral_angle
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import SignatureTable, build_table, grid_axes
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in (3, 4, 5, 7, 21)]
 each_method = pytest.mark.parametrize("method", METHODS)
@@ -24,13 +27,6 @@ each_array = pytest.mark.parametrize(("shape", "number"), ARRAYS)
 # Kinds of reason for no pose.
 REASONS = {"no light", "no match", "no fit", "no image", "not five finite numbers"}
 FULL = 1023.0
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 @functools.cache
@@ -242,24 +238,24 @@ def squared_errors(method, case, shape):
     return np.array(errors)
 
 
-def by_shape():
-    """List every case with its shapes."""
-    return [
-        pytest.param(case, shape, id=f"{case.name}-{shape}")
-        for case in CASES
-        for shape in case.shapes
-    ]
+@pytest.fixture(
+    scope="module",
+    params=[(case, shape) for case in CASES for shape in case.shapes],
+    ids=lambda each: f"{each[0].name}-{each[1]}",
+)
+def hard(request):
+    """A case and a shape it has; of module scope, so that its tests run next to each other."""
+    return request.param
 
 
 @each_method
 @pytest.mark.parametrize("number", [3, 4, 5, 7, 21])
-@pytest.mark.parametrize(("case", "shape"), by_shape())
-def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, case, shape, number):
-    assert len(answers(method, case, shape, number)) >= 3, "the case has no poses"
+def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, hard, number):
+    assert len(answers(method, *hard, number)) >= 3, "the case has no poses"
 
 
-@pytest.mark.parametrize(("case", "shape"), by_shape())
-def test_least_squares_errors_agree_with_its_covariance(case, shape):
+def test_least_squares_errors_agree_with_its_covariance(hard):
+    case, shape = hard
     errors = squared_errors("least_squares", case, shape)
     # Of the 36 frames a few may be refused as of no fit, but not many.
     assert len(errors) >= 28
@@ -269,9 +265,8 @@ def test_least_squares_errors_agree_with_its_covariance(case, shape):
 
 
 @pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
-@pytest.mark.parametrize(("case", "shape"), by_shape())
-def test_table_errors_stay_within_twice_the_covariance(method, case, shape):
-    assert squared_errors(method, case, shape).mean() < 4 * 5
+def test_table_errors_stay_within_twice_the_covariance(method, hard):
+    assert squared_errors(method, *hard).mean() < 4 * 5
 
 
 # --- Light that is not there ---------------------------------------------------------------------

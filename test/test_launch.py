@@ -51,7 +51,7 @@ class TestGraph(unittest.TestCase):
             ("/chaser/cmd_vel", TwistStamped),
             ("/diagnostics", DiagnosticArray),
         ]
-        with WaitForTopics(topics, timeout=30.0) as awaited:
+        with WaitForTopics(topics, timeout=120.0) as awaited:
             pose = awaited.received_messages("/chaser/relative_pose")[0]
         # config/follow.yaml reached the node inside the namespace.
         self.assertEqual(pose.header.frame_id, "leader/beacon")
@@ -65,7 +65,7 @@ class TestGraph(unittest.TestCase):
                 f"/chaser/{name}_node"
                 for name in ("simulator", "feature", "estimator", "formation", "vehicles")
             }
-            for _ in range(100):
+            for _ in range(1200):
                 names = {
                     f"{space.rstrip('/')}/{name}"
                     for name, space in node.get_node_names_and_namespaces()

@@ -9,16 +9,12 @@ from scipy.stats import norm
 
 from uuv_optical_array.likelihood import Limits, information, log_likelihood
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 ADC = Limits(0.0, 1023.0)
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 def one(reading, light, variance=1.0, slope=0.0, limits=ADC):

@@ -1,13 +1,14 @@
 """What the comparison counts: exact truth, hard cases, peers that are wrong or not there."""
 
+import functools
 import json
 import sys
 
+import command_line
 import numpy as np
 import pytest
 
 from uuv_optical_array import bulk, peers
-from uuv_optical_array.commands import main
 from uuv_optical_array.commands import peers as command
 from uuv_optical_array.sam import spectral_angle
 from uuv_optical_array.scene import load_scene, scene_from_settings
@@ -30,10 +31,7 @@ def only_ours(monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
 
 
-def run(capsys, *words):
-    with pytest.raises(SystemExit) as end:
-        main(["peers", *map(str, words)])
-    return end.value.code, capsys.readouterr().out
+run = functools.partial(command_line.run, "peers")
 
 
 def test_signatures_are_those_of_lit_poses_and_the_same_for_a_seed(rows):
@@ -169,8 +167,8 @@ def test_a_batch_that_is_cut_into_parts_is_put_together_again(monkeypatch, rows,
 
 def test_peers_that_are_not_here_are_named_in_one_line_with_the_cure(only_ours, capsys, tmp_path):
     picture = tmp_path / "peers.png"
-    code, out = run(capsys, "--rows", 600, 700, "--poses", 3000, "--output", picture)
-    assert code == 0
+    run("--rows", 600, 700, "--poses", 3000, "--output", picture)
+    out = capsys.readouterr().out
     (line,) = [line for line in out.splitlines() if line.startswith("not installed")]
     assert all(name in line for name in [*peers.NEEDS, "numba"])
     assert line.endswith("pip install -e '.[peers]'")
@@ -182,8 +180,8 @@ def test_peers_that_are_not_here_are_named_in_one_line_with_the_cure(only_ours, 
 
 
 def test_json_is_one_object_with_the_figures_of_each_peer(capsys):
-    code, out = run(capsys, "--rows", 800, 600, "--poses", 3000, "--json")
-    assert code == 0
+    run("--rows", 800, 600, "--poses", 3000, "--json")
+    out = capsys.readouterr().out
     found = json.loads(out)
     assert found["rows"] == 800
     assert [smaller["rows"] for smaller in found["smaller"]] == [600]
@@ -217,10 +215,8 @@ def test_json_is_one_object_with_the_figures_of_each_peer(capsys):
         (["--poses", "inf"], "--poses: inf"),
     ],
 )
-def test_a_bad_count_is_refused_in_one_line(capsys, words, told):
-    code, _ = run(capsys, *words)
-    assert code.startswith(f"uuv_array peers: {told}")
-    assert "\n" not in code
+def test_a_bad_count_is_refused_in_one_line(words, told):
+    assert run(*words, code=1).startswith(f"uuv_array peers: {told}")
 
 
 def test_an_interrupt_keeps_what_was_measured(monkeypatch, capsys):
@@ -228,6 +224,6 @@ def test_an_interrupt_keeps_what_was_measured(monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "simulate", interrupted)
-    code, out = run(capsys, "--rows", 600, "--json")
-    assert code == 130
+    run("--rows", 600, "--json", code=130)
+    out = capsys.readouterr().out
     assert json.loads(out)["rows"] == 600

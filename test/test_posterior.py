@@ -11,16 +11,12 @@ from uuv_optical_array.likelihood import Limits, log_likelihood
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table, grid_axes
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_arithmetic"),
+]
 
 WALKERS, STEPS = 400, 1500
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident, so that nothing escapes unseen."""
-    with np.errstate(all="raise"):
-        yield
 
 
 def chains(log_density, starts, steps, seed):

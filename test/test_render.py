@@ -1,11 +1,13 @@
 """``uuv_array render``: the sheet of what a scene's array reads."""
 
+import functools
+
+import command_line
 import numpy as np
 import pytest
 import yaml
 from matplotlib.image import imread
 
-from uuv_optical_array.commands import main
 from uuv_optical_array.commands.render import COLUMNS, RANGES_M, draw_scene, poses
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene
@@ -13,10 +15,7 @@ from uuv_optical_array.scene import load_scene
 DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
 
 
-def run(*words):
-    with pytest.raises(SystemExit) as end:
-        main(["render", *map(str, words)])
-    return end.value.code
+run = functools.partial(command_line.run, "render")
 
 
 def test_the_sheet_shows_each_motion_alone_at_each_range():
@@ -47,7 +46,7 @@ def test_images_are_bright_where_the_convention_says(tmp_path):
 
 def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path):
     picture = tmp_path / "harbour.png"
-    assert run("--scene", "harbour", "--output", picture) == 0
+    run("--scene", "harbour", "--output", picture)
     said = capsys.readouterr().out
     named = "attenuation, beam_spread, responsivity, photodiode, saturation, adc"
     assert f"scene harbour: {named}\n" in said
@@ -73,9 +72,8 @@ def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, wor
     settings[group][key] = value
     scene = tmp_path / "sea.yaml"
     scene.write_text(yaml.safe_dump(settings), encoding="utf-8")
-    message = run("--scene", scene, "--output", tmp_path / "sea.png")
+    message = run("--scene", scene, "--output", tmp_path / "sea.png", code=1)
     assert words in message
-    assert "\n" not in message
     assert not (tmp_path / "sea.png").exists()
 
 
@@ -86,4 +84,5 @@ def test_the_sheet_of_a_plume_is_that_of_its_moment(tmp_path):
 
 
 def test_render_refuses_a_seed_that_is_none(tmp_path):
-    assert "--seed: -1 is out of bounds" in run("--seed", -1, "--output", tmp_path / "x.png")
+    message = run("--seed", -1, "--output", tmp_path / "x.png", code=1)
+    assert "--seed: -1 is out of bounds" in message

@@ -8,6 +8,7 @@ import time
 
 import pytest
 import rclpy
+from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 
@@ -24,7 +25,6 @@ def why_not():
 
 WHY_NOT = why_not()
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
-PATIENCE_S = 60.0
 
 
 def group_is_gone(group):
@@ -56,7 +56,7 @@ def test_ctrl_c_leaves_no_process_of_ros2_launch(tmp_path):
         rclpy.try_shutdown()
         # A terminal sends Ctrl-C to the whole group.
         os.killpg(launched.pid, signal.SIGINT)
-        code = launched.wait(timeout=30)
+        code = launched.wait(timeout=PATIENCE_S)
     text = (tmp_path / "log").read_text()
     assert poses, text
     assert code == 0, text

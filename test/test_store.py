@@ -3,16 +3,14 @@
 import dataclasses
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from conftest import dask_workers
+from conftest import PATIENCE_S, dask_workers, filled_while_a_worker_dies
 
 from uuv_optical_array import cluster, memory
 from uuv_optical_array import store as store_module
@@ -216,7 +214,9 @@ store.fill(1)
     settings = yaml.safe_dump(scene_with().settings())
     path = tmp_path / "t.zarr"
     # The store itself begins with a rename, and the first chunk is whole.
-    done = subprocess.run([sys.executable, "-c", code, path, settings], check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code, path, settings], check=False, timeout=PATIENCE_S
+    )
     assert done.returncode == 9
     store = TableStore.create(path, scene_with())
     assert store.present() == [0]
@@ -354,28 +354,15 @@ def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, two_work
     address, workers = two_workers
     whole = contents(build(tmp_path / "whole.zarr").path)
     store = TableStore.create(tmp_path / "t.zarr", scene_with())
-    seen = []
-
-    def tick():
-        seen.append(len(store.present()))
-        if len(seen) == 2:
-            workers[0].send_signal(signal.SIGKILL)
-
-    def slow(chunk, fill=store.fill):
-        time.sleep(0.2)
-        return fill(chunk)
-
-    lit = on_cluster(slow, store.chunks, address, 1, tick)
-    assert workers[0].wait(10) == -signal.SIGKILL
-    assert seen[1] < len(store.chunks)
+    lit = filled_while_a_worker_dies(store, address, workers, 0.2)
     store.finish(lit)
     assert contents(store.path) == whole
     with pytest.raises(ValueError, match=r"worker tcp.* memory limit .* GB.* more --memory-limit"):
-        on_cluster(store.fill, store.chunks, address, 10**15, tick)
+        on_cluster(store.fill, store.chunks, address, 10**15, lambda: None)
     # A worker that does not see the folder says so.
     lost = dataclasses.replace(store, path=tmp_path / "elsewhere.zarr")
     with pytest.raises(ValueError, match="a folder that all share"):
-        on_cluster(lost.fill, [0], address, 1, tick)
+        on_cluster(lost.fill, [0], address, 1, lambda: None)
 
 
 def test_without_the_extra_the_error_names_it(monkeypatch, tmp_path):

@@ -2,21 +2,23 @@
 
 import csv
 import dataclasses
+import functools
 import json
 import math
 import re
-import struct
 
+import command_line
 import numpy as np
 import pytest
+from command_line import assert_picture
 from hypothesis import given
 from hypothesis import strategies as st
+from measured import row
 
 from uuv_optical_array import table_cost as table_cost_module
 from uuv_optical_array import tradeoff
 from uuv_optical_array.accuracy import HIGH, LOW, study
 from uuv_optical_array.baselines import lookup, moments
-from uuv_optical_array.commands import main
 from uuv_optical_array.commands import tradeoff as command
 from uuv_optical_array.estimate import METHODS, Estimator, NoPose
 from uuv_optical_array.features import key_parameters
@@ -45,25 +47,6 @@ from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row, TableCost, at_on
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]
 NUMBER = st.sampled_from([0.0, 1.0, 2.0, 3.0, math.nan, math.inf, -math.inf])
-
-
-def row(method="sam", side=5, rows=1024, position=0.5, angle=5.0, ms=1.0, lost=0.0, **others):
-    values = {
-        **{"bound_position_m": 0.1, "bound_angle_deg": 1.0},
-        **{"floor_position_m": 0.1, "floor_angle_deg": 1.0},
-        **{"p99_ms": 2 * ms, "model_ms": 0.5, "models": 2 * ms, "build_s": 0.1},
-        **{"load_average": 1.0, "shape": "curved", "steps": 4, **others},
-    }
-    return Row(
-        method=method,
-        detectors_per_side=side,
-        table_rows=rows,
-        without_pose=lost,
-        position_m=position,
-        angle_deg=angle,
-        median_ms=ms,
-        **values,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +78,7 @@ def small(monkeypatch):
     )
 
 
-def run(*words, code=0):
-    with pytest.raises(SystemExit) as stopped:
-        main([*map(str, words)])
-    if code is not str:
-        assert stopped.value.code == code
-    return stopped.value.code
+run = functools.partial(command_line.run, "tradeoff")
 
 
 # --- the front -----------------------------------------------------------------------------
@@ -415,13 +393,6 @@ def test_rows_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
 # --- the command ---------------------------------------------------------------------------
 
 
-def assert_picture(path):
-    data = path.read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    assert min(struct.unpack(">II", data[16:24])) >= 500
-    assert data[-8:-4] == b"IEND"
-
-
 def counted(monkeypatch, stop_after=None):
     """Count what is measured, and press Ctrl-C before the group of that number."""
     heard, honest = [], tradeoff.measure
@@ -439,7 +410,7 @@ def counted(monkeypatch, stop_after=None):
 def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, capsys, monkeypatch):
     folder = tmp_path / "out"
     first = counted(monkeypatch, stop_after=2)
-    run("tradeoff", "--output", folder, code=130)
+    run("--output", folder, code=130)
     kept = (folder / "tradeoff.csv").read_text()
     assert len(kept.splitlines()) == 1 + 2 * len(METHODS)
     for picture in ("tradeoff.png", "table_cost.png"):
@@ -447,20 +418,20 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, cap
     assert "interrupted: 6 of" in capsys.readouterr().out
 
     second = counted(monkeypatch)
-    run("tradeoff", "--output", folder)
+    run("--output", folder)
     assert not set(first) & set(second)
     assert {*first, *second} == set(plan(scene, "quick"))
     whole = (folder / "tradeoff.csv").read_text()
     assert whole.startswith(kept)
 
     third = counted(monkeypatch)
-    run("tradeoff", "--output", folder)
+    run("--output", folder)
     assert third == []
     assert (folder / "tradeoff.csv").read_text() == whole
 
 
 def test_what_is_printed_is_what_the_file_holds(small, tmp_path, capsys):
-    run("tradeoff", "--full", "--json", "--output", tmp_path)
+    run("--full", "--json", "--output", tmp_path)
     out, err = capsys.readouterr()
     told = json.loads(out)
     assert re.search(r"16 settings; about \d+ min; into ", err)
@@ -482,7 +453,7 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monk
     Ledger(tmp_path / "tradeoff.csv", Row, ORIGIN).append([row()])
     before = (tmp_path / "tradeoff.csv").read_bytes()
     heard = counted(monkeypatch)
-    error = run("tradeoff", "--output", tmp_path, code=str)
+    error = run("--output", tmp_path, code=1)
     assert error.startswith(f"uuv_array tradeoff: {tmp_path}/tradeoff.csv: ")
     assert "\n" not in error
     assert heard == []
@@ -491,18 +462,18 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monk
 
 def test_nothing_is_drawn_of_nothing(small, tmp_path, capsys, monkeypatch):
     counted(monkeypatch, stop_after=0)
-    run("tradeoff", "--output", tmp_path, code=130)
+    run("--output", tmp_path, code=130)
     assert capsys.readouterr().out == "interrupted: nothing measured\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_seed_out_of_bounds_is_refused(tmp_path):
-    assert "--seed" in run("tradeoff", "--seed", "-1", "--output", tmp_path / "a", code=str)
+    assert "--seed" in run("--seed", "-1", "--output", tmp_path / "a", code=1)
     assert not (tmp_path / "a").exists()
 
 
 @pytest.mark.parametrize("name", ["tradeoff", "advise"])
 def test_help_has_examples(capsys, name):
-    run(name, "--help")
+    command_line.run(name, "--help")
     examples = capsys.readouterr().out.partition("examples:")[2]
     assert len(re.findall(rf"^  uuv_array {name}\b", examples, re.MULTILINE)) >= 3

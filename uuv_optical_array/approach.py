@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
-from uuv_optical_array.docking import DockingSettings, DockingSmoother
+from uuv_optical_array.docking import DockingSmoother
+from uuv_optical_array.docking_motion import DockingSettings
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel

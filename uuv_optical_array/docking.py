@@ -11,53 +11,19 @@ what it made of the first images, far away, where the likelihood bends; here the
 again from nearer by.
 """
 
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import log_likelihood
-from uuv_optical_array.pose import PITCH, YAW, Array
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.pose import Array
 
-# The first pose is known to be behind the lamp, no more.
-FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])
-SPEED, PITCH_RATE, YAW_RATE, MOTION = 5, 6, 7, 8
 STEPS = 12  # Gauss-Newton steps that a frame may take
 ARRIVED = 5e-3  # gain of the log-posterior below which they end
 FREE, GIVE_UP = 1e-2, 1e6  # damping below which a step is free, and beyond which none gains
-
-
-@dataclass(frozen=True)
-class DockingSettings:
-    """How the vehicle moves."""
-
-    speed_std_m_per_s: Annotated[
-        float, Quantity("speed ahead at the start, about 0", "m/s", 1e-3, 10)
-    ] = 1.0
-    speed_walk_m_per_s: Annotated[
-        float, Quantity("random change of the speed in 1 s", "m/s", 1e-4, 10)
-    ] = 0.02
-    slip_m: Annotated[float, Quantity("random drift off the heading in 1 s", "m", 1e-4, 10)] = 0.02
-    turn_std_deg_per_s: Annotated[
-        float, Quantity("turn rate at the start, about 0", "deg/s", 1e-3, 500)
-    ] = 5.0
-    turn_walk_deg_per_s: Annotated[
-        float, Quantity("random change of the turn rate in 1 s", "deg/s", 1e-3, 500)
-    ] = 4.0
-    frames: Annotated[
-        int,
-        Quantity("newest frames that are looked at again; older ones are summed up", "", 2, 1e4),
-    ] = 100
-
-
-class _Prior(NamedTuple):
-    """What is known of the oldest state kept, before its image."""
-
-    mean: Array  # (n, p)
-    covariance: Array  # (n, p, p)
 
 
 class _Linear(NamedTuple):
@@ -88,33 +54,17 @@ class DockingSmoother:
     def __init__(
         self, model: ForwardModel, step_s: float, settings: DockingSettings | None = None
     ) -> None:
-        s = settings or DockingSettings()
-        self._model, self._step_s = model, step_s
-        nuisance_std = list(model.scene.prior.nuisance_std().values())
-        self._names = tuple(model.scene.prior.nuisance_std())
-        size = MOTION + len(nuisance_std)
+        chosen = settings or DockingSettings()
+        nuisance_std = model.scene.prior.nuisance_std()
+        self._model, self._names, self._frames = model, tuple(nuisance_std), chosen.frames
+        self._motion = DockingMotion(step_s, [*nuisance_std.values()], chosen)
         # What an image sees: pose and settings, but no motion.
-        self._seen = np.r_[0:5, MOTION:size]
-        turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
-        self._frames = s.frames
-        first = np.zeros(size)
-        first[0] = -FIRST_RANGE_M
-        first_std = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn, *nuisance_std])
-        self._start = _Prior(first[None], np.diag(first_std**2)[None])
-        self._noise = np.zeros((size, size))
-        position, speed = step_s * s.slip_m**2, step_s * s.speed_walk_m_per_s**2
-        self._noise[range(3), range(3)], self._noise[SPEED, SPEED] = position, speed
-        # White-noise acceleration of both angles.
-        for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE)):
-            self._noise[np.ix_([angle, rate], [angle, rate])] = walk**2 * np.array(
-                [[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]]
-            )
-        self._noise_precision = np.linalg.inv(self._noise[:MOTION, :MOTION])
+        self._seen = np.r_[0:5, MOTION : MOTION + len(nuisance_std)]
         self.reset()
 
     def reset(self) -> None:
         """Forget the approach: the next images start a new one."""
-        self._prior = self._start
+        self._prior = self._motion.start
         self._path: Array | None = None
         self._readings: Array | None = None
 
@@ -146,12 +96,14 @@ class DockingSmoother:
         if self._path is None or self._readings is None:
             if guess is None:
                 raise ValueError("guess: missing; the first images need poses near theirs")
-            self._prior = _Prior(*(np.repeat(part, len(images), axis=0) for part in self._start))
+            self._prior = Prior(
+                *(np.repeat(part, len(images), axis=0) for part in self._motion.start)
+            )
             self._path = self._prior.mean[:, None].copy()
             self._path[:, 0, :5] = guess
             self._readings = readings
         else:
-            ahead, _ = self._moved(self._path[:, -1])
+            ahead, _ = self._motion.moved(self._path[:, -1])
             self._path = np.concatenate([self._path, ahead[:, None]], axis=1)
             self._readings = np.concatenate([self._readings, readings], axis=1)
         covariances = self._refine()
@@ -167,7 +119,7 @@ class DockingSmoother:
         _, gradient, information = self._images(self._readings, self._path)
         free = np.zeros(len(self._path))
         linear = self._smoothed(self._path, self._prior, gradient, information, free)
-        self._prior = _Prior(linear.predicted[:, 1], linear.widened[1])
+        self._prior = Prior(linear.predicted[:, 1], linear.widened[1])
         self._path, self._readings = self._path[:, 1:], self._readings[:, 1:]
 
     def bound(self, poses: ArrayLike) -> Array:
@@ -185,42 +137,14 @@ class DockingSmoother:
         Array
             Least standard deviation of each frame's pose, m and rad, shape ``(frames, 5)``.
         """
-        poses = np.asarray(poses, dtype=float)
-        path = np.zeros((1, len(poses), self._start.mean.shape[1]))
-        path[0, :, :5] = poses
-        steps = np.diff(poses, axis=0) / self._step_s
-        path[0, :-1, SPEED] = np.linalg.norm(steps[:, :3], axis=1)
-        path[0, :-1, PITCH_RATE:MOTION] = steps[:, PITCH:]
-        path[0, -1, SPEED:MOTION] = path[0, -2, SPEED:MOTION]
+        path = self._motion.along(np.asarray(poses, dtype=float))
         light = self._model.light(path[..., :5])
-        readings = light.reshape(1, len(poses), -1)
+        readings = light.reshape(*path.shape[:2], -1)
         _, gradient, information = self._images(readings, path)
-        spreads = self._smoothed(path, self._start, gradient, information, np.zeros(1)).spreads
+        spreads = self._smoothed(
+            path, self._motion.start, gradient, information, np.zeros(1)
+        ).spreads
         return np.sqrt(np.diagonal(spreads[:, 0, :5, :5], axis1=1, axis2=2))
-
-    def _moved(self, states: Array) -> tuple[Array, Array]:
-        """Return the states a step later, shape ``(..., p)``, and their derivatives."""
-        step_s = self._step_s
-        pitch, yaw = (
-            states[..., angle] + step_s / 2 * states[..., rate]
-            for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE))
-        )
-        sin_p, cos_p, sin_y, cos_y = np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
-        way = step_s * states[..., SPEED, None]
-        heading = np.stack([cos_p * cos_y, cos_p * sin_y, -sin_p], axis=-1)
-        by_pitch = way * np.stack([-sin_p * cos_y, -sin_p * sin_y, -cos_p], axis=-1)
-        by_yaw = way * np.stack([-cos_p * sin_y, cos_p * cos_y, np.zeros_like(yaw)], axis=-1)
-        ahead = states.copy()
-        ahead[..., :3] += way * heading
-        ahead[..., PITCH:SPEED] += step_s * states[..., PITCH_RATE:MOTION]
-        size = states.shape[-1]
-        slope = np.broadcast_to(np.eye(size), (*states.shape, size)).copy()
-        slope[..., :3, PITCH], slope[..., :3, YAW] = by_pitch, by_yaw
-        slope[..., :3, SPEED] = step_s * heading
-        slope[..., :3, PITCH_RATE] = step_s / 2 * by_pitch
-        slope[..., :3, YAW_RATE] = step_s / 2 * by_yaw
-        slope[..., PITCH, PITCH_RATE] = slope[..., YAW, YAW_RATE] = step_s
-        return ahead, slope
 
     @np.errstate(under="ignore")
     def _refine(self) -> Array:
@@ -230,16 +154,16 @@ class DockingSmoother:
         count = len(self._path)
         covariances, damping = np.empty((count, 5, 5)), np.zeros(count)
         cost, gradient, information = self._images(self._readings, self._path)
-        cost += self._motion_cost(self._path, self._prior)
+        cost += self._motion.cost(self._path, self._prior)
         active: NDArray[np.intp] = np.arange(count)
         for _ in range(STEPS):
             path, at = self._path[active], damping[active]
-            prior = _Prior(*(part[active] for part in self._prior))
+            prior = Prior(*(part[active] for part in self._prior))
             linear = self._smoothed(path, prior, gradient[active], information[active], at)
             trial, free = linear.path, at < FREE
             covariances[active[free]] = linear.spreads[-1][free, :5, :5]
             new = self._images(self._readings[active], trial)
-            gain = cost[active] - new[0] - self._motion_cost(trial, prior)
+            gain = cost[active] - new[0] - self._motion.cost(trial, prior)
             better = gain > 0
             taken = active[better]
             self._path[taken] = trial[better]
@@ -265,21 +189,12 @@ class DockingSmoother:
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
         return -value.sum(axis=1), gradient, information
 
-    def _motion_cost(self, path: Array, prior: _Prior) -> Array:
-        """Return the negative log-prior of paths, without constants, shape ``(n,)``."""
-        first = (path[:, 0] - prior.mean)[..., None]
-        begun = (np.swapaxes(first, 1, 2) @ np.linalg.solve(prior.covariance, first))[:, 0, 0]
-        ahead, _ = self._moved(path[:, :-1])
-        off = (path[:, 1:] - ahead)[..., :MOTION]
-        walked = np.einsum("nki,ij,nkj->n", off, self._noise_precision, off)
-        return 0.5 * (begun + walked)
-
     def _smoothed(
-        self, path: Array, prior: _Prior, gradient: Array, information: Array, damping: Array
+        self, path: Array, prior: Prior, gradient: Array, information: Array, damping: Array
     ) -> _Linear:
         """Take a Gauss-Newton step from `path`."""
         count, frames, size = path.shape
-        ahead, slopes = self._moved(path[:, :-1])
+        ahead, slopes = self._motion.moved(path[:, :-1])
         means, predicted = np.empty_like(path), np.empty_like(path)
         spreads = np.empty((frames, count, size, size))
         widened = np.empty_like(spreads)
@@ -291,7 +206,7 @@ class DockingSmoother:
                 slope = slopes[:, k - 1]
                 off = means[:, k - 1] - path[:, k - 1]
                 predicted[:, k] = ahead[:, k - 1] + (slope @ off[..., None])[..., 0]
-                widened[k] = slope @ spreads[k - 1] @ np.swapaxes(slope, 1, 2) + self._noise
+                widened[k] = slope @ spreads[k - 1] @ np.swapaxes(slope, 1, 2) + self._motion.noise
             joint = np.linalg.inv(widened[k])
             pull = (joint @ (predicted[:, k] - path[:, k])[..., None])[..., 0]
             pull[:, seen] += gradient[:, k]

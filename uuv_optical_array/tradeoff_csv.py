@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from uuv_optical_array import files
 from uuv_optical_array.array import Shape
 from uuv_optical_array.scene import Scene
 
@@ -284,10 +285,5 @@ class Ledger(Generic[R]):
         writer.writeheader()
         for row in together:
             writer.writerow({**vars(self.origin), **vars(row)})
-        scratch = self.path.with_name(f".{self.path.name}.part")
-        try:
-            scratch.write_text(text.getvalue(), encoding="utf-8")
-            os.replace(scratch, self.path)
-        finally:
-            scratch.unlink(missing_ok=True)
+        files.write_text(self.path, text.getvalue())
         self.rows = together

@@ -17,6 +17,7 @@ from uuv_optical_array.commands import (
     table,
     tradeoff,
 )
+from uuv_optical_array.commands.parser import INTERRUPTED
 
 COMMANDS = (
     follow,
@@ -46,9 +47,15 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run ``uuv_array``; an error the user can mend ends it with one line and exit code 1."""
+    """Run ``uuv_array``; an error the user can mend ends it with one line and exit code 1.
+
+    A Ctrl-C at a moment at which the command itself expects none ends it with a line, too.
+    """
     options = build_parser().parse_args(args)
     try:
         sys.exit(options.run(options))
     except (ValueError, OSError) as error:
         sys.exit(f"uuv_array {options.command}: {error}")
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-import yaml
-
 from uuv_optical_array import files
 from uuv_optical_array.array import Shape
 from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
@@ -25,7 +23,7 @@ from uuv_optical_array.design_choice import fronts, numbered, of_the_paper, stan
 from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.design_store import DesignStore, Row, Study, write_csv
 from uuv_optical_array.quantity import Quantity, check
-from uuv_optical_array.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.scene import Scene, load_scene, save_scene, scene_from_settings
 
 DESCRIPTION = """\
 Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and
@@ -181,9 +179,8 @@ def summary(rows: Sequence[Row]) -> str:
 def take(study: Study, row: Row, path: Path) -> None:
     """Write a design as a scene file."""
     scene = designed(study.scene, row.design, study.power, study.mount)
-    settings = scene_from_settings(scene.settings(), path.stem).settings()  # its bounds checked
-    head = f"# {row.design.label}, by uuv_array design from scene {study.scene.name}\n"
-    files.write_text(path, head + yaml.safe_dump(settings, sort_keys=False))
+    checked = scene_from_settings(scene.settings(), path.stem)
+    save_scene(checked, path, f"{row.design.label}, by uuv_array design from {study.scene.name}")
 
 
 def as_object(study: Study, rows: Sequence[Row]) -> dict[str, Any]:

@@ -1,0 +1,61 @@
+"""``uuv_array`` as the tests run it, in this process or in one of its own, and its pictures."""
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+
+import pytest
+from conftest import PATIENCE_S
+
+from uuv_optical_array.commands import main
+
+PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
+
+
+def run(*words, code=0):
+    """Run ``uuv_array`` in this process and expect an exit code; return the line of an error."""
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    if isinstance(end.value.code, str):  # which Python prints before it exits with 1
+        assert code == 1, end.value.code
+        assert "\n" not in end.value.code
+        return end.value.code
+    assert (end.value.code or 0) == code
+    return ""
+
+
+def interrupted(program, shown, **options):
+    """Press Ctrl-C once a process shows a pattern on standard error.
+
+    Returns its exit code, and what it wrote to standard output and error, as bytes.
+    """
+    process = subprocess.Popen(
+        [*map(str, program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options
+    )
+    try:
+        seen = b""
+        while not re.search(shown, seen):
+            more = os.read(process.stderr.fileno(), 4096)
+            assert more, seen
+            seen += more
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=PATIENCE_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    return process.returncode, out, error
+
+
+def assert_picture(path, least_width=800, least_height=500):
+    """Expect a whole PNG of a size that can be read."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert data[12:16] == b"IHDR"
+    width, height = struct.unpack(">II", data[16:24])
+    assert width >= least_width
+    assert height >= least_height
+    assert data[-8:-4] == b"IEND"

@@ -1,0 +1,156 @@
+"""The designs that stand for all, and ``uuv_array design``."""
+
+import dataclasses
+import functools
+import itertools
+import json
+import math
+import random
+import re
+
+import command_line
+import matplotlib.image
+import numpy as np
+import pytest
+from designs import CURVED, PLANAR, study_of
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from uuv_optical_array.design import Design, designed
+from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
+from uuv_optical_array.design_picture import draw_designs
+from uuv_optical_array.design_score import Score
+from uuv_optical_array.design_store import COLUMNS, DesignStore, Row
+from uuv_optical_array.scene import load_scene
+
+
+def row_of(side, position_m, angle_deg, **changes):
+    values = dict.fromkeys(COLUMNS, 1.0) | {"position_m": position_m, "angle_deg": angle_deg}
+    return Row(dataclasses.replace(PLANAR, detectors_per_side=side, **changes), Score(**values))
+
+
+@given(
+    st.lists(st.tuples(st.integers(2, 6), st.floats(0.01, 10), st.floats(0.01, 10)), min_size=1),
+    st.randoms(),
+)
+@example([(3, 10.0, 0.1), (3, 9.5, 0.12)], random.Random(1))
+def test_the_front_stands_for_all_and_none_of_it_for_another(points, order):
+    rows = [row_of(*point, width_m=0.1 + i / 100) for i, point in enumerate(points)]
+
+    def stands_for(one, other):
+        fewer = one.design.detectors_per_side <= other.design.detectors_per_side
+        return fewer and max_ratio(one, other) <= 1.1 * (1 + 1e-12)
+
+    found = front(rows)
+    assert all(any(stands_for(one, row) for one in found) for row in rows)
+    pairs = itertools.permutations(found, 2)
+    assert not any(stands_for(one, row) and max_ratio(one, row) < 1.1 - 1e-9 for one, row in pairs)
+    assert [r.design.detectors for r in found] == sorted(r.design.detectors for r in found)
+    order.shuffle(rows)
+    assert len({row.score for row in front(rows)} ^ {row.score for row in found}) == 0
+
+
+def max_ratio(one, other):
+    return max(
+        one.score.position_m / other.score.position_m, one.score.angle_deg / other.score.angle_deg
+    )
+
+
+def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
+    wide = row_of(3, 0.01, 0.1, width_m=0.5)
+    fits = row_of(3, 0.1, 1.0, width_m=0.4)
+    score = dataclasses.replace(fits.score, position_m=0.2, shift_near_deg=15.0, yaw_near_deg=15.0)
+    told = Row(dataclasses.replace(fits.design, width_m=0.3), score)
+    paper = Row(Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9))
+    rows, study = [wide, fits, told, paper], study_of()
+    assert fronts(study, rows) == {"fits": [fits], "told": [told], "any": [wide]}
+    assert told.score.told_near
+    assert not paper.score.told_near
+    assert numbered(study, rows) == [fits, told, wide, paper]
+    assert standing(study, rows) == ["fits", "told", "any", "none; the paper's array"]
+    assert [of_the_paper(row.design) for row in rows] == [False, False, False, True]
+    # With another lamp it is the paper's array still, but not told for its own sake.
+    other = Row(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
+    assert of_the_paper(other.design)
+    assert other not in numbered(study, [*rows, other])
+
+
+run = functools.partial(command_line.run, "design")
+
+
+LISTS = ["--side", 3, 5, "--size", 0.2, 0.4, "--radius", 0.2, 0.32, "--beam-sigma-deg", 6, 8]
+
+
+def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, capsys, small_chunks):
+    monkeypatch.chdir(tmp_path)
+    fill, filled = DesignStore.fill, []
+
+    def interrupted(self, chunk):
+        if len(filled) == 2:
+            raise KeyboardInterrupt
+        filled.append(chunk)
+        return fill(self, chunk)
+
+    words = [*LISTS, "--poses", 40, "--threads", 1]
+    monkeypatch.setattr(DesignStore, "fill", interrupted)
+    run(*words, code=130)
+    out = capsys.readouterr().out
+    assert re.search(r"interrupted: \d of 7 chunks are in follow.design.zarr; the same comm", out)
+    assert not (tmp_path / "follow.design.csv").exists()
+    monkeypatch.setattr(DesignStore, "fill", fill)
+    run(*words[:-2], "--memory", "4GB", "--take", 2)
+    out = capsys.readouterr().out
+    assert "left out: 4 designs whose corners lie beyond their sphere" in out
+    assert "2 of 7 chunks are there already" in out
+    assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
+    assert "of 20 designs tell" in out
+
+    run(*words, "--json")
+    told = json.loads(capsys.readouterr().out)
+    study = study_of()
+    rows = DesignStore.create(tmp_path / "follow.design.zarr", study).rows()
+    assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
+    assert [rows[i].design for i in told["papers_array"]] == [
+        Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
+    ]
+    assert [rows[i] for i in told["numbered"]] == numbered(study, rows)
+    table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
+    assert len(table) == 20
+    np.testing.assert_allclose(table["angle_deg"], [r.score.angle_deg for r in rows], rtol=1e-12)
+    assert set(table["seed"]) == {1}
+    assert matplotlib.image.imread("follow.design.png").shape[:2] == (1260, 1440)
+    taken = load_scene("follow.design.2.yaml")
+    wanted = numbered(study, rows)[1].design
+    assert taken.fingerprint == designed(study.scene, wanted).fingerprint
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--size", "0.4", "0.4"], "--size: 0.4 is given twice"),
+        (["--side", "1"], "--side: 1 is out of bounds; it must be from 2 to 501"),
+        (["--shapes", "curved", "--radius", "0.05"], "--radius: no design is left"),
+        (["--poses", "0"], "--poses: 0 is out of bounds"),
+        (["--threads", "0"], "threads: 0; give at least 1"),
+        (["--scheduler", "tcp://x:1", "--memory", "1GB"], "limits of their own"),
+        (["-o", "designs"], r"name it \*.zarr"),
+    ],
+)
+def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
+    monkeypatch.chdir(tmp_path)
+    assert re.search(f"^uuv_array design: .*{error}", run(*words, code=1))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "designs",
+    [
+        [PLANAR],
+        [CURVED, Design("curved", 21, 0.3, 0.5, 30.0)],
+    ],
+)
+def test_any_study_can_be_drawn(tmp_path, designs):
+    values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}
+    rows = [Row(design, Score(**values)) for design in designs]
+    draw_designs(study_of(), rows, tmp_path / "d.png")
+    assert matplotlib.image.imread(tmp_path / "d.png").std() > 0.05

@@ -1,0 +1,184 @@
+"""What a design is worth, against implementations of its own."""
+
+import dataclasses
+import itertools
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+from designs import CURVED, PLANAR, rng, scene_with
+from scipy.spatial.transform import Rotation
+from scipy.stats import skew
+
+from uuv_optical_array.accuracy import HIGH, LOW
+from uuv_optical_array.design import Design, Sweep, designed
+from uuv_optical_array.design_score import score, signature_noise_deg, volume_poses
+from uuv_optical_array.design_store import DesignStore, Study
+from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.scene import load_scene
+
+
+def own_light(design, bow_m, power, k_per_m, pose):
+    """Light on each detector, from the formulas and with SciPy's rotations."""
+    side, half = design.detectors_per_side, design.width_m / 2
+    attitude = Rotation.from_euler("ZY", [pose[4], pose[3]])
+    image = np.empty((side, side))
+    for row, column in itertools.product(range(side), repeat=2):
+        y, z = half - column * design.width_m / (side - 1), half - row * design.width_m / (side - 1)
+        if design.radius_m is None:
+            place, normal = [bow_m, y, z], [1, 0, 0]
+        else:
+            x = math.sqrt(design.radius_m**2 - y * y - z * z)
+            place, normal = [bow_m + x, y, z], np.array([x, y, z]) / design.radius_m
+        at = pose[:3] + attitude.apply(place)
+        r = np.linalg.norm(at)
+        eta = math.acos(-at[0] / r)
+        cosine = max(0.0, attitude.apply(normal) @ -at / r)
+        sigma = math.radians(design.beam_sigma_deg)
+        beam = math.exp(-(eta**2) / (2 * sigma**2))
+        image[row, column] = power / r**2 * beam * cosine * math.exp(-k_per_m * r)
+    return image
+
+
+def own_power(design, bow_m, k_per_m, reference_counts):
+    """Power for a reading at 4 m."""
+    aligned = np.array([-4.0, 0, 0, 0, 0])
+    return reference_counts / own_light(design, bow_m, 1.0, k_per_m, aligned).max()
+
+
+@pytest.mark.parametrize("design", [PLANAR, CURVED])
+def test_the_bound_is_that_of_an_implementation_of_its_own(design):
+    scene = scene_with({"attenuation": {"k_per_m": 0.15}, "sensor_noise": {"sigma_counts": 2.0}})
+    # A weak lamp leaves some of the poses dark.
+    weak = dataclasses.replace(scene.lamp, reference_counts=150.0)
+    scene = dataclasses.replace(scene, lamp=weak)
+    poses = volume_poses(12, rng())
+    assert (poses >= LOW).all()
+    assert (poses <= HIGH).all()
+    found = score(designed(scene, design, "counts"), poses, rng())
+    bow_m = 0.72 - (design.radius_m or 0.0)
+    power = own_power(design, bow_m, 0.15, 150.0)
+    alone, known, lit = [], [], []
+    for pose in poses:
+        slopes = []
+        for i in range(5):
+            move = np.zeros(5)
+            move[i] = 1e-5
+            up, down = (own_light(design, bow_m, power, 0.15, pose + s * move) for s in (1, -1))
+            slopes.append((up - down).ravel() / 2e-5)
+        information = np.array(slopes) @ np.array(slopes).T / 2.0**2
+        spread = np.diag(1 / np.array([4.0, 1.8, 1.8, *np.radians([40.0, 40.0])]) ** 2 * 12)
+        lit.append(own_light(design, bow_m, power, 0.15, pose).max() > 20)
+        known.append(np.linalg.inv(information + spread).diagonal())
+        alone.append(np.linalg.inv(information).diagonal())
+    known, alone = np.array(known), np.array(alone)[np.array(lit)]
+    assert 0 < found.lit == np.mean(lit) < 1
+    for variances, position, angle, rtol in (
+        (known, found.position_m, found.angle_deg, 1e-5),
+        (alone, found.lit_position_m, found.lit_angle_deg, 1e-2),
+    ):
+        wanted = math.sqrt(variances[:, :3].sum(axis=1).mean())
+        assert position == pytest.approx(wanted, rel=rtol)
+        wanted = math.degrees(math.sqrt(variances[:, 3:].sum(axis=1).mean()))
+        assert angle == pytest.approx(wanted, rel=rtol)
+
+
+def own_signature(image, on_axis):
+    """Take the paper's signature: whole detector, counted from one, population skewness."""
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    side = len(image)
+    skews = [skew(np.gradient(profile)) for profile in (image[row], image[:, column])]
+    return np.array([image.max() / on_axis, (column + 1) / side, (row + 1) / side, *skews])
+
+
+@pytest.mark.parametrize("design", [Design("curved", 5, 0.4, 0.32, 4.5), PLANAR])
+def test_the_angles_are_those_of_an_implementation_of_its_own(design):
+    scene = load_scene("eren2016")
+    effects = {**scene.effects}
+    del effects["forward_scatter"], effects["adc"]
+    scene = dataclasses.replace(scene, effects=effects)
+    found = score(designed(scene, design, "counts"), volume_poses(2, rng()), rng())
+    bow_m = 0.72 - (design.radius_m or 0.0)
+
+    def angles(range_m, *moved):
+        images = [
+            own_light(design, bow_m, 1.0, 0.1, np.array([-range_m, *rest]))
+            for rest in ((0, 0, 0, 0), *moved)
+        ]
+        first, *others = (own_signature(image, images[0].max()) for image in images)
+        return [
+            math.degrees(math.acos(first @ v / math.sqrt((first @ first) * (v @ v))))
+            for v in others
+        ]
+
+    turn = math.radians(10)
+    shifts = [min(angles(m, (0.2, 0, 0, 0), (-0.2, 0, 0, 0))) for m in (4, 5, 6, 7, 8)]
+    yaws = [min(angles(m, (0, 0, 0, turn), (0, 0, 0, -turn))) for m in (4, 5, 6, 7, 8)]
+    assert found.shift_near_deg == pytest.approx(shifts[0], rel=1e-5)
+    assert found.yaw_near_deg == pytest.approx(yaws[0], rel=1e-5)
+    assert found.shift_deg == pytest.approx(min(shifts), rel=1e-5)
+    assert found.yaw_deg == pytest.approx(min(yaws), rel=1e-5)
+
+
+def test_the_papers_array_gets_the_numbers_of_docs_paper():
+    """Row "moves to port", the smaller side at 5 x 5: nos. 8 and 11 at 4 m, 13 and 14 at 8 m."""
+    scene = designed(load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5), "counts")
+    found = score(scene, volume_poses(2, rng()), rng())
+    stated = [found.shift_near_deg, found.yaw_near_deg, found.shift_deg, found.yaw_deg]
+    np.testing.assert_allclose(stated, [26.1, 21.2, 6.3, 9.7], atol=0.05)
+    assert found.told_near
+    assert not found.told
+
+
+def test_noise_moves_the_signature_as_its_slope_says():
+    scene = scene_with({"sensor_noise": {"sigma_counts": 0.01}})
+    model, range_m = ForwardModel(scene), 5.0
+    clean = model.expected([-range_m, 0, 0, 0, 0])
+
+    def unit(image):
+        # The vertex of a parabola through the peak and its neighbours.
+        values = own_signature(image, clean.max())
+        row, column = np.unravel_index(image.argmax(), image.shape)
+        for i, (a, b, c) in ((1, image[row, column - 1 : column + 2]),
+                             (2, image[row - 1 : row + 2, column])):  # fmt: skip
+            values[i] += (a - c) / (a - 2 * b + c) / 2 / len(image)
+        return values / np.linalg.norm(values)
+
+    squares = 0.0
+    for at in range(clean.size):
+        step = np.zeros(clean.size)
+        step[at] = 1e-3
+        step = step.reshape(clean.shape)
+        squares += (((unit(clean + step) - unit(clean - step)) / 2e-3) ** 2).sum()
+    wanted = math.degrees(0.01 * math.sqrt(squares))
+    draws = [signature_noise_deg(model, range_m, rng(seed)) for seed in range(40)]
+    # 40 x 64 draws of two or so degrees of freedom: 3 % is three standard errors.
+    assert math.sqrt(np.mean(np.square(draws))) == pytest.approx(wanted, rel=0.04)
+    found = score(scene, volume_poses(2, rng()), rng(3))
+    first = signature_noise_deg(model, 4.0, rng(3))
+    assert found.shift_near_sigmas == pytest.approx(found.shift_near_deg / first)
+    assert found.yaw_near_sigmas / found.shift_near_sigmas == pytest.approx(
+        found.yaw_near_deg / found.shift_near_deg
+    )
+    assert found.shift_sigmas <= found.shift_near_sigmas
+
+
+def test_a_flat_image_meets_no_criterion():
+    scene = scene_with({"forward_scatter": {"window_m": 10.0}, "sensor_noise": {"sigma_counts": 1}})
+    found = score(scene, volume_poses(3, rng()), rng())
+    assert math.isnan(found.shift_deg)
+    assert not found.told
+    assert not found.told_near
+
+
+def test_a_thread_stays_within_what_it_is_reckoned_to_hold():
+    for name, side in (("follow", 21), ("harbour", 130)):
+        scene = load_scene(name)
+        sweep = Sweep(("curved",), (side,), (0.4,), (0.32,), (8.0,))
+        study = Study(scene, sweep, poses=40 if side < 100 else 1)
+        tracemalloc.start()
+        study.scored(sweep.designs())
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < DesignStore("", study).thread_bytes()

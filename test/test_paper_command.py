@@ -1,0 +1,216 @@
+"""``uuv_array paper``: what it prints, draws and leaves, whole or cut short."""
+
+import functools
+import json
+import os
+import re
+import subprocess
+
+import command_line
+import numpy as np
+import pytest
+from conftest import PATIENCE_S
+from second_paper import OPTIONS, second_angle
+
+from uuv_optical_array import paper
+from uuv_optical_array.commands import paper as command
+from uuv_optical_array.paper import STATEMENTS
+from uuv_optical_array.scene import load_scene
+
+# One thread: the program's many small products gain nothing from more.
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("eren2016")
+
+
+run = functools.partial(command_line.run, "paper")
+
+
+def assert_picture(path):
+    command_line.assert_picture(path, least_height=1000)
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
+    picture = tmp_path / "p.png"
+    process = subprocess.run(
+        [*command_line.PROGRAM, "paper", "--json", "--output", picture],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+        timeout=PATIENCE_S,
+        check=True,
+    )
+    found = json.loads(process.stdout)
+    assert "point" in process.stderr
+    assert "curve" in process.stderr
+    assert (found["scene"], found["seed"], found["complete"]) == ("eren2016", 1, True)
+    assert found["picture"] == str(picture)
+    assert_picture(picture)
+    points = [(name, p) for name, figure in found["figures"].items() for p in figure["points"]]
+    assert len(points) == len(STATEMENTS)
+    stated = {
+        (name, p["paper_deg"], p["relation"])
+        for name, p in points
+        if isinstance(p["paper_deg"], float)
+    }
+    assert stated == {
+        ("4a", 2.0, "is"),
+        ("4b", 5.0, "is"),
+        ("4b", 11.0, "is"),
+        ("4b", 12.0, "is"),
+        ("4b", 22.0, "is"),
+        ("5a", 15.0, "below"),
+        ("5a", 15.0, "above"),
+        ("5b", 15.0, "below"),
+        ("5b", 15.0, "above"),
+        ("6b", 6.0, "above"),
+        ("6e", 10.0, "above"),
+    }
+    for _, point in points:
+        conditions = point["conditions"]
+        if conditions["array"] != "curved" or "compared_with_detectors_per_side" in conditions:
+            continue
+        motion = "shift" if "shift_m" in conditions else "yaw"
+        step = conditions["shift_m" if motion == "shift" else "yaw_deg"]
+        expected = second_angle(
+            "curved", conditions["detectors_per_side"], conditions["range_m"], motion, step
+        )
+        assert point["ours_deg"] == pytest.approx(expected, abs=1e-6)
+        assert point["met"] in (True, None)
+    assert [len(figure["curves"]) for figure in found["figures"].values()] == [
+        2, 2, *(2 * [len(paper.SIDES)]), *(6 * [5]),
+    ]  # fmt: skip
+    by_range = found["figures"]["6b"]["curves"][4]
+    assert (by_range["range_m"], by_range["detectors_per_side"]) == (8, 5)
+    assert by_range["angle_deg"][7] == pytest.approx(
+        second_angle("curved", 5, 8.0, "shift", 0.21), abs=1e-6
+    )
+    assert by_range["shift_m"][7] == pytest.approx(0.21)
+    assert [row["detectors_per_side"] for row in found["sizes"]] == list(paper.SIDES)
+    five = found["sizes"][1]
+    assert five["angle_deg_at_0_2_m"] == pytest.approx(second_angle("curved", 5, 4.0, "shift", 0.2))
+    assert five["angle_deg_at_10_deg"] == pytest.approx(second_angle("curved", 5, 4.0, "yaw", 10.0))
+    assert second_angle("curved", 5, 4.0, "shift", five["least_shift_m"] - 0.03) < 15
+    assert second_angle("curved", 5, 4.0, "shift", five["least_shift_m"]) >= 15
+    assert found["sizes"][0]["least_yaw_deg"] is None
+    # More detectors, more places for the peak of one and the same pose.
+    noise = [row["noise_deg_at_8_m"] for row in found["sizes"]]
+    assert noise[0] < 1 < noise[1] < noise[6] < noise[8]
+    assert all(row["noise_deg_at_4_m"] < row["noise_deg_at_8_m"] for row in found["sizes"])
+    assert [row["choice"] for row in found["choices"]] == [*OPTIONS, "10 bits, noise of 1 count"]
+    first = found["choices"][0]["ours_deg"]
+    off = [p["ours_deg"] - p["paper_deg"] for _, p in points if p["relation"] == "is"]
+    assert found["choices"][0]["rms_deg"] == pytest.approx(np.linalg.norm(off) / np.sqrt(5))
+    for row in found["choices"]:
+        a_side = [
+            (p["relation"], p["paper_deg"], row["ours_deg"][f"{name} {p['point']}"])
+            for name, p in points
+            if p["relation"] in ("above", "below")
+        ]
+        wanted = sum(
+            ours is not None and (ours > stated if side == "above" else ours < stated)
+            for side, stated, ours in a_side
+        )
+        assert row["met"] == wanted
+    flat = {name for name, ours in found["choices"][11]["ours_deg"].items() if ours is None}
+    assert found["choices"][11]["choice"] == "blur of 11 detectors always"
+    assert len(flat) == 4
+    assert all("curved 5 x 5" in name for name in flat)
+    assert [first[f"{name} {p['point']}"] for name, p in points] == [
+        p["ours_deg"] for _, p in points
+    ]
+
+
+def test_ctrl_c_reports_what_there_is(tmp_path):
+    program = [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"]
+    code, *told = command_line.interrupted(program, rb"\b[1-9]\d*/24 .*choice", env=ENVIRONMENT)
+    out, error = (text.decode() for text in told)
+    assert code == 130, out + error
+    assert "Traceback" not in error
+    assert "interrupted" in out
+    assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", out, re.M)
+    assert re.search(r"^8 .* > 15 +28\.6 +met$", out, re.M)
+    assert re.search(r"^as reconstructed .* 6 +1\.0$", out, re.M)
+    assert "noise of 1 count" not in out
+    assert f"picture: {tmp_path / 'p.png'}" in out
+    assert_picture(tmp_path / "p.png")
+
+
+@pytest.fixture
+def stop(monkeypatch):
+    """Interrupt the command at the n-th round of a bar."""
+
+    def at(unit, number):
+        def bar(rounds, name):
+            for i, item in enumerate(rounds):
+                if (name, i) == (unit, number):
+                    raise KeyboardInterrupt
+                yield item
+
+        monkeypatch.setattr(command, "bar", bar)
+
+    return at
+
+
+def test_an_interrupt_before_the_first_point_computes_nothing(capsys, tmp_path, stop):
+    stop("point", 0)
+    for words in ((), ("--json",)):
+        run("--output", tmp_path / "p.png", *words, code=130)
+        assert capsys.readouterr().out == "interrupted: nothing computed\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_between_points_keeps_those_before_and_draws_nothing(capsys, tmp_path, stop):
+    stop("point", 4)
+    run("--json", "--output", tmp_path / "p.png", code=130)
+    found = json.loads(capsys.readouterr().out)
+    assert not found["complete"]
+    assert found["picture"] is None
+    assert [len(figure["points"]) for figure in found["figures"].values()][:3] == [2, 2, 0]
+    run("--output", tmp_path / "p.png", code=130)
+    out = capsys.readouterr().out
+    assert "interrupted" in out
+    assert "no picture" in out
+    assert "5.9" in out
+    assert "22" not in out
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--seed", "-1"), ("--seed", "-1", "from 0")),
+        (("--scene", "atlantis"), ("atlantis", "eren2016")),
+        (("--scene", "sea.yaml"), ("sea.yaml", "no such file")),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, words, named):
+    error = run(*words, "--output", tmp_path / "p.png", code=1)
+    assert error.startswith("uuv_array paper: ")
+    for word in named:
+        assert word in error
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [("--seed", "one"), ("--poses", "3"), ("fast",)])
+def test_a_word_that_is_no_option_is_refused_by_name(capsys, words):
+    run(*words, code=2)
+    assert words[-1] in capsys.readouterr().err
+
+
+def test_a_folder_that_is_not_there_is_refused_in_one_line_and_at_once(tmp_path):
+    error = run("--output", tmp_path / "deep" / "p.png", code=1)
+    assert error.startswith("uuv_array paper: --output")
+    assert f"no folder {tmp_path / 'deep'}" in error
+
+
+def test_help_explains_every_option_and_shows_examples(capsys):
+    run("--help")
+    text = capsys.readouterr().out
+    for option in ("--scene", "--seed", "--output", "--json"):
+        assert re.search(rf"{option}\b.*?\s\w+ \w+", text, re.DOTALL)
+    assert len(re.findall(r"^  uuv_array paper\b", text.partition("examples:")[2], re.M)) >= 3

@@ -1,0 +1,71 @@
+"""Frames, and what it takes to track them."""
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.stats import chi2
+
+from uuv_optical_array.tracking import TrackerSettings
+
+START_NS = 1_700_000_000_123_456_789  # a wall clock: float64 seconds would lose 100 ns
+TENTH_NS = 100_000_000
+STATION = np.array([-6.0, 0.2, -0.1, 0.05, -0.02])
+STD = np.array([0.3, 0.2, 0.2, 0.1, 0.1])
+NOISE = np.diag(STD**2)
+# Errors of y and yaw, of z and pitch, that are all but proportional.
+ALIKE = np.eye(5)
+ALIKE[1, 4] = ALIKE[4, 1] = -0.97
+ALIKE[2, 3] = ALIKE[3, 2] = 0.97
+CORRELATED = ALIKE * np.outer(STD, STD)
+OPEN = TrackerSettings(gate_probability=1.0, common_share=0.0)
+GATE = math.sqrt(chi2.ppf(TrackerSettings().gate_probability, 5))
+
+
+def motion(step_s, options):
+    """Return transition and noise covariance of one step, by Van Loan's matrix exponential."""
+    walk = np.repeat(
+        [options.velocity_walk_m_per_s, math.radians(options.turn_walk_deg_per_s)], [3, 2]
+    )
+    drift = np.eye(10, k=5)
+    diffusion = np.diag([*np.zeros(5), *walk**2])
+    both = expm(step_s * np.block([[-drift, diffusion], [np.zeros((10, 10)), drift.T]]))
+    transition = both[10:, 10:].T
+    return transition, transition @ both[:10, 10:]
+
+
+def whitened(covariance, matrix):
+    return np.linalg.solve(np.linalg.cholesky(covariance), matrix)
+
+
+def scattered(seed, count=12):
+    """Return stamps at uneven steps, poses, and a full covariance of its own for each."""
+    rng = np.random.default_rng(seed)
+    stamps = START_NS + np.cumsum(rng.integers(20_000_000, 400_000_000, count))
+    roots = STD[:, None] * (np.eye(5) + 0.5 * rng.standard_normal((count, 5, 5)))
+    poses = STATION + (roots @ rng.standard_normal((count, 5, 1)))[..., 0]
+    return stamps.tolist(), poses, roots @ np.swapaxes(roots, 1, 2)
+
+
+def fed(tracker, *frames):
+    """Update with every frame and return the last track."""
+    track = None
+    for stamp, pose, covariance in frames:
+        track = tracker.update(stamp, pose, covariance)
+    return track
+
+
+def moved(dof, by):
+    pose = np.array(STATION)
+    pose[dof] += by
+    return pose
+
+
+def steady(count, pose=STATION, start_ns=START_NS):
+    return [(start_ns + k * TENTH_NS, pose, NOISE) for k in range(count)]
+
+
+def assert_same(track, other):
+    for field in dataclasses.fields(track):
+        np.testing.assert_array_equal(getattr(track, field.name), getattr(other, field.name))

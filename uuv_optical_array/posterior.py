@@ -12,11 +12,14 @@ from uuv_optical_array.pose import Array
 # How far the log-posterior may be from the quadratic one at the cubature points.
 TOLERANCE = 0.2
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
-POINTS = 256, 512  # of importance sampling about one minimum; with nuisances
+# Of importance sampling about one minimum: usually, with nuisances, and where tails are heavy.
+POINTS, NUISANCE_POINTS, TAIL_POINTS = 256, 512, 1024
+# Log-posterior above the quadratic one at a cubature point that makes a tail heavy.
+HEAVY = 0.3
 MOST_TILT = 2.0
 # Points' worth of covariance that so few points miss: one by the mean they share, the rest as
 # measured against posteriors of 8,192 points.
-MISSED = 3.0
+MISSED = 2.0
 # Share of the points that must count, in effect: for that sampling to be done in one round, and
 # to be trusted after a second one.
 DONE, TRUSTED = 0.6, 0.3
@@ -45,8 +48,8 @@ class Posterior:
         self._fit = image_fit
         size = self._size = 5 + len(image_fit.names)
         self._cubature = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
-        self._student, self._log_tilt = _student_points(size)
-        self._log_density = _log_student(self._student)
+        self._usual = _student_points(size, POINTS if size == 5 else NUISANCE_POINTS)
+        self._for_tails = _student_points(size, TAIL_POINTS)
         self._chains = Chains(image_fit, rng)
 
     @np.errstate(under="ignore")  # of points that weigh nothing
@@ -88,16 +91,22 @@ class Posterior:
     def _about(self, readings: Array, fit: Fit, roll: float) -> tuple[Array, Array] | None:
         """Return the moments of a posterior with one plain minimum, ``None`` for any other."""
         mean, covariance = fit.coordinates, np.linalg.inv(fit.information)
-        points = mean + self._cubature @ np.linalg.cholesky(covariance).T
-        poses, cost, log_volume = self._fit.cost(readings, points, roll)
-        excess = cost - fit.cost - 0.5 * self._size
+        root = np.linalg.cholesky(covariance)
+        poses, cost, log_volume = self._fit.cost(readings, mean + self._cubature @ root.T, roll)
+        expected = 0.5 * self._size
+        excess = cost - fit.cost - expected
         if np.abs(excess).max() <= TOLERANCE:
             weights, _ = _weights(log_volume - excess)
             return _moments(poses, weights)
+        # Along each axis of the root, what reaches farther than the Gaussian is sampled farther out
+        # and by more points, of which a tail gets few.
+        tails = np.minimum(excess[: self._size], excess[self._size :]).clip(-0.75 * expected, 0.0)
+        root *= np.sqrt(expected / (expected + tails))
+        student, log_odds = self._for_tails if tails.min() < -HEAVY else self._usual
         for least in (DONE, TRUSTED):
-            points = mean + self._student @ np.linalg.cholesky(covariance).T
+            points = mean + student @ root.T
             poses, cost, log_volume = self._fit.cost(readings, points, roll)
-            weights, count = _weights(log_volume - cost + self._log_tilt - self._log_density)
+            weights, count = _weights(log_volume - cost + log_odds)
             if count > least * len(points):
                 found, covariance = _moments(poses, weights)
                 return found, covariance / (1 - MISSED / count)
@@ -105,6 +114,7 @@ class Posterior:
                 return None
             # Once more, about the moments that the first round found.
             mean, covariance = _moments(points, weights)
+            root = np.linalg.cholesky(covariance)
         return None
 
 
@@ -113,14 +123,15 @@ def rivalling(fits: list[Fit]) -> list[Fit]:
     return [fit for fit in fits if fit.cost - fits[0].cost < NEGLIGIBLE]
 
 
-def _student_points(size: int) -> tuple[Array, Array]:
-    """Points of a Student distribution, in pairs of opposites, and the logarithm of a tilt.
+def _student_points(size: int, count: int) -> tuple[Array, Array]:
+    """Return points of a Student distribution, and what a log-posterior there lacks as a weight.
 
-    With the tilt on the importance weights a standard Gaussian has its moments E[x_i x_j] and
-    E[x_i^2 x_j^2], which a few hundred points alone would miss by several percent.
+    The points come in pairs of opposites. The weights are tilted, so that a standard Gaussian has
+    its moments E[x_i x_j] and E[x_i^2 x_j^2], which a few hundred points alone would miss by
+    several percent.
     """
     # Centred in their cells, so that no point lies at infinity.
-    half = POINTS[size > 5] // 2
+    half = count // 2
     uniform = qmc.Sobol(size + 1, scramble=False).random(half) + 0.5 / half
     scale = np.sqrt(chdtri(FREEDOM, uniform[:, -1]) / FREEDOM)
     points = ndtri(uniform[:, :-1]) / scale[:, None]
@@ -146,7 +157,7 @@ def _student_points(size: int) -> tuple[Array, Array]:
     start = np.zeros(len(moments))
     found = minimize(excess, start, jac=True, hess=curvature, method="trust-exact")
     # A point far out, of which a Gaussian has nothing, is not to be blown up for it.
-    return points, np.clip(powers @ found.x, -MOST_TILT, MOST_TILT)
+    return points, np.clip(powers @ found.x, -MOST_TILT, MOST_TILT) - _log_student(points)
 
 
 def _log_student(standard: Array) -> Array:

@@ -17,6 +17,7 @@ from uuv_optical_array.commands.parser import (
     add_shape,
     bar,
 )
+from uuv_optical_array.effects import MOVING
 from uuv_optical_array.estimate import METHODS, Estimator
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array
@@ -29,7 +30,8 @@ Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances that the estimates claim. --nuisances compares an estimator that takes attenuation and
 lamp power for known with one that estimates them along, where they are off and where they are not.
-docs/accuracy.md explains every figure."""
+--moving takes each image at a random moment: what flickers, fades or drifts in the scene then does,
+and no estimator knows. docs/accuracy.md explains every figure."""
 
 EPILOG = """\
 examples:
@@ -38,6 +40,7 @@ examples:
   uuv_array accuracy --method sam              the paper's method
   uuv_array accuracy --shape planar            the same scene with a planar array
   uuv_array accuracy --nuisances               what estimating K and the lamp's power buys
+  uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
 NUMBERS = {
@@ -49,6 +52,7 @@ POSES, NUISANCE_POSES = 20_000, 4_000
 SIGMAS = 6.0
 IN_DEGREES = np.array([1, 1, 1, *np.degrees([1, 1])])
 COLUMNS = ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")
+DAY_S = 86_400.0  # from which the moments of --moving are drawn
 UNITS = ("m", "m", "m", "deg", "deg")
 PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
 # What is off by how much: the attenuation in 1/m and the lamp's power as a share.
@@ -88,6 +92,9 @@ def add_parser(subparsers: Subparsers) -> None:
         )
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
+    )
+    parser.add_argument(
+        "--moving", action="store_true", help="images of random moments, for what moves in a scene"
     )
     add_json(parser)
 
@@ -213,11 +220,17 @@ def run(options: argparse.Namespace) -> int:
         check(Annotated[int, quantity], getattr(options, name), f"--{name}")
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
+    if options.moving and options.nuisances:
+        raise ValueError("--nuisances: takes no --moving; leave one of them out")
+    if options.moving and not MOVING & set(scene.effects):
+        names = ", ".join(sorted(MOVING))
+        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
     told = {
         "scene": scene.name,
         "shape": scene.array.shape,
         "method": options.method,
         "seed": options.seed,
+        "moving": options.moving,
     }
     try:
         if options.nuisances:
@@ -229,7 +242,12 @@ def run(options: argparse.Namespace) -> int:
             )
             rng, sea = np.random.default_rng(options.seed), ForwardModel(scene)
             poses = random_poses(sea, options.poses, rng)
-            found = study(estimator, poses, sea.expose(poses, rng), bar)
+            moments = None
+            if options.moving:
+                # Drawn apart, so that poses and noise are those without it.
+                moments = np.random.default_rng((options.seed, 1)).uniform(0, DAY_S, len(poses))
+            images = sea.expose(poses, rng, time_s=moments)
+            found = study(estimator, poses, images, bar)
             answer, text = as_object(found), report(found)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
@@ -237,7 +255,7 @@ def run(options: argparse.Namespace) -> int:
     about = (
         f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{answer['poses']} random poses, "
-        f"seed {options.seed}"
+        f"seed {options.seed}" + (", at random moments" if options.moving else "")
     )
     print(json.dumps({**told, **answer}) if options.json else f"{about}\n\n{text}")
     return 0

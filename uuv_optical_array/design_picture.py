@@ -24,7 +24,7 @@ BOUNDS = {
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
 }
 GREEN = "#2c9c5a"
-# Where the shapes of a number of detectors are, the width of each, and the lane of the labels; of the
+# Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
 # distance between two numbers of detectors.
 CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
 BAND = 0.3

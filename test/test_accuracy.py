@@ -257,6 +257,24 @@ def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(cap
     assert moving["nees_mean"] > 3 * still["nees_mean"]
 
 
+def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp_path):
+    settings = load_scene("reference").settings()
+    settings["prior"] = {"lamp_power_std": 0.1}
+    path = tmp_path / "dim.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    words = ("--scene", path, "--poses", 300, "--json")
+    answers = []
+    for more in ((), ("--drawn",)):
+        run(*words, *more)
+        answers.append(json.loads(capsys.readouterr().out))
+    mean, drawn = answers
+    # A lamp at its mean is better known than the prior says, most of all in range.
+    assert mean["nees_mean"] < 4.5
+    assert mean["ratio_to_bound"]["x"] < 0.88
+    assert 4.4 < drawn["nees_mean"] < 5.6
+    assert 0.85 < drawn["ratio_to_bound"]["x"] < 1.15
+
+
 def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
     run("--scene", scene_file, "--nuisances", "--poses", 3)
     lines = capsys.readouterr().out.splitlines()
@@ -282,6 +300,8 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--nuisances", "--method", "sam"), ("--nuisances", "sam", "use least_squares")),
         (("--nuisances", "--moving"), ("--nuisances", "--moving", "leave one")),
+        (("--nuisances", "--drawn"), ("--nuisances", "--drawn", "leave one")),
+        (("--drawn",), ("--drawn", "reference", "prior")),
         (("--moving",), ("--moving", "reference", "lamp_drift, lamp_flicker, plume")),
     ],
 )

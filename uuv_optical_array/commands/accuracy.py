@@ -31,7 +31,8 @@ above 20 counts, and compare the errors with the Cramer-Rao bound of one image a
 covariances that the estimates claim. --nuisances compares an estimator that takes attenuation and
 lamp power for known with one that estimates them along, where they are off and where they are not.
 --moving takes each image at a random moment: what flickers, fades or drifts in the scene then does,
-and no estimator knows. docs/accuracy.md explains every figure."""
+and no estimator knows. --drawn lets what the scene's prior leaves open, such as the lamp's power,
+be off by as much as the prior says. docs/accuracy.md explains every figure."""
 
 EPILOG = """\
 examples:
@@ -40,6 +41,7 @@ examples:
   uuv_array accuracy --method sam              the paper's method
   uuv_array accuracy --shape planar            the same scene with a planar array
   uuv_array accuracy --nuisances               what estimating K and the lamp's power buys
+  uuv_array accuracy --scene harbour --drawn   K and the lamp's power as uncertain as its prior says
   uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
@@ -92,6 +94,11 @@ def add_parser(subparsers: Subparsers) -> None:
         )
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
+    )
+    parser.add_argument(
+        "--drawn",
+        action="store_true",
+        help="draw what the scene's prior leaves open for each image, in place of its mean",
     )
     parser.add_argument(
         "--moving", action="store_true", help="images of random moments, for what moves in a scene"
@@ -212,6 +219,29 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def check_truth(options: argparse.Namespace, scene: Scene) -> None:
+    """Refuse what the scene cannot do with the truth, in one line."""
+    if options.nuisances and (options.moving or options.drawn):
+        option = "--moving" if options.moving else "--drawn"
+        raise ValueError(f"--nuisances: takes no {option}; leave one of them out")
+    if options.moving and not MOVING & set(scene.effects):
+        names = ", ".join(sorted(MOVING))
+        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+    if options.drawn and not scene.prior.nuisance_std():
+        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
+
+
+def exposed(
+    options: argparse.Namespace, sea: ForwardModel, poses: Array, rng: np.random.Generator
+) -> Array:
+    """Return what the array reads at `poses`; poses and noise are the same for every option."""
+    apart = np.random.default_rng((options.seed, 1))
+    moments = apart.uniform(0, DAY_S, len(poses)) if options.moving else None
+    stds = sea.scene.prior.nuisance_std() if options.drawn else {}
+    offsets = {name: std * apart.standard_normal(len(poses)) for name, std in stds.items()}
+    return sea.expose(poses, rng, 0.0, offsets, moments)
+
+
 def run(options: argparse.Namespace) -> int:
     """Run the study and print it."""
     if options.poses is None:
@@ -220,16 +250,13 @@ def run(options: argparse.Namespace) -> int:
         check(Annotated[int, quantity], getattr(options, name), f"--{name}")
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
-    if options.moving and options.nuisances:
-        raise ValueError("--nuisances: takes no --moving; leave one of them out")
-    if options.moving and not MOVING & set(scene.effects):
-        names = ", ".join(sorted(MOVING))
-        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+    check_truth(options, scene)
     told = {
         "scene": scene.name,
         "shape": scene.array.shape,
         "method": options.method,
         "seed": options.seed,
+        "drawn": options.drawn,
         "moving": options.moving,
     }
     try:
@@ -242,12 +269,7 @@ def run(options: argparse.Namespace) -> int:
             )
             rng, sea = np.random.default_rng(options.seed), ForwardModel(scene)
             poses = random_poses(sea, options.poses, rng)
-            moments = None
-            if options.moving:
-                # Drawn apart, so that poses and noise are those without it.
-                moments = np.random.default_rng((options.seed, 1)).uniform(0, DAY_S, len(poses))
-            images = sea.expose(poses, rng, time_s=moments)
-            found = study(estimator, poses, images, bar)
+            found = study(estimator, poses, exposed(options, sea, poses, rng), bar)
             answer, text = as_object(found), report(found)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
@@ -255,7 +277,9 @@ def run(options: argparse.Namespace) -> int:
     about = (
         f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{answer['poses']} random poses, "
-        f"seed {options.seed}" + (", at random moments" if options.moving else "")
+        f"seed {options.seed}"
     )
+    about += ", nuisances drawn" if options.drawn else ""
+    about += ", at random moments" if options.moving else ""
     print(json.dumps({**told, **answer}) if options.json else f"{about}\n\n{text}")
     return 0

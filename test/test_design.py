@@ -17,6 +17,7 @@ from conftest import dask_workers
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
+from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 from scipy.special import dawsn
 from scipy.stats import skew
@@ -28,7 +29,7 @@ from uuv_optical_array.cluster import on_cluster, on_threads
 from uuv_optical_array.commands import main
 from uuv_optical_array.design import Design, Sweep, default_sweep, designed, with_gain
 from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
-from uuv_optical_array.design_picture import draw_designs
+from uuv_optical_array.design_picture import apart, draw_designs
 from uuv_optical_array.design_score import Score, score, signature_noise_deg, volume_poses
 from uuv_optical_array.design_store import COLUMNS, DesignStore, Row, Study
 from uuv_optical_array.image import ForwardModel
@@ -627,3 +628,15 @@ def test_any_study_can_be_drawn(tmp_path, designs):
     rows = [Row(design, Score(**values)) for design in designs]
     draw_designs(study_of(), rows, tmp_path / "d.png")
     assert matplotlib.image.imread(tmp_path / "d.png").std() > 0.05
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8).map(sorted))
+def test_labels_are_moved_apart_and_no_more_than_that_takes(heights):
+    gap, count = 0.05, len(heights)
+    # The first label and the steps above the gap, by bounded least squares.
+    steps = np.tril(np.ones((count, count)))
+    low = np.r_[-np.inf, np.zeros(count - 1)]
+    wanted = heights - gap * np.arange(count)
+    found = lsq_linear(steps, wanted, (low, np.inf), tol=1e-14)
+    expected = steps @ found.x + gap * np.arange(count)
+    np.testing.assert_allclose(apart(heights, gap), expected, atol=1e-5)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import command_line
 import numpy as np
 import pytest
+import yaml
 
 from uuv_optical_array import accuracy
 from uuv_optical_array.accuracy import random_poses, study
@@ -15,7 +16,7 @@ from uuv_optical_array.estimate import NoPose
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.pose import DOF_NAMES
-from uuv_optical_array.scene import PriorSettings, scene_from_settings
+from uuv_optical_array.scene import PriorSettings, load_scene, scene_from_settings
 
 FRAMES = 2000
 
@@ -229,6 +230,44 @@ def test_nuisances_estimated_along_keep_the_covariance_honest(capsys, scene_file
     assert estimated["rms_bound"]["x_m"] > 1.2 * known["rms_bound"]["x_m"]
 
 
+def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(capsys, tmp_path):
+    settings = load_scene("reference").settings()
+    settings["effects"]["lamp_drift"] = {"std": 0.1, "time_scale_s": 60.0, "seed": 1}
+    path = tmp_path / "fading.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    words = ("--scene", path, "--poses", 100, "--json")
+    answers = []
+    for more in ((), ("--moving",)):
+        run(*words, *more)
+        answers.append(json.loads(capsys.readouterr().out))
+    still, moving = answers
+    run("--poses", 100, "--json")
+    plain = json.loads(capsys.readouterr().out)
+    assert still["ratio_to_bound"] == plain["ratio_to_bound"]  # the same poses and noise
+    assert (still["moving"], moving["moving"]) == (False, True)
+    # The lamp's power is off by a tenth, of which noise is a small part.
+    assert moving["ratio_to_bound"]["x"] > 1.3 * still["ratio_to_bound"]["x"]
+    assert moving["nees_mean"] > 3 * still["nees_mean"]
+
+
+def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp_path):
+    settings = load_scene("reference").settings()
+    settings["prior"] = {"lamp_power_std": 0.1}
+    path = tmp_path / "dim.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    words = ("--scene", path, "--poses", 300, "--json")
+    answers = []
+    for more in ((), ("--drawn",)):
+        run(*words, *more)
+        answers.append(json.loads(capsys.readouterr().out))
+    mean, drawn = answers
+    # A lamp at its mean is better known than the prior says, most of all in range.
+    assert mean["nees_mean"] < 4.5
+    assert mean["ratio_to_bound"]["x"] < 0.88
+    assert 4.4 < drawn["nees_mean"] < 5.6
+    assert 0.85 < drawn["ratio_to_bound"]["x"] < 1.15
+
+
 def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
     run("--scene", scene_file, "--nuisances", "--poses", 3)
     lines = capsys.readouterr().out.splitlines()
@@ -253,6 +292,10 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
         (("--candidates", 0), ("--candidates", "0", "from 1")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--nuisances", "--method", "sam"), ("--nuisances", "sam", "use least_squares")),
+        (("--nuisances", "--moving"), ("--nuisances", "--moving", "leave one")),
+        (("--nuisances", "--drawn"), ("--nuisances", "--drawn", "leave one")),
+        (("--drawn",), ("--drawn", "reference", "prior")),
+        (("--moving",), ("--moving", "reference", "lamp_drift, lamp_flicker, plume")),
     ],
 )
 def test_what_is_no_study_is_refused_in_one_line(words, named):

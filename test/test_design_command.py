@@ -15,10 +15,11 @@ import pytest
 from designs import CURVED, PLANAR, study_of
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from uuv_optical_array.design import Design, designed
 from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
-from uuv_optical_array.design_picture import draw_designs
+from uuv_optical_array.design_picture import apart, draw_designs
 from uuv_optical_array.design_score import Score
 from uuv_optical_array.design_store import COLUMNS, DesignStore, Row
 from uuv_optical_array.scene import load_scene
@@ -154,3 +155,15 @@ def test_any_study_can_be_drawn(tmp_path, designs):
     rows = [Row(design, Score(**values)) for design in designs]
     draw_designs(study_of(), rows, tmp_path / "d.png")
     assert matplotlib.image.imread(tmp_path / "d.png").std() > 0.05
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8).map(sorted))
+def test_labels_are_moved_apart_and_no_more_than_that_takes(heights):
+    gap, count = 0.05, len(heights)
+    # The first label and the steps above the gap, by bounded least squares.
+    steps = np.tril(np.ones((count, count)))
+    low = np.r_[-np.inf, np.zeros(count - 1)]
+    wanted = heights - gap * np.arange(count)
+    found = lsq_linear(steps, wanted, (low, np.inf), tol=1e-14)
+    expected = steps @ found.x + gap * np.arange(count)
+    np.testing.assert_allclose(apart(heights, gap), expected, atol=1e-5)

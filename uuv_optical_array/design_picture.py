@@ -24,7 +24,12 @@ BOUNDS = {
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
 }
 GREEN = "#2c9c5a"
-BAND = 0.36  # of the distance between two numbers of detectors, for the widths of a shape
+# Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
+# distance between two numbers of detectors.
+CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
+BAND = 0.3
+LANE = 0.485
+LABEL_GAP = 0.034  # between labels, of the height of the axes
 CLOSE_UP_SIDE = 5
 
 
@@ -61,11 +66,10 @@ def _levels(axes: Axes, name: str) -> None:
 def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> None:
     sides = sorted({row.design.detectors_per_side for row in rows})
     widths = sorted({row.design.width_m for row in rows})
-    centre: dict[Shape, float] = {"planar": -0.23, "curved": 0.23}
 
     def place(row: Row) -> float:
         share = (widths.index(row.design.width_m) + 0.5) / len(widths) - 0.5
-        return sides.index(row.design.detectors_per_side) + centre[row.design.shape] + BAND * share
+        return sides.index(row.design.detectors_per_side) + CENTRE[row.design.shape] + BAND * share
 
     for shape, colour in SHAPE_COLOURS.items():
         of_shape = [row for row in rows if row.design.shape == shape]
@@ -74,20 +78,18 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
     unit = "m" if name == "position_m" else "deg"
     free = guess()[list(BOUNDS).index(name)]
     for value, text, colour in (
-        (BOUNDS[name][1], f"specification, {BOUNDS[name][1]:g} {unit}", GREEN),
-        (free, "no measurement at all", "0.35"),
+        (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", GREEN),
+        (free, "no measure-\nment at all", "0.35"),
     ):
         axes.annotate(
             text,
             (1, value),
             xycoords=axes.get_yaxis_transform(),
-            xytext=(-3, 3),
+            xytext=(4, 0),
             textcoords="offset points",
-            ha="right",
+            va="center",
             fontsize=9,
             color=colour,
-            bbox={"fc": "w", "ec": "none", "pad": 0.5, "alpha": 0.85},
-            zorder=4,
         )
     for i in range(1, len(sides)):
         axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
@@ -105,25 +107,41 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
         ]
         x = [place(row) for row in best]
         axes.plot(x, [getattr(row.score, name) for row in best], "k", ls=style, lw=1, zorder=2.5)
-    spread: dict[int, float] = {}
     low, high = np.log(axes.get_ylim())
-    for row in sorted(named, key=lambda row: -getattr(row.score, name)):
-        side = sides.index(row.design.detectors_per_side)
-        at = float((np.log(getattr(row.score, name)) - low) / (high - low))
-        spread[side] = min(at, spread.get(side, np.inf) - 0.042)
-        axes.annotate(
-            str(named.index(row) + 1),
-            (place(row), getattr(row.score, name)),
-            xytext=((side + 0.97) / len(sides), spread[side]),
-            textcoords="axes fraction",
-            ha="right",
-            va="center",
-            fontsize=8,
-            fontweight="bold",
-            zorder=5,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
-            arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkA": 0, "shrinkB": 0},
+    for i, side in enumerate(sides):
+        of_side = sorted(
+            (row for row in named if row.design.detectors_per_side == side),
+            key=lambda row: getattr(row.score, name),
         )
+        heights = [(np.log(getattr(row.score, name)) - low) / (high - low) for row in of_side]
+        for row, height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
+            axes.annotate(
+                str(named.index(row) + 1),
+                (place(row), getattr(row.score, name)),
+                xytext=((i + 0.5 + LANE) / len(sides), height),
+                textcoords="axes fraction",
+                ha="right",
+                va="center",
+                fontsize=9,
+                fontweight="bold",
+                zorder=5,
+                bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
+                arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
+            )
+
+
+def apart(heights: Sequence[float], gap: float) -> list[float]:
+    """Move sorted heights apart by at least `gap`, with the least sum of squared moves."""
+    # Pool adjacent violators: a group that touches is moved as one, about its mean.
+    groups: list[tuple[float, int]] = []
+    for i, height in enumerate(heights):
+        mean, count = height - i * gap, 1
+        while groups and groups[-1][0] >= mean:
+            before, many = groups.pop()
+            mean, count = (before * many + mean * count) / (many + count), many + count
+        groups.append((mean, count))
+    level = [mean for mean, count in groups for _ in range(count)]
+    return [mean + i * gap for i, mean in enumerate(level)]
 
 
 def _nearest(values: set[Any], wanted: float) -> Any:

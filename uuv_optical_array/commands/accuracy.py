@@ -17,6 +17,7 @@ from uuv_optical_array.commands.parser import (
     add_shape,
     bar,
 )
+from uuv_optical_array.effects import MOVING
 from uuv_optical_array.estimate import METHODS, Estimator
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.pose import DOF_NAMES, Array
@@ -29,7 +30,9 @@ Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances that the estimates claim. --nuisances compares an estimator that takes attenuation and
 lamp power for known with one that estimates them along, where they are off and where they are not.
-docs/accuracy.md explains every figure."""
+--moving takes each image at a random moment: what flickers, fades or drifts in the scene then does,
+and no estimator knows. --drawn lets what the scene's prior leaves open, such as the lamp's power,
+be off by as much as the prior says. docs/accuracy.md explains every figure."""
 
 EPILOG = """\
 examples:
@@ -38,6 +41,8 @@ examples:
   uuv_array accuracy --method sam              the paper's method
   uuv_array accuracy --shape planar            the same scene with a planar array
   uuv_array accuracy --nuisances               what estimating K and the lamp's power buys
+  uuv_array accuracy --scene harbour --drawn   K and the lamp's power as uncertain as its prior says
+  uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
 NUMBERS = {
@@ -49,6 +54,7 @@ POSES, NUISANCE_POSES = 20_000, 4_000
 SIGMAS = 6.0
 IN_DEGREES = np.array([1, 1, 1, *np.degrees([1, 1])])
 COLUMNS = ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")
+DAY_S = 86_400.0  # from which the moments of --moving are drawn
 UNITS = ("m", "m", "m", "deg", "deg")
 PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
 # What is off by how much: the attenuation in 1/m and the lamp's power as a share.
@@ -88,6 +94,14 @@ def add_parser(subparsers: Subparsers) -> None:
         )
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
+    )
+    parser.add_argument(
+        "--drawn",
+        action="store_true",
+        help="draw what the scene's prior leaves open for each image, in place of its mean",
+    )
+    parser.add_argument(
+        "--moving", action="store_true", help="images of random moments, for what moves in a scene"
     )
     add_json(parser)
 
@@ -205,6 +219,29 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def check_truth(options: argparse.Namespace, scene: Scene) -> None:
+    """Refuse what the scene cannot do with the truth, in one line."""
+    if options.nuisances and (options.moving or options.drawn):
+        option = "--moving" if options.moving else "--drawn"
+        raise ValueError(f"--nuisances: takes no {option}; leave one of them out")
+    if options.moving and not MOVING & set(scene.effects):
+        names = ", ".join(sorted(MOVING))
+        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+    if options.drawn and not scene.prior.nuisance_std():
+        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
+
+
+def exposed(
+    options: argparse.Namespace, sea: ForwardModel, poses: Array, rng: np.random.Generator
+) -> Array:
+    """Return what the array reads at `poses`; poses and noise are the same for every option."""
+    apart = np.random.default_rng((options.seed, 1))
+    moments = apart.uniform(0, DAY_S, len(poses)) if options.moving else None
+    stds = sea.scene.prior.nuisance_std() if options.drawn else {}
+    offsets = {name: std * apart.standard_normal(len(poses)) for name, std in stds.items()}
+    return sea.expose(poses, rng, 0.0, offsets, moments)
+
+
 def run(options: argparse.Namespace) -> int:
     """Run the study and print it."""
     if options.poses is None:
@@ -213,11 +250,14 @@ def run(options: argparse.Namespace) -> int:
         check(Annotated[int, quantity], getattr(options, name), f"--{name}")
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
+    check_truth(options, scene)
     told = {
         "scene": scene.name,
         "shape": scene.array.shape,
         "method": options.method,
         "seed": options.seed,
+        "drawn": options.drawn,
+        "moving": options.moving,
     }
     try:
         if options.nuisances:
@@ -229,7 +269,7 @@ def run(options: argparse.Namespace) -> int:
             )
             rng, sea = np.random.default_rng(options.seed), ForwardModel(scene)
             poses = random_poses(sea, options.poses, rng)
-            found = study(estimator, poses, sea.expose(poses, rng), bar)
+            found = study(estimator, poses, exposed(options, sea, poses, rng), bar)
             answer, text = as_object(found), report(found)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
@@ -239,5 +279,7 @@ def run(options: argparse.Namespace) -> int:
         f"{answer['poses']} random poses, "
         f"seed {options.seed}"
     )
+    about += ", nuisances drawn" if options.drawn else ""
+    about += ", at random moments" if options.moving else ""
     print(json.dumps({**told, **answer}) if options.json else f"{about}\n\n{text}")
     return 0

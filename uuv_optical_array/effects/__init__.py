@@ -86,6 +86,9 @@ for _stage, _functions in {
     for _function in _functions:
         effect(_stage)(_function)
 
+# Effects that act at the moment of an image, and do nothing where none is given.
+MOVING = {function.__name__ for function in (lamp_flicker, lamp_drift, plume)}
+
 # Where settings may be given in one of several ways: the check, which may turn them into one.
 RESOLVED: dict[str, Callable[[dict[str, Any], str], dict[str, Any]]] = {
     "attenuation": resolved_attenuation,

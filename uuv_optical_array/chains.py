@@ -10,7 +10,7 @@ from uuv_optical_array.fit import Fit, ImageFit
 from uuv_optical_array.pose import Array
 
 # Chains, their steps, and how many of these come before the first that counts.
-CHAINS, STEPS, SETTLING = 64, 60, 20
+CHAINS, STEPS, SETTLING = 64, 120, 40
 WIDTHS = 1.0, 0.5, 0.2  # of a chain's own steps, in standard deviations there
 WHOLE = 0.2  # share of the jumps that are as long as two other chains are apart
 # Below this share of the largest, an eigenvalue of the information is rounding.

@@ -13,6 +13,12 @@ POSE = np.array([-6.0, 0.2, -0.1, 0.05, 0.1])
 # What is far off in m and rad, for a method that ends at an entry of the table and for one that
 # does not: some ten times what each leaves on average.
 FAR = {"sam": 2.0, "sam_interpolated": 2.0, "least_squares": 0.5}
+WAYS = [
+    pytest.param("sam", False, id="sam"),
+    pytest.param("sam_interpolated", False, id="sam_interpolated"),
+    pytest.param("least_squares", True, id="least_squares by Numba"),
+    pytest.param("least_squares", False, id="least_squares by NumPy"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -26,16 +32,27 @@ def table(scene):
 
 
 @pytest.mark.benchmark(group="one estimate")
-@pytest.mark.parametrize("method", FAR)
-def test_image_to_estimate(benchmark, scene, table, method):
+@pytest.mark.parametrize(("method", "compiled"), WAYS)
+def test_image_to_estimate(benchmark, scene, table, method, compiled):
     image = ForwardModel(scene).expose(POSE, np.random.default_rng(1))
-    estimator = Estimator(table, method)
+    estimator = Estimator(table, method, compiled=compiled)
 
     def estimate():
         parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
         return estimator.estimate(parameters, image)
 
     assert np.abs(benchmark(estimate).pose - POSE).max() < FAR[method]
+
+
+@pytest.mark.benchmark(group="one planar image")
+@pytest.mark.parametrize("compiled", [True, False], ids=["by Numba", "by NumPy"])
+def test_planar_image_to_estimate(benchmark, scene, compiled):
+    planar = scene.with_shape("planar")
+    image = ForwardModel(planar).expose(POSE, np.random.default_rng(1))
+    estimator = Estimator(build_table(planar), "least_squares", compiled=compiled)
+    parameters = key_parameters(image, planar.full_scale_counts, planar.signature.peak)
+    found = benchmark.pedantic(estimator.estimate, (parameters, image), rounds=10, warmup_rounds=1)
+    assert np.abs(found.pose - POSE).max() < 2 * FAR["least_squares"]
 
 
 @pytest.mark.benchmark(group="one estimate")

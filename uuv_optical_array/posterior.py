@@ -12,8 +12,8 @@ from uuv_optical_array.pose import Array
 # How far the log-posterior may be from the quadratic one at the cubature points.
 TOLERANCE = 0.2
 FREEDOM = 5.0  # of the Student distributions that are sampled: tails heavier than the posterior's
-# Of importance sampling about one minimum: usually, with nuisances, and where tails are heavy.
-POINTS, NUISANCE_POINTS, TAIL_POINTS = 256, 512, 1024
+# Of importance sampling about one minimum, and where its tails are heavy; with nuisances for both.
+POINTS, TAIL_POINTS, NUISANCE_POINTS = 256, 1024, 2048
 # Log-posterior above the quadratic one at a cubature point that makes a tail heavy.
 HEAVY = 0.3
 MOST_TILT = 2.0
@@ -48,8 +48,10 @@ class Posterior:
         self._fit = image_fit
         size = self._size = 5 + len(image_fit.names)
         self._cubature = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
-        self._usual = _student_points(size, POINTS if size == 5 else NUISANCE_POINTS)
-        self._for_tails = _student_points(size, TAIL_POINTS)
+        if size == 5:
+            self._usual, self._for_tails = (_student_points(5, n) for n in (POINTS, TAIL_POINTS))
+        else:
+            self._usual = self._for_tails = _student_points(size, NUISANCE_POINTS)
         self._chains = Chains(image_fit, rng)
 
     @np.errstate(under="ignore")  # of points that weigh nothing

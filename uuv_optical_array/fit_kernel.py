@@ -169,6 +169,20 @@ def _off_axis(along: float, across_squared: float, r: float) -> tuple[float, flo
 
 
 @compiled
+def _ray(
+    detectors: Array, j: int, lamp: tuple[float, float, float, float, float, float]
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return x, y, z to the lamp, the way along the beam, that across squared, range and cosine."""
+    x, y, z = lamp[0] - detectors[0, j], lamp[1] - detectors[1, j], lamp[2] - detectors[2, j]
+    along = -(x * lamp[3] + y * lamp[4] + z * lamp[5])
+    off_x, off_y, off_z = x + along * lamp[3], y + along * lamp[4], z + along * lamp[5]
+    across_squared = off_x * off_x + off_y * off_y + off_z * off_z
+    r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+    facing = x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]
+    return x, y, z, along, across_squared, r, min(facing / r, 1.0)
+
+
+@compiled
 def _beam(
     detectors: Array,
     lamp: tuple[float, float, float, float, float, float],
@@ -178,19 +192,12 @@ def _beam(
     light: Array,
 ) -> None:
     """Write the light of the lamp on each detector, in water without scatter."""
-    lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z = lamp
     wide = 0
     # No branch and no call, so the processor takes several turns at once.
     for j in range(len(light)):
-        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
-        along = -(x * beam_x + y * beam_y + z * beam_z)
-        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
-        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
-        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
-        inverse = 1 / r
-        facing = x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]
-        cosine = min(facing * inverse, 1.0)
+        _, _, _, along, across_squared, r, cosine = _ray(detectors, j, lamp)
         cosine = cosine if cosine > 0 else 0.0
+        inverse = 1 / r
         s = across_squared * inverse * inverse
         squared = s * (horner(EVEN, s * s) + s * horner(ODD, s * s))
         wide += 0 if along * along > across_squared and along > MIN_RANGE_M else 1
@@ -199,15 +206,9 @@ def _beam(
         return
     # That holds within 45 deg of the axis, clear of the lamp. Elsewhere, once more.
     for j in range(len(light)):
-        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
-        along = -(x * beam_x + y * beam_y + z * beam_z)
-        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
-        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
-        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
-        facing = x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]
+        _, _, _, along, across_squared, r, cosine = _ray(detectors, j, lamp)
         squared, _ = _off_axis(along, across_squared, r)
-        cosine = max(min(facing / r, 1.0), 0.0)
-        light[j] = cosine * power / (r * r) * exponential(gain * squared - k_per_m * r)
+        light[j] = max(cosine, 0.0) * power / (r * r) * exponential(gain * squared - k_per_m * r)
 
 
 @compiled
@@ -225,29 +226,17 @@ def _rays(
     power = sea.power * (math.exp(at[sea.at_power]) if sea.at_power >= 0 else 1.0)
     k_per_m = sea.k_per_m + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
     narrow = sea.beam_sigma_rad**2
-    lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z = lamp
-    _beam(
-        detectors,
-        (lamp_x, lamp_y, lamp_z, beam_x, beam_y, beam_z),
-        power,
-        -0.5 / narrow,
-        k_per_m,
-        light,
-    )
+    beam_x, beam_y, beam_z = lamp[3], lamp[4], lamp[5]
+    ray = lamp[0], lamp[1], lamp[2], beam_x, beam_y, beam_z
+    _beam(detectors, ray, power, -0.5 / narrow, k_per_m, light)
     if sea.scattering_per_m == 0 and sea.view_form == 0 and not differentiate:
         return
     for j in range(len(light)):
         for q in range(len(at) if differentiate else 0):
             jacobian[j, q] = 0.0
-        x, y, z = lamp_x - detectors[0, j], lamp_y - detectors[1, j], lamp_z - detectors[2, j]
-        normal_x, normal_y, normal_z = detectors[3, j], detectors[4, j], detectors[5, j]
-        r = max(math.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
-        cosine = min((x * normal_x + y * normal_y + z * normal_z) / r, 1.0)
+        x, y, z, along, across_squared, r, cosine = _ray(detectors, j, ray)
         if not cosine > 0:
             continue
-        along = -(x * beam_x + y * beam_y + z * beam_z)
-        off_x, off_y, off_z = x + along * beam_x, y + along * beam_y, z + along * beam_z
-        across_squared = off_x * off_x + off_y * off_y + off_z * off_z
         squared, ratio = _off_axis(along, across_squared, r)
         bright, by_cosine = light[j], light[j] / cosine
         # Of the logarithm.
@@ -275,9 +264,9 @@ def _rays(
         bend = bright * by_half_square * ratio
         radial = (bright * by_r - by_cosine * cosine / r + bend * along / r) / r
         by_cosine /= r
-        by_x = radial * x + by_cosine * normal_x + bend * beam_x
-        by_y = radial * y + by_cosine * normal_y + bend * beam_y
-        by_z = radial * z + by_cosine * normal_z + bend * beam_z
+        by_x = radial * x + by_cosine * detectors[3, j] + bend * beam_x
+        by_y = radial * y + by_cosine * detectors[4, j] + bend * beam_y
+        by_z = radial * z + by_cosine * detectors[5, j] + bend * beam_z
         for q in range(5):
             jacobian[j, q] = (
                 by_x * by_chart[0, q]

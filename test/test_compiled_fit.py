@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from hypothesis import strategies as st
 from scipy.special import wrightomega
 
 from uuv_optical_array import bulk
+from uuv_optical_array import effects as effects_module
 from uuv_optical_array.compiled_fit import CompiledFit, image_fit
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.fit import ImageFit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import Limits, log_likelihood
+from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
@@ -257,6 +260,7 @@ import numpy as np
 from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.fit import Prior
 from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene
 model, prior = ForwardModel(load_scene("reference")), Prior(np.zeros(5), np.ones(5), {})
 print(type(image_fit(model, prior)).__name__)
@@ -270,6 +274,43 @@ except ValueError as error:
     assert kind == "ImageFit"
     assert error.startswith("compiled: ")
     assert error.endswith("install Numba: pip install -e '.[fast]'")
+
+
+@numba
+def test_an_effect_that_the_kernel_does_not_know_is_left_to_numpy(monkeypatch):
+    def fog(array, *, share):
+        return lambda light, rays: light.dim(np.full(light.image.shape[-2:], share))
+
+    fog.__annotations__["share"] = Annotated[float, Quantity("of the light that is left", "", 0, 1)]
+    monkeypatch.setitem(effects_module.EFFECTS, "fog", (effects_module.Stage.LIGHT, fog))
+    values = load_scene("reference").settings()
+    values["effects"] = {**WATER, "fog": {"share": 0.5}}
+    model = ForwardModel(scene_from_settings(values, "test"))
+    prior = Prior(ALIGNED, np.ones(5), {})
+    assert type(image_fit(model, prior)) is ImageFit
+    with pytest.raises(ValueError, match="compiled: fog is no effect of the kernel"):
+        image_fit(model, prior, True)
+
+
+@numba
+def test_no_frame_waits_for_the_compiler():
+    """Whatever the image's memory looks like, the kernels are those of the start."""
+    from uuv_optical_array import fit_kernel
+
+    kernels = fit_kernel.evaluate, fit_kernel.costs, fit_kernel.descend, fit_kernel.light_at
+    scene = load_scene("reference")
+    estimator = Estimator(build_table(scene), "least_squares", compiled=True)
+    before = [len(kernel.signatures) for kernel in kernels]
+    model, rng = ForwardModel(scene), np.random.default_rng(5)
+    # The second one's dim image starts everywhere at once and goes through the chains.
+    for pose in (ALIGNED, np.array([-8, 0.9, 0.9, -0.3, 0.3])):
+        image = model.expose(pose, rng)
+        fixed = image.copy()
+        fixed.flags.writeable = False
+        for same in (image, fixed, np.asfortranarray(image), image.astype(np.uint16), image[:]):
+            signature = key_parameters(same, scene.full_scale_counts, scene.signature.peak)
+            estimator.estimate(signature, same)
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 def test_the_kind_of_fit_can_be_chosen():

@@ -18,6 +18,25 @@ from uuv_optical_array.light import LateRays, Light
 from uuv_optical_array.pose import Array
 
 COSINE_POWER, RIM = 1, 2  # forms of `effects.field_of_view`
+# Effects that the kernel knows, and those that do nothing in an estimator; a scene with another
+# one is fitted by NumPy.
+COVERED = {
+    "attenuation",
+    "lamp_flicker",
+    "lamp_drift",
+    "plume",
+    "beam_spread",
+    "field_of_view",
+    "ambient",
+    "forward_scatter",
+    "responsivity",
+    "detector_faults",
+    "sensor_noise",
+    "shot_noise",
+    "photodiode",
+    "saturation",
+    "adc",
+}
 
 
 class Sea(NamedTuple):
@@ -152,7 +171,10 @@ def _rows(values: Array, count: int) -> Array:
     """Repeat values for each place, where they are those of all."""
     if values.ndim == 2:
         return values
-    return np.ascontiguousarray(np.broadcast_to(values, (count, len(values))))
+    # Never read-only: that is another type, for which all would be compiled once more.
+    rows: Array = np.empty((count, len(values)))
+    rows[:] = values
+    return rows
 
 
 class CompiledFit(ImageFit):
@@ -166,11 +188,16 @@ class CompiledFit(ImageFit):
     Raises
     ------
     ValueError
-        Where Numba is not installed, or not for this NumPy.
+        Where Numba is not installed, or not for this NumPy, or does not know an effect of the
+        scene.
     """
 
     def __init__(self, model: ForwardModel, prior: Prior) -> None:
         super().__init__(model, prior)
+        if unknown := sorted(set(model.scene.effects) - COVERED):
+            raise ValueError(
+                f"compiled: {unknown[0]} is no effect of the kernel; let NumPy fit this scene"
+            )
         try:
             self._kernel = importlib.import_module("uuv_optical_array.fit_kernel")
         except ImportError as error:

@@ -224,7 +224,7 @@ class Estimator:
     @np.errstate(under="ignore")  # of probabilities
     def _least_squares(self, parameters: Array, image: ArrayLike | None, roll: float) -> Estimate:
         side = self.table.scene.array.detectors_per_side
-        readings = np.asarray(image, dtype=float)
+        readings = np.array(image, dtype=float, order="C")
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
         readings = readings.ravel()

@@ -114,9 +114,10 @@ class Posterior:
                 return found, covariance / (1 - MISSED / count)
             if count < 8 * self._size:
                 return None
-            # Once more, about the moments that the first round found.
+            # Once more, about the moments that the first round found, and by more points.
             mean, covariance = _moments(points, weights)
             root = np.linalg.cholesky(covariance)
+            student, log_odds = self._for_tails
         return None
 
 

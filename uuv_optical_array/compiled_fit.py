@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.effects import EFFECTS, Stage
+from uuv_optical_array.effects import EFFECTS, MOVING, Stage
 from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.fit import ARRIVED, MAX_ITERATIONS, Evaluation, ImageFit, Prior
 from uuv_optical_array.image import MIN_VARIANCE, ForwardModel
@@ -20,11 +20,8 @@ from uuv_optical_array.pose import Array
 COSINE_POWER, RIM = 1, 2  # forms of `effects.field_of_view`
 # Effects that the kernel knows, and those that do nothing in an estimator; a scene with another
 # one is fitted by NumPy.
-COVERED = {
+COVERED = MOVING | {
     "attenuation",
-    "lamp_flicker",
-    "lamp_drift",
-    "plume",
     "beam_spread",
     "field_of_view",
     "ambient",
@@ -49,8 +46,8 @@ class Sea(NamedTuple):
     chart
         Standard deviation of the beam, rad; attenuation, 1/m; 0 for a curved array, else the
         `Chart.share`; centre of the array, m.
-    beam_sigma_rad, power, k_per_m
-        Lamp and water, as in `light.irradiance` and `effects.attenuation`.
+    power
+        As in `light.irradiance`.
     scattering_per_m, scattering_variance
         Of `effects.beam_spread`, 1/m and rad^2; 0: none.
     view_form, view_values
@@ -78,9 +75,7 @@ class Sea(NamedTuple):
 
     detectors: Array
     chart: tuple[float, float, float, float, float, float]
-    beam_sigma_rad: float
     power: float
-    k_per_m: float
     scattering_per_m: float
     scattering_variance: float
     view_form: int
@@ -132,9 +127,7 @@ def _sea(fit: ImageFit) -> Sea:
             fit.chart.share if fit.chart.planar else 0.0,
             *fit.chart.centre.tolist(),
         ),
-        beam_sigma_rad=fit.chart.beam_sigma_rad,
         power=float(model.power),
-        k_per_m=float(fit.chart.k_per_m),
         scattering_per_m=float(spread["scattering_per_m"]),
         scattering_variance=float(np.radians(spread["scattering_angle_deg"]) ** 2),
         view_form=view_form,

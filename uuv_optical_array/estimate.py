@@ -276,8 +276,7 @@ class Estimator:
         while True:
             chosen = rows[self._far_apart(rows, count)][tried:]
             starts = turned_about_beam(self.table.poses[chosen], roll)
-            fits = minima + self._fit.refine(readings, starts, roll)
-            minima = _distinct(sorted(fits, key=lambda fit: fit.cost) if minima else fits)
+            minima = _distinct(minima + self._fit.refine(readings, starts, roll))
             if minima:
                 misfit = self._fit.misfit(readings, minima[0], roll)
                 settled = tried > 0 or len(rivalling(minima)) == 1
@@ -301,9 +300,9 @@ class Estimator:
 
 
 def _distinct(fits: list[Fit]) -> list[Fit]:
-    """Keep the best fit of each minimum, of fits that come best first."""
+    """Keep the best fit of each minimum, best first."""
     minima: list[Fit] = []
-    for fit in fits:
+    for fit in sorted(fits, key=lambda fit: fit.cost):
         offsets = (fit.coordinates - other.coordinates for other in minima)
         near = (
             off @ other.information @ off < DISTINCT**2

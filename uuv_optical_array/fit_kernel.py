@@ -224,8 +224,8 @@ def _rays(
     """Write the light of lamp and water on each detector, and its derivatives, ``(n, p)``."""
     detectors = sea.detectors
     power = sea.power * (math.exp(at[sea.at_power]) if sea.at_power >= 0 else 1.0)
-    k_per_m = sea.k_per_m + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
-    narrow = sea.beam_sigma_rad**2
+    k_per_m = sea.chart[1] + (at[sea.at_k] if sea.at_k >= 0 else 0.0)
+    narrow = sea.chart[0] ** 2
     beam_x, beam_y, beam_z = lamp[3], lamp[4], lamp[5]
     ray = lamp[0], lamp[1], lamp[2], beam_x, beam_y, beam_z
     _beam(detectors, ray, power, -0.5 / narrow, k_per_m, light)

@@ -85,7 +85,7 @@ def log_likelihood(
             hazard = _hazard(u)
             terms[here] = log_ndtr(u)
             score[here] = sign * hazard * inverse_std
-            share = np.where(u > ASYMPTOTIC, np.maximum(hazard * (hazard + u), 0.0), 1.0)
+            share = np.maximum(hazard * (hazard + u), 0.0)
             # Where hazard and u cancel, the series of Mills's ratio does not.
             far = u <= ASYMPTOTIC
             s = 1 / u[far] ** 2

@@ -13,7 +13,7 @@ from command_line import PROGRAM, assert_picture, run
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from uuv_optical_array import files
+from uuv_optical_array.core import files
 from uuv_optical_array.table import load_table
 
 

@@ -14,12 +14,12 @@ from scipy.special import wrightomega
 from uuv_optical_array import bulk
 from uuv_optical_array import effects as effects_module
 from uuv_optical_array.compiled_fit import CompiledFit, image_fit
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.fit import ImageFit, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import Limits, log_likelihood
-from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
@@ -260,7 +260,7 @@ import numpy as np
 from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.fit import Prior
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.scene import load_scene
 model, prior = ForwardModel(load_scene("reference")), Prior(np.zeros(5), np.ones(5), {})
 print(type(image_fit(model, prior)).__name__)

@@ -7,7 +7,7 @@ import pytest
 from conftest import dask_workers, filled_while_a_worker_dies
 from designs import SMALL, study_of
 
-from uuv_optical_array.cluster import on_threads
+from uuv_optical_array.core.cluster import on_threads
 from uuv_optical_array.design_store import DesignStore
 from uuv_optical_array.scene import load_scene
 

@@ -11,11 +11,11 @@ from scipy import ndimage, signal, stats
 
 from uuv_optical_array import effects
 from uuv_optical_array.array import ArraySettings, build_array
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.effects import water
 from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.light import LampSettings, Light
-from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)

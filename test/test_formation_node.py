@@ -7,10 +7,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.geometry import covariance_5x5
 from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.messages import pose_to_message
-from uuv_optical_array.pose import covariance_5x5
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 START = 100 * 10**9

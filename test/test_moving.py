@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import rotation_matrix
 from uuv_optical_array.scene import load_scene, scene_from_settings
 
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]

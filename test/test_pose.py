@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import (
+from uuv_optical_array.core.geometry import (
     covariance_5x5,
     covariance_6x6,
     relative_pose,
     roll_pitch_yaw,
     rotation_matrix,
 )
+from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import scene_from_settings
 
 PI = np.pi

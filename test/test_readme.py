@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from uuv_optical_array import files
 from uuv_optical_array.commands import COMMANDS
+from uuv_optical_array.core import files
 from uuv_optical_array.nodes.parameters import markdown_table
 
 ROOT = Path(__file__).parents[1]

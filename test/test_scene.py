@@ -9,7 +9,7 @@ import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.files import shared_file
+from uuv_optical_array.core.files import shared_file
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene, scene_from_settings
 

@@ -12,13 +12,13 @@ import pytest
 import yaml
 from conftest import PATIENCE_S, dask_workers, filled_while_a_worker_dies
 
-from uuv_optical_array import cluster, memory
 from uuv_optical_array import store as store_module
-from uuv_optical_array.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.commands import main
+from uuv_optical_array.core import cluster, memory
+from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.core.memory import machine_bytes, serving_bytes
 from uuv_optical_array.estimate import Estimator
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.memory import machine_bytes, serving_bytes
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.store import TableStore
 from uuv_optical_array.table import GridPoses, build_table, grid_axes, load_table, save_table

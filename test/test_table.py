@@ -10,8 +10,8 @@ import pytest
 import yaml
 from test_features import slow_key_parameters
 
-from uuv_optical_array import files
 from uuv_optical_array import table as table_module
+from uuv_optical_array.core import files
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table, cached_table, grid_axes, load_table, save_table

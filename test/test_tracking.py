@@ -29,9 +29,9 @@ from tracks import (
     whitened,
 )
 
+from uuv_optical_array.core.geometry import Y
+from uuv_optical_array.core.settings import check_all
 from uuv_optical_array.estimate import NoPose
-from uuv_optical_array.pose import Y
-from uuv_optical_array.quantity import check_all
 from uuv_optical_array.tracking import RATE_STD, Outlier, StampRefused, Tracker, TrackerSettings
 
 pytestmark = pytest.mark.filterwarnings("error")

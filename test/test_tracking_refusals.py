@@ -18,7 +18,7 @@ from tracks import (
     steady,
 )
 
-from uuv_optical_array.pose import X, Y, Z
+from uuv_optical_array.core.geometry import X, Y, Z
 from uuv_optical_array.tracking import RATE_STD, Outlier, Tracker, TrackerSettings
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.pose import Array, relative_pose
+from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.vehicles import Limits, Vehicle, leader_twist, start_behind
 
 # So quick that a commanded velocity is reached in the first step.

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import PriorSettings
 from uuv_optical_array.table import BLOCK_POSES, Progress, SignatureTable
 

@@ -13,13 +13,13 @@ from typing import Literal
 import numpy as np
 
 from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.docking import DockingSmoother
 from uuv_optical_array.docking_motion import DockingSettings
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.scene import Scene, scene_from_settings
 from uuv_optical_array.table import cached_table
 from uuv_optical_array.tracking import Tracker, TrackerSettings

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
 
 Shape: TypeAlias = Literal["planar", "curved"]
 

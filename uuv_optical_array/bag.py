@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.pose import Array, relative_pose
-from uuv_optical_array.received import Refused, image_from_message, odometry_pose, stamp_ns
+from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.messages import Refused, image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.trajectory import TooEarly, Trajectory
 
 Axes: TypeAlias = Literal["flu", "frd"]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.array import DetectorArray
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.light import MIN_RANGE_M
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
 
 BLOCK_READINGS = 51_200  # whose five arrays stay in the second level of the cache
 # To load Numba and a kernel that was compiled before takes as long as it saves here.

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.light import MIN_RANGE_M
-from uuv_optical_array.pose import PITCH, YAW, Array
 
 TILE_POSES, TILE_READINGS = 16, 400
 MAX_RANGE_M = 1e100  # whose square is a number

@@ -20,7 +20,7 @@ from uuv_optical_array.calibration_likelihood import (
     CalibrationLikelihood,
     K,
 )
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.scene import Scene, scene_from_settings
 
 NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")

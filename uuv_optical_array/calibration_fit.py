@@ -16,7 +16,7 @@ from uuv_optical_array.calibration_likelihood import (
     K,
     State,
 )
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 
 MAX_ITERATIONS = 60
 ARRIVED = 1e-5  # Newton decrement from which the next step is the last

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.effects.detectors import detector_gains
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import information, log_likelihood
-from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene, scene_from_settings
 
 POWER, SIGMA, K, BACKGROUND, GAINS = range(5)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.fit import Fit, ImageFit
-from uuv_optical_array.pose import Array
 
 # Chains, their steps, and how many of these come before the first that counts.
 CHAINS, STEPS, SETTLING = 64, 120, 40

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
 from uuv_optical_array.array import ArraySettings, Shape
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.light import LampSettings, beam_solid_angle
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene
 
 # How bright each design's lamp is; `designed` explains.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uuv_optical_array.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.paper import (
@@ -22,7 +23,6 @@ from uuv_optical_array.paper import (
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.pose import Array
 from uuv_optical_array.sam import spectral_angle
 from uuv_optical_array.scene import Scene
 from uuv_optical_array.tradeoff import position_and_angle

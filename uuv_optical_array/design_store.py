@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array import files
-from uuv_optical_array.chunks import ChunkedRows
+from uuv_optical_array.core import files
+from uuv_optical_array.core.chunks import ChunkedRows
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.design import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.design_score import BLOCK_READINGS, Score, score, volume_poses
-from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene, scene_from_settings
 
 FORMAT = 1

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings, Prior
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import log_likelihood
-from uuv_optical_array.pose import Array
 
 STEPS = 12  # Gauss-Newton steps that a frame may take
 ARRIVED = 5e-3  # gain of the log-posterior below which they end

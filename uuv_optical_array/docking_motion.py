@@ -6,8 +6,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.pose import PITCH, YAW, Array
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.settings import Quantity
 
 # The first pose is known to be behind the lamp, no more.
 FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 

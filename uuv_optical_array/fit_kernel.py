@@ -15,9 +15,9 @@ from numba import njit
 
 from uuv_optical_array.bulk_kernel import EVEN, ODD, exponential, horner
 from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.light import MIN_RANGE_M
 from uuv_optical_array.likelihood import ASYMPTOTIC
-from uuv_optical_array.pose import Array
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}

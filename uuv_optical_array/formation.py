@@ -17,8 +17,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.pose import DOF_NAMES, PITCH, YAW, Array, Y, Z, rotation_matrix
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.geometry import DOF_NAMES, PITCH, YAW, Array, Y, Z, rotation_matrix
+from uuv_optical_array.core.settings import Quantity
 
 # Random walk of the leader's twist per root second: a vehicle turns and speeds up, hardly drifts.
 LEADER_WALK = np.array([0.02, 0.008, 0.008, 0.012, 0.012])  # m/s, rad/s

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array import bulk, effects
 from uuv_optical_array.array import build_array
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.light import (
     LateRays,
     Light,
@@ -18,7 +19,6 @@ from uuv_optical_array.light import (
     trace,
 )
 from uuv_optical_array.likelihood import Limits
-from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene
 
 # Settings of a scene that may be off, and the unit of their offset; the power's is its logarithm.

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
 from uuv_optical_array.array import DetectorArray
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
-from uuv_optical_array.quantity import Quantity
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.settings import Quantity
 
 # A lamp is no point: nearer than its own size the inverse square does not hold.
 MIN_RANGE_M = 1e-3

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfcx, log_ndtr, ndtr
 
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12

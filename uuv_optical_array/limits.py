@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.likelihood import information
-from uuv_optical_array.pose import Array
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.
 ROUNDING = 1e-13

@@ -9,6 +9,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.paper import (
     FAR,
     STATEMENTS,
@@ -19,7 +20,6 @@ from uuv_optical_array.paper import (
     Motion,
 )
 from uuv_optical_array.picture import SHAPE_COLOURS, save
-from uuv_optical_array.pose import Array
 
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.tradeoff import guess
 from uuv_optical_array.tradeoff_csv import Row
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.features import key_parameters, lifted
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import Array
 from uuv_optical_array.sam import SpectralIndex, spectral_angle
 from uuv_optical_array.scene import Scene
 from uuv_optical_array.table import BLOCK_POSES, grid_axes

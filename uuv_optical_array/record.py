@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uuv_optical_array.pose import DOF_NAMES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
 
 
 @dataclass

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 
 # Chords that differ by no more than this are ranked by the stable angle.
 APART, ROUNDING = 1 + 1e-9, 1e-15

@@ -16,11 +16,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from uuv_optical_array import files, memory
 from uuv_optical_array.bulk import worthwhile
+from uuv_optical_array.core import files, memory
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import Array
 from uuv_optical_array.scene import Scene, TableSettings, scene_from_settings
 
 FORMAT = 1

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from uuv_optical_array import files
 from uuv_optical_array.array import Shape
+from uuv_optical_array.core import files
 from uuv_optical_array.scene import Scene
 
 Mode = typing.Literal["quick", "full"]

@@ -12,9 +12,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.array import Shape
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.picture import SPECIFICATION, save
-from uuv_optical_array.pose import Array
 from uuv_optical_array.tradeoff import guess
 from uuv_optical_array.tradeoff_csv import Row, TableCost, at_one_speed
 

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 
 
 class TooEarly(Exception):

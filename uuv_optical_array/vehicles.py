@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.pose import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 
 PATH_MINUTE_S = 60.0
 LEADER_SPEED_M_PER_S = 0.5

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimate import NoPose
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Span
 from uuv_optical_array.sam import unit_vectors
 from uuv_optical_array.scene import Scene, TableSettings
 from uuv_optical_array.table import SignatureTable

@@ -17,11 +17,11 @@ from uuv_optical_array.commands.parser import (
     add_shape,
     bar,
 )
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.effects import MOVING
 from uuv_optical_array.estimate import METHODS, Estimator
 from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.pose import DOF_NAMES, Array
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import PriorSettings, Scene, load_scene
 from uuv_optical_array.table import cached_table
 

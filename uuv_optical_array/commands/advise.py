@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from uuv_optical_array import files
 from uuv_optical_array.advice import Advice, Need, advise
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
@@ -18,7 +17,8 @@ from uuv_optical_array.commands.parser import (
     add_scene,
 )
 from uuv_optical_array.commands.tradeoff import Measurement
-from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
 from uuv_optical_array.tradeoff import Group
 from uuv_optical_array.tradeoff_csv import SETTINGS_CSV, Origin, Row, read_csv, this_machine

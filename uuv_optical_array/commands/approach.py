@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from uuv_optical_array import files
 from uuv_optical_array.approach import (
     CASES,
     FRAMES,
@@ -31,9 +30,10 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
 )
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.picture import save
-from uuv_optical_array.pose import DOF_NAMES, Array
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
 
 DESCRIPTION = """\

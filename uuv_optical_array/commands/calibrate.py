@@ -8,7 +8,6 @@ from typing import Annotated, Any, get_args
 import numpy as np
 from tqdm import tqdm
 
-from uuv_optical_array import files
 from uuv_optical_array.bag import Axes, Recording, Topics, read_recording
 from uuv_optical_array.calibration import NAMES, Calibration, Parameter, calibrate
 from uuv_optical_array.calibration_picture import draw_calibration
@@ -20,8 +19,9 @@ from uuv_optical_array.commands.parser import (
     add_scene,
     bar,
 )
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.scene import load_scene, save_scene
 
 DESCRIPTION = """\

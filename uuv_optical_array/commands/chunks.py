@@ -7,7 +7,7 @@ from typing import Protocol
 
 from tqdm import tqdm
 
-from uuv_optical_array.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
 
 
 class ChunkStore(Protocol):

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from uuv_optical_array import files
 from uuv_optical_array.array import Shape
 from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
 from uuv_optical_array.commands.parser import (
@@ -18,11 +17,12 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
 )
+from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.design import Mount, Power, Sweep, default_sweep, designed
 from uuv_optical_array.design_choice import fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.design_store import DesignStore, Row, Study, write_csv
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene, save_scene, scene_from_settings
 
 DESCRIPTION = """\

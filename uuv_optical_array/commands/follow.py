@@ -8,8 +8,8 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from uuv_optical_array import files
 from uuv_optical_array.commands.parser import Subparsers, add_command
+from uuv_optical_array.core import files
 from uuv_optical_array.picture import draw_follow
 from uuv_optical_array.record import FollowRecord
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array import files
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -18,6 +17,9 @@ from uuv_optical_array.commands.parser import (
     add_scene,
     bar,
 )
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.paper import (
     SIDES,
     STATEMENTS,
@@ -35,8 +37,6 @@ from uuv_optical_array.paper import (
 )
 from uuv_optical_array.paper_choices import alternatives, noisy
 from uuv_optical_array.paper_picture import draw_paper
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
 
 DESCRIPTION = """\

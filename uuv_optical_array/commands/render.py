@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from uuv_optical_array import files
 from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.image import ForwardModel
 from uuv_optical_array.picture import save
-from uuv_optical_array.pose import DOF_NAMES, Array
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import load_scene
 
 DESCRIPTION = """\

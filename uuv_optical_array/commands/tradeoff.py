@@ -11,7 +11,6 @@ from typing import Annotated, Any, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array import files
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -19,8 +18,9 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
 )
+from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
-from uuv_optical_array.quantity import Quantity, check
 from uuv_optical_array.scene import Scene, load_scene
 from uuv_optical_array.table import Progress, SignatureTable
 from uuv_optical_array.table_cost import table_cost

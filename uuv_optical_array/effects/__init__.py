@@ -14,6 +14,8 @@ from enum import Enum
 from typing import Any
 
 from uuv_optical_array.array import DetectorArray
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import check_all, unknown
 from uuv_optical_array.effects.detectors import (
     detector_faults,
     field_of_view,
@@ -40,8 +42,6 @@ from uuv_optical_array.effects.water import (
     resolved_attenuation,
 )
 from uuv_optical_array.light import LampSettings, Light, Rays
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import check_all, unknown
 
 
 class Stage(Enum):

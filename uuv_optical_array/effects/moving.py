@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 
 from uuv_optical_array.array import DetectorArray
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.light import Light, Rays
-from uuv_optical_array.pose import Array
-from uuv_optical_array.quantity import Quantity
 
 Seed = Annotated[int, Quantity("of the draw", "", 0, 2**31 - 1)]
 WAVES = 16  # of which the slow drift is the sum

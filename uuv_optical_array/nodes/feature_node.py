@@ -3,6 +3,7 @@
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.features import key_parameters, no_pattern
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
@@ -13,7 +14,6 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
-from uuv_optical_array.quantity import Quantity
 from uuv_optical_array.scene import load_scene
 
 PARAMETERS = {

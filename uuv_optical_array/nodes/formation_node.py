@@ -7,6 +7,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.geometry import covariance_5x5
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
@@ -18,8 +20,6 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import Parameter, Parameters, parameters_of
-from uuv_optical_array.pose import covariance_5x5
-from uuv_optical_array.quantity import Quantity
 
 PARAMETERS = {
     **parameters_of(FormationSettings),

@@ -7,14 +7,14 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import Refused as Refused
+from uuv_optical_array.core.messages import checked_pose, checked_quaternion
+from uuv_optical_array.core.messages import image_from_message as image_from_message
+from uuv_optical_array.core.messages import odometry_pose as odometry_pose
+from uuv_optical_array.core.messages import stamp_ns as stamp_ns
 from uuv_optical_array.features import FEATURE_NAMES
 from uuv_optical_array.nodes.attitude import quaternion_xyzw, roll_pitch_yaw
-from uuv_optical_array.pose import Array
-from uuv_optical_array.received import Refused as Refused
-from uuv_optical_array.received import checked_pose, checked_quaternion
-from uuv_optical_array.received import image_from_message as image_from_message
-from uuv_optical_array.received import odometry_pose as odometry_pose
-from uuv_optical_array.received import stamp_ns as stamp_ns
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
 

@@ -14,7 +14,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from uuv_optical_array.quantity import Quantity, check
+from uuv_optical_array.core.settings import Quantity, check
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import os
 import resource
 from collections.abc import Callable, Sequence
 
-from uuv_optical_array.chunks import needs
-from uuv_optical_array.memory import gigabytes
+from uuv_optical_array.core.chunks import needs
+from uuv_optical_array.core.memory import gigabytes
 
 Work = Callable[[int], int]
 Tick = Callable[[], object]

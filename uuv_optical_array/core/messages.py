@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.trajectory import unit_quaternion
 
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array import files
-from uuv_optical_array.pose import Array
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import Array
 
 _CHUNK_ERRORS = (OSError, ValueError, RuntimeError, TypeError)  # by version and damage
 

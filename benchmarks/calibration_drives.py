@@ -8,8 +8,8 @@ import dataclasses
 import numpy as np
 
 from uuv_optical_array.calibration import calibrate
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 IMAGES = 300
 # Least and greatest distance (m), how far aside (m), how far the bow swings (deg), and the errors

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "attenuation": {"k_per_m": 0.1},

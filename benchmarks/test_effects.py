@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from effect_costs import MILLION, POSES, models
 
-from uuv_optical_array.effects import EFFECTS
+from uuv_optical_array.forward.effects import EFFECTS
 
 MODELS = models()
 

@@ -5,8 +5,8 @@ import pytest
 
 from uuv_optical_array.estimate import Estimator
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.table import build_table
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, 0.1])

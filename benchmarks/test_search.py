@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array import peers
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene
 
 ROWS = 100_000
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from uuv_optical_array import bulk
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward import light_batch as bulk
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 COUNT = 100_000
 LOW, HIGH = [-8, -0.6, -0.6, -0.35, -0.35], [-4, 0.6, 0.6, 0.35, 0.35]

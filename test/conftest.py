@@ -284,7 +284,7 @@ def lab():
 
 def write_scene(folder, name, changes=()):
     """Write the reference scene with a table of 5^5 rows, and changes ``(group, key, value)``."""
-    from uuv_optical_array.scene import load_scene
+    from uuv_optical_array.forward.scene import load_scene
 
     settings = load_scene("reference").settings()
     settings["table"] = {key: [*span[:2], 5] for key, span in settings["table"].items()}
@@ -303,7 +303,7 @@ def scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def scene(scene_file):
-    from uuv_optical_array.scene import load_scene
+    from uuv_optical_array.forward.scene import load_scene
 
     return load_scene(scene_file)
 
@@ -324,7 +324,7 @@ def murky_scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def murky_table_folder(murky_scene_file):
-    from uuv_optical_array.scene import load_scene
+    from uuv_optical_array.forward.scene import load_scene
     from uuv_optical_array.table import build_table, save_table
 
     folder = Path(murky_scene_file).parent / "table"

@@ -4,7 +4,7 @@ import numpy as np
 
 from uuv_optical_array.design import Design, Sweep
 from uuv_optical_array.design_store import Study
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 PLANAR = Design("planar", 5, 0.3, None, 6.0)
 CURVED = Design("curved", 4, 0.3, 0.25, 11.0)

@@ -14,9 +14,9 @@ from uuv_optical_array.accuracy import random_poses, study
 from uuv_optical_array.commands import accuracy as command
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimate import NoPose
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.scene import PriorSettings, load_scene, scene_from_settings
 
 FRAMES = 2000
 

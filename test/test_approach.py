@@ -26,8 +26,8 @@ from uuv_optical_array.approach import (
     simulate,
 )
 from uuv_optical_array.commands import approach as command
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 WIDTH = 10.23  # 1 % of 1023 counts
 

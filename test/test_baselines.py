@@ -24,8 +24,8 @@ from uuv_optical_array.baselines.moments import (
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimate import NoPose
 from uuv_optical_array.features import skewness
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
 SPACING_M = 0.06

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array import bulk, effects
-from uuv_optical_array.array import ArraySettings, build_array
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import MIN_RANGE_M, LateRays, irradiance, lamp_in_body, trace
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward import light_batch as bulk
+from uuv_optical_array.forward.array import ArraySettings, build_array
+from uuv_optical_array.forward.light import MIN_RANGE_M, LateRays, irradiance, lamp_in_body, trace
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -132,7 +133,7 @@ def test_light_too_dim_for_a_number_is_zero_and_a_pose_that_is_no_number_gives_n
 @numba
 @pytest.mark.parametrize("degrees", [0.0, 1e-6, 0.01, 1.0, 10.0, 30.0, 44.0, 45.0])
 def test_the_polynomial_is_the_square_of_the_angle(degrees):
-    from uuv_optical_array import bulk_kernel
+    from uuv_optical_array.forward import light_batch_kernel as bulk_kernel
 
     eta = math.radians(degrees)
     squared = math.sin(eta) ** 2
@@ -142,7 +143,7 @@ def test_the_polynomial_is_the_square_of_the_angle(degrees):
 
 @numba
 def test_roots_and_exponentials_of_the_kernel_are_those_of_mathematics():
-    from uuv_optical_array import bulk_kernel
+    from uuv_optical_array.forward import light_batch_kernel as bulk_kernel
 
     rng = np.random.default_rng(5)
     numbers = np.concatenate([10 ** rng.uniform(-6, 200, 20_000), [1e-6, 1.0, 2.0, 4.0]])
@@ -248,8 +249,8 @@ def test_images_of_another_shape_are_refused():
 
 def test_numba_is_loaded_for_bulk_work_only():
     code = (
-        "import sys, numpy as np; from uuv_optical_array.image import ForwardModel;"
-        "from uuv_optical_array.scene import load_scene;"
+        "import sys, numpy as np; from uuv_optical_array.forward.model import ForwardModel;"
+        "from uuv_optical_array.forward.scene import load_scene;"
         "from uuv_optical_array.table import build_table;"
         "model = ForwardModel(load_scene('reference'));"
         "model.light(np.tile([-6.0, 0, 0, 0, 0], (10_000, 1)));"
@@ -277,7 +278,7 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_bulk_work_goes
 def test_where_nothing_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba
 
-    from uuv_optical_array import bulk_kernel
+    from uuv_optical_array.forward import light_batch_kernel as bulk_kernel
 
     asked = []
 

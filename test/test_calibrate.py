@@ -21,9 +21,9 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.bag import Topics, read_recording
 from uuv_optical_array.commands import calibrate
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
-from uuv_optical_array.scene import load_scene
 
 # A ROS installation has no rosbags. Marked test by test: to launch_testing a module that is skipped
 # skips its whole folder.

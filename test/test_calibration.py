@@ -10,8 +10,8 @@ from scipy import optimize, stats
 
 from uuv_optical_array.calibration import NAMES, calibrate
 from uuv_optical_array.calibration_likelihood import CalibrationLikelihood
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])

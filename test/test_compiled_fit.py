@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import wrightomega
 
-from uuv_optical_array import bulk
-from uuv_optical_array import effects as effects_module
 from uuv_optical_array.compiled_fit import CompiledFit, image_fit
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
 from uuv_optical_array.fit import ImageFit, Prior
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward import effects as effects_module
+from uuv_optical_array.forward import light_batch as bulk
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.likelihood import Limits, log_likelihood
-from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -259,9 +259,9 @@ sys.modules["numba"] = None
 import numpy as np
 from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.fit import Prior
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene
 model, prior = ForwardModel(load_scene("reference")), Prior(np.zeros(5), np.ones(5), {})
 print(type(image_fit(model, prior)).__name__)
 try:

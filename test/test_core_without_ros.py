@@ -10,7 +10,7 @@ import pytest
 from conftest import PATIENCE_S
 
 import uuv_optical_array
-from uuv_optical_array import bulk
+from uuv_optical_array.forward import light_batch as bulk
 
 PACKAGE = Path(uuv_optical_array.__file__).resolve().parent
 ROS = re.compile(r"(rclpy|launch|ament|tf2|tf_transformations)|\w*_(msgs|interfaces)$")
@@ -100,7 +100,7 @@ def test_every_core_module_loads_on_a_computer_without_ros():
         # A kernel is Numba's, which is an extra.
         if bulk.installed() or not path.stem.endswith("_kernel")
     ]
-    assert {"uuv_optical_array.estimate", "uuv_optical_array.scene"} <= set(modules)
+    assert {"uuv_optical_array.estimate", "uuv_optical_array.forward.scene"} <= set(modules)
     run = subprocess.run(
         [sys.executable, "-W", "error", "-c", IMPORT_ALL, ROS.pattern, *modules],
         cwd=PACKAGE.parent,

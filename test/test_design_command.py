@@ -22,7 +22,7 @@ from uuv_optical_array.design_choice import front, fronts, numbered, of_the_pape
 from uuv_optical_array.design_picture import apart, draw_designs
 from uuv_optical_array.design_score import Score
 from uuv_optical_array.design_store import COLUMNS, DesignStore, Row
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene
 
 
 def row_of(side, position_m, angle_deg, **changes):

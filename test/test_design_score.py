@@ -15,8 +15,8 @@ from uuv_optical_array.accuracy import HIGH, LOW
 from uuv_optical_array.design import Design, Sweep, designed
 from uuv_optical_array.design_score import score, signature_noise_deg, volume_poses
 from uuv_optical_array.design_store import DesignStore, Study
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 
 def own_light(design, bow_m, power, k_per_m, pose):

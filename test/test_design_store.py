@@ -9,7 +9,7 @@ from designs import SMALL, study_of
 
 from uuv_optical_array.core.cluster import on_threads
 from uuv_optical_array.design_store import DesignStore
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene
 
 
 def fill(path, study, threads=1):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from uuv_optical_array import effects
-from uuv_optical_array.array import ArraySettings, build_array
-from uuv_optical_array.effects.electronics import PARTS, photodiode_variances
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import LampSettings, Light, lamp_in_body, trace
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward.array import ArraySettings, build_array
+from uuv_optical_array.forward.effects.electronics import PARTS, photodiode_variances
+from uuv_optical_array.forward.light import LampSettings, Light, lamp_in_body, trace
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 Q, BOLTZMANN = 1.602176634e-19, 1.380649e-23  # C, J/K: exact by definition of the SI
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage, signal, stats
 
-from uuv_optical_array import effects
-from uuv_optical_array.array import ArraySettings, build_array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.effects import water
-from uuv_optical_array.effects.water import hanning_blur
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import LampSettings, Light
-from uuv_optical_array.scene import scene_from_settings
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward.array import ArraySettings, build_array
+from uuv_optical_array.forward.effects import water
+from uuv_optical_array.forward.effects.water import hanning_blur
+from uuv_optical_array.forward.light import LampSettings, Light
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
 ARRAY = build_array(ArraySettings("planar", 5))

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters, lifted
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.sam import spectral_angle
-from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import SignatureTable, build_table
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.messages import image_to_message
 

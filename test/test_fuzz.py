@@ -5,8 +5,8 @@ import pytest
 
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table
 
 pytestmark = [

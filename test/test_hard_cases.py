@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
 from uuv_optical_array.estimate import METHODS, Estimate, Estimator, NoPose
 from uuv_optical_array.features import key_parameters, lifted
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.sam import SpectralIndex, spectral_angle
-from uuv_optical_array.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import SignatureTable, build_table, grid_axes
 
 pytestmark = [

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 ARRAYS = {
     "planar": {"shape": "planar", "detectors_per_side": 5},

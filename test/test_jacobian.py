@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.chart import Chart
-from uuv_optical_array.image import NUISANCES, ForwardModel
-from uuv_optical_array.light import lamp_in_body
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.light import lamp_in_body
+from uuv_optical_array.forward.model import NUISANCES, ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
 reproducible = settings(deadline=None, derandomize=True, max_examples=12)

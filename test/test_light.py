@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array import effects
-from uuv_optical_array.array import DetectorArray
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import Light, irradiance, lamp_in_body, trace
-from uuv_optical_array.scene import scene_from_settings
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.light import Light, irradiance, lamp_in_body, trace
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
 ONE = DetectorArray(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]), 1, 0.4)

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from uuv_optical_array.core.geometry import relative_pose
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.limits import cramer_rao_bound, fisher_information
-from uuv_optical_array.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.core.geometry import rotation_matrix
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 FLICKER = {"lamp_flicker": {"depth": 0.2, "frequency_hz": 100.0}}

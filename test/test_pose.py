@@ -15,8 +15,8 @@ from uuv_optical_array.core.geometry import (
     roll_pitch_yaw,
     rotation_matrix,
 )
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import scene_from_settings
 
 PI = np.pi
 reproducible = settings(deadline=None, derandomize=True)

@@ -9,8 +9,8 @@ import yaml
 from matplotlib.image import imread
 
 from uuv_optical_array.commands.render import COLUMNS, RANGES_M, draw_scene, poses
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 
 DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from uuv_optical_array import sam
 from uuv_optical_array.features import key_parameters, lifted
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.sam import SpectralIndex, spectral_angle, unit_vectors
-from uuv_optical_array.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.files import shared_file
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
 

@@ -9,9 +9,9 @@ from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.simulator_node import SimulatorNode, main
-from uuv_optical_array.scene import load_scene
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 BEACON = [-0.7, 0.1, 0.2]
@@ -259,7 +259,7 @@ def test_a_seed_repeats_the_noise_and_minus_one_draws_a_new_one_at_each_start(
 
 
 def test_a_scene_without_a_converter_is_refused_at_the_start_in_one_line(tmp_path):
-    from uuv_optical_array.scene import load_scene
+    from uuv_optical_array.forward.scene import load_scene
 
     effects = load_scene("reference").settings()["effects"]
     del effects["adc"]

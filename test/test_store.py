@@ -18,8 +18,8 @@ from uuv_optical_array.core import cluster, memory
 from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.core.memory import machine_bytes, serving_bytes
 from uuv_optical_array.estimate import Estimator
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.store import TableStore
 from uuv_optical_array.table import GridPoses, build_table, grid_axes, load_table, save_table
 
@@ -201,7 +201,7 @@ def test_a_chunk_cut_off_while_it_is_written_is_not_there(tmp_path):
     code = """
 import os, sys
 import uuv_optical_array.store as s
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 import yaml
 s.CHUNK_ROWS = 64
 store = s.TableStore.create(sys.argv[1], scene_from_settings(yaml.safe_load(sys.argv[2]), "small"))

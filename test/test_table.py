@@ -12,8 +12,8 @@ from test_features import slow_key_parameters
 
 from uuv_optical_array import table as table_module
 from uuv_optical_array.core import files
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.table import build_table, cached_table, grid_axes, load_table, save_table
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import PriorSettings
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.scene import PriorSettings
 from uuv_optical_array.table import BLOCK_POSES, Progress, SignatureTable
 
 # The volume of the study, m and rad: 4 to 8 m, 0.9 m, 20 deg.

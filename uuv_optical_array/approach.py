@@ -18,9 +18,9 @@ from uuv_optical_array.docking import DockingSmoother
 from uuv_optical_array.docking_motion import DockingSettings
 from uuv_optical_array.estimate import Estimator, NoPose
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.scene import Scene, scene_from_settings
 from uuv_optical_array.table import cached_table
 from uuv_optical_array.tracking import Tracker, TrackerSettings
 

@@ -21,7 +21,7 @@ from uuv_optical_array.calibration_likelihood import (
     K,
 )
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")
 UNITS = ("counts m^2", "deg", "1/m", "counts")

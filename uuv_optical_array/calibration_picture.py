@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from uuv_optical_array.array import build_array
 from uuv_optical_array.calibration import Calibration
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.light import lamp_in_body, trace
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.light import lamp_in_body, trace
 from uuv_optical_array.picture import save
 
 DOTS = 20_000  # readings drawn one by one; the bins count all

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import wrightomega
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
-from uuv_optical_array.light import lamp_in_body, pitched
+from uuv_optical_array.forward.light import lamp_in_body, pitched
 
 AZIMUTH, ELEVATION, DIMNESS, PITCH, YAW = range(5)
 

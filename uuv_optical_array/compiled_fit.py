@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.effects import EFFECTS, MOVING, Stage
-from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.fit import ARRIVED, MAX_ITERATIONS, Evaluation, ImageFit, Prior
-from uuv_optical_array.image import MIN_VARIANCE, ForwardModel
-from uuv_optical_array.light import LateRays, Light
+from uuv_optical_array.forward.effects import EFFECTS, MOVING, Stage
+from uuv_optical_array.forward.effects.water import hanning_blur
+from uuv_optical_array.forward.light import LateRays, Light
+from uuv_optical_array.forward.model import MIN_VARIANCE, ForwardModel
 
 COSINE_POWER, RIM = 1, 2  # forms of `effects.field_of_view`
 # Effects that the kernel knows, and those that do nothing in an estimator; a scene with another

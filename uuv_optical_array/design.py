@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
-from uuv_optical_array.array import ArraySettings, Shape
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import LampSettings, beam_solid_angle
-from uuv_optical_array.scene import Scene
+from uuv_optical_array.forward.array import ArraySettings, Shape
+from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 
 # How bright each design's lamp is; `designed` explains.
 Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]

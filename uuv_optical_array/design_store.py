@@ -20,7 +20,7 @@ from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.design import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.design_score import BLOCK_READINGS, Score, score, volume_poses
-from uuv_optical_array.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 FORMAT = 1
 CHUNK_DESIGNS = 8  # about a second's work

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings, Prior
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.likelihood import log_likelihood
 
 STEPS = 12  # Gauss-Newton steps that a frame may take

@@ -17,7 +17,7 @@ from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.features import lifted
 from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.posterior import Posterior, rivalling
 from uuv_optical_array.sam import SpectralIndex
 from uuv_optical_array.table import SignatureTable, grid_axes

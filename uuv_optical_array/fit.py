@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.chart import Chart
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.likelihood import log_likelihood
 
 MAX_STEP = 0.3  # in every coordinate of the chart: farther, the linear model is no guide

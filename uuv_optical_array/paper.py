@@ -13,12 +13,12 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.array import Shape
 from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.sam import spectral_angle
-from uuv_optical_array.scene import Scene
 
 Motion = Literal["shift", "yaw"]
 UNITS: dict[Motion, str] = {"shift": "m", "yaw": "deg"}

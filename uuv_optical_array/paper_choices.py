@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
-from uuv_optical_array.effects import check_effects
-from uuv_optical_array.effects.water import hanning_blur
 from uuv_optical_array.features import key_parameters, skewness
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.effects import check_effects
+from uuv_optical_array.forward.effects.water import hanning_blur
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.paper import RECONSTRUCTION, Choice, paper_signature, scene_signature
-from uuv_optical_array.scene import Scene
 
 NOISE_DRAWS = 25
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.bulk import worthwhile
 from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import Scene
+from uuv_optical_array.forward.light_batch import worthwhile
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.table import (
     BLOCK_POSES,
     GridPoses,

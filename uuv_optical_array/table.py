@@ -16,12 +16,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from uuv_optical_array.bulk import worthwhile
 from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import Scene, TableSettings, scene_from_settings
+from uuv_optical_array.forward.light_batch import worthwhile
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
 
 FORMAT = 1
 BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the cache

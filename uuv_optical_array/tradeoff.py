@@ -23,15 +23,15 @@ from uuv_optical_array.accuracy import (
     random_poses,
     within_volume,
 )
-from uuv_optical_array.array import Shape
 from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimate import METHODS, Estimator, NoPose
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, TableSettings
 from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.scene import Scene, TableSettings
 from uuv_optical_array.table import Progress, SignatureTable, build_table
 from uuv_optical_array.tradeoff_csv import Mode, Row, load_average
 

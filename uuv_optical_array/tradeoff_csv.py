@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from uuv_optical_array.array import Shape
 from uuv_optical_array.core import files
-from uuv_optical_array.scene import Scene
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.scene import Scene
 
 Mode = typing.Literal["quick", "full"]
 SETTINGS_CSV, TABLES_CSV = "tradeoff.csv", "tables.csv"

@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.array import Shape
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.picture import SPECIFICATION, save
 from uuv_optical_array.tradeoff import guess

@@ -19,8 +19,8 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimate import NoPose
 from uuv_optical_array.features import key_parameters
+from uuv_optical_array.forward.scene import Scene, TableSettings
 from uuv_optical_array.sam import unit_vectors
-from uuv_optical_array.scene import Scene, TableSettings
 from uuv_optical_array.table import SignatureTable
 
 # 4 to 8 m by 1 m, 0.3 m across by 0.03 m, 30 deg by 3 deg: 972,405 poses.

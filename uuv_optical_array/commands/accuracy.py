@@ -19,10 +19,10 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.effects import MOVING
 from uuv_optical_array.estimate import METHODS, Estimator
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.scene import PriorSettings, Scene, load_scene
+from uuv_optical_array.forward.effects import MOVING
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import PriorSettings, Scene, load_scene
 from uuv_optical_array.table import cached_table
 
 DESCRIPTION = """\

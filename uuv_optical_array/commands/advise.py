@@ -19,7 +19,7 @@ from uuv_optical_array.commands.parser import (
 from uuv_optical_array.commands.tradeoff import Measurement
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.tradeoff import Group
 from uuv_optical_array.tradeoff_csv import SETTINGS_CSV, Origin, Row, read_csv, this_machine
 

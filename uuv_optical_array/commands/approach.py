@@ -33,8 +33,8 @@ from uuv_optical_array.commands.parser import (
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.picture import save
-from uuv_optical_array.scene import Scene, load_scene
 
 DESCRIPTION = """\
 Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a

@@ -22,7 +22,7 @@ from uuv_optical_array.commands.parser import (
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.scene import load_scene, save_scene
+from uuv_optical_array.forward.scene import load_scene, save_scene
 
 DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from uuv_optical_array.array import Shape
 from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
@@ -23,7 +22,8 @@ from uuv_optical_array.design import Mount, Power, Sweep, default_sweep, designe
 from uuv_optical_array.design_choice import fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.design_store import DesignStore, Row, Study, write_csv
-from uuv_optical_array.scene import Scene, load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.scene import Scene, load_scene, save_scene, scene_from_settings
 
 DESCRIPTION = """\
 Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and

@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from uuv_optical_array.array import Shape
 from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene, add_shape
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
-from uuv_optical_array.scene import Scene, load_scene
 
 DESCRIPTION = """\
 The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can

@@ -6,7 +6,7 @@ from typing import TypeAlias, TypeVar, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.array import Shape
+from uuv_optical_array.forward.array import Shape
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 INTERRUPTED = 130  # exit code after Ctrl-C

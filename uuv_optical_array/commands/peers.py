@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv_optical_array import bulk, peers
+from uuv_optical_array import peers
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -22,10 +22,11 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.image import ForwardModel
-from uuv_optical_array.light import lamp_in_body
+from uuv_optical_array.forward import light_batch as bulk
+from uuv_optical_array.forward.light import lamp_in_body
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.picture import save
-from uuv_optical_array.scene import Scene, load_scene
 from uuv_optical_array.table import grid_axes
 
 DESCRIPTION = """\

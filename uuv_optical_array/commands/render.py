@@ -13,9 +13,9 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.features import key_parameters
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.picture import save
-from uuv_optical_array.scene import load_scene
 
 DESCRIPTION = """\
 Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to

@@ -8,7 +8,7 @@ from pathlib import Path
 from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
 from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
 from uuv_optical_array.core import memory
-from uuv_optical_array.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.store import TableStore
 from uuv_optical_array.table import build_table, save_table
 

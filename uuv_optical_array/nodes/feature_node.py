@@ -5,6 +5,7 @@ from sensor_msgs.msg import Image, PointCloud2
 
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.features import key_parameters, no_pattern
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
     Refused,
@@ -14,7 +15,6 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
-from uuv_optical_array.scene import load_scene
 
 PARAMETERS = {
     "scene": SCENE,

@@ -11,7 +11,8 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.image import ForwardModel
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
     Refused,
@@ -22,7 +23,6 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
-from uuv_optical_array.scene import load_scene
 from uuv_optical_array.trajectory import TooEarly, Trajectory
 
 PARAMETERS = {

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import numpy as np
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.light import Light, Rays
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.light import Light, Rays
 
 Seed = Annotated[int, Quantity("of the draw", "", 0, 2**31 - 1)]
 WAVES = 16  # of which the slow drift is the sum

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.array import DetectorArray
 
 # A lamp is no point: nearer than its own size the inverse square does not hold.
 MIN_RANGE_M = 1e-3

@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Cells, Grid, Quantity, one_way
-from uuv_optical_array.light import Light, Rays
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.light import Light, Rays
 
 
 def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any]:

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, one_way
-from uuv_optical_array.effects.jerlov import Water, diffuse_attenuation
-from uuv_optical_array.light import LampSettings, Light, Rays, squared_angle_slopes
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
+from uuv_optical_array.forward.light import LampSettings, Light, Rays, squared_angle_slopes
 
 WavelengthNm = Annotated[float | None, Quantity("wavelength of the light", "nm", 500, 550)]
 KPerM = Annotated[float | None, Quantity("diffuse attenuation coefficient K", "1/m", 0, 10)]

@@ -13,7 +13,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
-from uuv_optical_array.light import MIN_RANGE_M
+from uuv_optical_array.forward.light import MIN_RANGE_M
 
 TILE_POSES, TILE_READINGS = 16, 400
 MAX_RANGE_M = 1e100  # whose square is a number

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all, unknown
-from uuv_optical_array.effects.detectors import (
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.effects.detectors import (
     detector_faults,
     field_of_view,
     resolved_field_of_view,
     resolved_responsivity,
     responsivity,
 )
-from uuv_optical_array.effects.electronics import (
+from uuv_optical_array.forward.effects.electronics import (
     Variance,
     adc,
     photodiode,
@@ -32,8 +32,8 @@ from uuv_optical_array.effects.electronics import (
     sensor_noise,
     shot_noise,
 )
-from uuv_optical_array.effects.moving import lamp_drift, lamp_flicker, plume
-from uuv_optical_array.effects.water import (
+from uuv_optical_array.forward.effects.moving import lamp_drift, lamp_flicker, plume
+from uuv_optical_array.forward.effects.water import (
     ambient,
     attenuation,
     beam_spread,
@@ -41,7 +41,7 @@ from uuv_optical_array.effects.water import (
     resolved_ambient,
     resolved_attenuation,
 )
-from uuv_optical_array.light import LampSettings, Light, Rays
+from uuv_optical_array.forward.light import LampSettings, Light, Rays
 
 
 class Stage(Enum):

@@ -6,10 +6,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array import bulk, effects
-from uuv_optical_array.array import build_array
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.light import (
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward import light_batch as bulk
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.light import (
     LateRays,
     Light,
     irradiance,
@@ -18,8 +19,8 @@ from uuv_optical_array.light import (
     lamp_in_body,
     trace,
 )
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.likelihood import Limits
-from uuv_optical_array.scene import Scene
 
 # Settings of a scene that may be off, and the unit of their offset; the power's is its logarithm.
 NUISANCES = {

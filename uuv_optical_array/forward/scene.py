@@ -10,12 +10,12 @@ from typing import Annotated, Any
 
 import yaml
 
-from uuv_optical_array.array import ArraySettings, Shape
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
-from uuv_optical_array.effects import check_effects
 from uuv_optical_array.features import SignatureSettings
-from uuv_optical_array.light import LampSettings
+from uuv_optical_array.forward.array import ArraySettings, Shape
+from uuv_optical_array.forward.effects import check_effects
+from uuv_optical_array.forward.light import LampSettings
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
-from uuv_optical_array.light import MIN_RANGE_M
+from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.light import MIN_RANGE_M
 
 BLOCK_READINGS = 51_200  # whose five arrays stay in the second level of the cache
 # To load Numba and a kernel that was compiled before takes as long as it saves here.
@@ -49,7 +49,7 @@ def kernel() -> Callable[..., None]:
     try:
         from numba import float64, njit, types, void
 
-        from uuv_optical_array.bulk_kernel import write
+        from uuv_optical_array.forward.light_batch_kernel import write
     except ImportError as error:
         raise ValueError(f"compiled: {error}; install Numba: pip install -e '.[fast]'") from None
     matrix, poses = float64[:, ::1], types.Array(float64, 2, "A", readonly=True)

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from scipy.constants import elementary_charge, k, zero_Celsius
 
-from uuv_optical_array.array import DetectorArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, one_way
+from uuv_optical_array.forward.array import DetectorArray
 
 # Variance in counts^2 and its derivative by the image, each a number or in the image's shape.
 Variance: TypeAlias = tuple[float | Array, float | Array]

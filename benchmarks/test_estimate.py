@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from uuv_optical_array.estimate import Estimator
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.table import build_table
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, 0.1])
 # What is far off in m and rad, for a method that ends at an entry of the table and for one that

@@ -310,7 +310,7 @@ def scene(scene_file):
 
 @pytest.fixture(scope="session")
 def table(scene):
-    from uuv_optical_array.table import build_table
+    from uuv_optical_array.estimation.table.signature_table import build_table
 
     return build_table(scene)
 
@@ -324,8 +324,8 @@ def murky_scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def murky_table_folder(murky_scene_file):
+    from uuv_optical_array.estimation.table.signature_table import build_table, save_table
     from uuv_optical_array.forward.scene import load_scene
-    from uuv_optical_array.table import build_table, save_table
 
     folder = Path(murky_scene_file).parent / "table"
     save_table(build_table(load_scene(murky_scene_file)), folder)
@@ -334,7 +334,7 @@ def murky_table_folder(murky_scene_file):
 
 @pytest.fixture(scope="session")
 def table_folder(table, tmp_path_factory):
-    from uuv_optical_array.table import save_table
+    from uuv_optical_array.estimation.table.signature_table import save_table
 
     folder = tmp_path_factory.mktemp("tables") / "small"
     save_table(table, folder)

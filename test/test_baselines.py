@@ -22,11 +22,11 @@ from uuv_optical_array.baselines.moments import (
     measure,
 )
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimate import NoPose
-from uuv_optical_array.features import skewness
+from uuv_optical_array.estimation.estimator import NoPose
+from uuv_optical_array.estimation.features import skewness
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.table import build_table
 
 SPACING_M = 0.06
 images_5x5 = arrays(float, (5, 5), elements=st.floats(0, 1023, width=32)).filter(

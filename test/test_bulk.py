@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.light import MIN_RANGE_M, LateRays, irradiance, lamp_in_body, trace
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.table import build_table
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -251,7 +251,7 @@ def test_numba_is_loaded_for_bulk_work_only():
     code = (
         "import sys, numpy as np; from uuv_optical_array.forward.model import ForwardModel;"
         "from uuv_optical_array.forward.scene import load_scene;"
-        "from uuv_optical_array.table import build_table;"
+        "from uuv_optical_array.estimation.table.signature_table import build_table;"
         "model = ForwardModel(load_scene('reference'));"
         "model.light(np.tile([-6.0, 0, 0, 0, 0], (10_000, 1)));"
         "print('numba' in sys.modules)"

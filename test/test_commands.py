@@ -14,7 +14,7 @@ from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from uuv_optical_array.core import files
-from uuv_optical_array.table import load_table
+from uuv_optical_array.estimation.table.signature_table import load_table
 
 
 @contextlib.contextmanager

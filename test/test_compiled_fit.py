@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import wrightomega
 
-from uuv_optical_array.compiled_fit import CompiledFit, image_fit
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimate import Estimator, NoPose
-from uuv_optical_array.features import key_parameters
-from uuv_optical_array.fit import ImageFit, Prior
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.least_squares.compiled_fit import CompiledFit, image_fit
+from uuv_optical_array.estimation.least_squares.solver import ImageFit, Prior
+from uuv_optical_array.estimation.likelihood import Limits, log_likelihood
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward import effects as effects_module
 from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.likelihood import Limits, log_likelihood
-from uuv_optical_array.table import build_table
 
 pytestmark = pytest.mark.filterwarnings("error")
 numba = pytest.mark.skipif(not bulk.installed(), reason="Numba is not installed")
@@ -200,7 +200,7 @@ def test_readings_and_priors_may_be_those_of_each_start():
 )
 @reproducible
 def test_the_likelihood_of_a_reading_is_that_of_scipys_functions(reading, light, still, steep):
-    from uuv_optical_array.fit_kernel import _likely
+    from uuv_optical_array.estimation.least_squares.fit_kernel import _likely
 
     variance = np.maximum(still + steep * max(light, 0.0), 1e-6)
     one = np.ones(1)
@@ -217,7 +217,7 @@ def test_the_likelihood_of_a_reading_is_that_of_scipys_functions(reading, light,
 
 @numba
 def test_the_range_comes_from_wrights_omega():
-    from uuv_optical_array.fit_kernel import _omega
+    from uuv_optical_array.estimation.least_squares.fit_kernel import _omega
 
     for target in np.concatenate([np.linspace(-30, 15, 2001), [-0.999999, 2.000001]]):
         assert _omega(target) == pytest.approx(float(wrightomega(target)), rel=1e-14)
@@ -257,8 +257,8 @@ def test_without_numba_numpy_fits_and_asking_for_it_says_what_to_install():
 import sys
 sys.modules["numba"] = None
 import numpy as np
-from uuv_optical_array.compiled_fit import image_fit
-from uuv_optical_array.fit import Prior
+from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
+from uuv_optical_array.estimation.least_squares.solver import Prior
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene
@@ -295,7 +295,7 @@ def test_an_effect_that_the_kernel_does_not_know_is_left_to_numpy(monkeypatch):
 @numba
 def test_no_frame_waits_for_the_compiler():
     """Whatever the image's memory looks like, the kernels are those of the start."""
-    from uuv_optical_array import fit_kernel
+    from uuv_optical_array.estimation.least_squares import fit_kernel
 
     kernels = fit_kernel.evaluate, fit_kernel.costs, fit_kernel.descend, fit_kernel.light_at
     scene = load_scene("reference")

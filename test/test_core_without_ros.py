@@ -100,7 +100,9 @@ def test_every_core_module_loads_on_a_computer_without_ros():
         # A kernel is Numba's, which is an extra.
         if bulk.installed() or not path.stem.endswith("_kernel")
     ]
-    assert {"uuv_optical_array.estimate", "uuv_optical_array.forward.scene"} <= set(modules)
+    assert {"uuv_optical_array.estimation.estimator", "uuv_optical_array.forward.scene"} <= set(
+        modules
+    )
     run = subprocess.run(
         [sys.executable, "-W", "error", "-c", IMPORT_ALL, ROS.pattern, *modules],
         cwd=PACKAGE.parent,

@@ -8,11 +8,11 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.docking import DockingSmoother
-from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings
+from uuv_optical_array.estimation.docking.motion import MOTION, DockingMotion, DockingSettings
+from uuv_optical_array.estimation.docking.smoother import DockingSmoother
+from uuv_optical_array.estimation.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.likelihood import information
 
 STEP_S = 0.2
 SETTINGS = DockingSettings(speed_walk_m_per_s=0.03, slip_m=0.02, turn_walk_deg_per_s=3.0)

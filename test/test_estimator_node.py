@@ -16,13 +16,13 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import covariance_6x6
-from uuv_optical_array.estimate import Estimator
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import load_table, save_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.messages import features_to_message, image_to_message
-from uuv_optical_array.table import load_table, save_table
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

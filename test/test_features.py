@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from uuv_optical_array.features import (
+from uuv_optical_array.estimation.features import (
     FEATURE_NAMES,
     SignatureSettings,
     key_parameters,

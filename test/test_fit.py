@@ -6,12 +6,12 @@ from scipy.optimize import least_squares, minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
-from uuv_optical_array.estimate import Estimator
-from uuv_optical_array.features import key_parameters
-from uuv_optical_array.fit import ImageFit, Prior
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.least_squares.solver import ImageFit, Prior
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.table import build_table
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),

@@ -9,12 +9,16 @@ import pytest
 from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
-from uuv_optical_array.estimate import METHODS, Estimate, Estimator, NoPose
-from uuv_optical_array.features import key_parameters, lifted
+from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters, lifted
+from uuv_optical_array.estimation.spectral_angle import SpectralIndex, spectral_angle
+from uuv_optical_array.estimation.table.signature_table import (
+    SignatureTable,
+    build_table,
+    grid_axes,
+)
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.sam import SpectralIndex, spectral_angle
-from uuv_optical_array.table import SignatureTable, build_table, grid_axes
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),

@@ -8,7 +8,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.chart import Chart
+from uuv_optical_array.estimation.least_squares.coordinates import Chart
 from uuv_optical_array.forward.light import lamp_in_body
 from uuv_optical_array.forward.model import NUISANCES, ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from uuv_optical_array.likelihood import Limits, information, log_likelihood
+from uuv_optical_array.estimation.likelihood import Limits, information, log_likelihood
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),

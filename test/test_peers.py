@@ -10,9 +10,9 @@ import pytest
 
 from uuv_optical_array import peers
 from uuv_optical_array.commands import peers as command
+from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.sam import spectral_angle
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uuv_optical_array.estimate import Estimator, NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.likelihood import Limits, log_likelihood
+from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.likelihood import Limits, log_likelihood
-from uuv_optical_array.table import build_table, grid_axes
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),

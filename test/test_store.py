@@ -12,16 +12,22 @@ import pytest
 import yaml
 from conftest import PATIENCE_S, dask_workers, filled_while_a_worker_dies
 
-from uuv_optical_array import store as store_module
 from uuv_optical_array.commands import main
 from uuv_optical_array.core import cluster, memory
 from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.core.memory import machine_bytes, serving_bytes
-from uuv_optical_array.estimate import Estimator
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table import store as store_module
+from uuv_optical_array.estimation.table.signature_table import (
+    GridPoses,
+    build_table,
+    grid_axes,
+    load_table,
+    save_table,
+)
+from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.store import TableStore
-from uuv_optical_array.table import GridPoses, build_table, grid_axes, load_table, save_table
 
 SPANS = {
     "x_m": [-8.0, 4.0, 7],
@@ -200,7 +206,7 @@ def test_a_chunk_cut_off_while_it_is_written_is_not_there(tmp_path):
     """The process is killed in the middle of a write, at the call that names the file."""
     code = """
 import os, sys
-import uuv_optical_array.store as s
+import uuv_optical_array.estimation.table.store as s
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 import yaml
 s.CHUNK_ROWS = 64
@@ -345,7 +351,7 @@ def test_the_command_builds_resumes_and_refuses(tmp_path, monkeypatch, capsys):
 @pytest.fixture
 def two_workers(tmp_path):
     # Workers compute small chunks too.
-    small = f"import uuv_optical_array.store as s; s.CHUNK_ROWS = {CHUNK}\n"
+    small = f"import uuv_optical_array.estimation.table.store as s; s.CHUNK_ROWS = {CHUNK}\n"
     with dask_workers(tmp_path, small) as cluster:
         yield cluster
 

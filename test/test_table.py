@@ -10,11 +10,17 @@ import pytest
 import yaml
 from test_features import slow_key_parameters
 
-from uuv_optical_array import table as table_module
 from uuv_optical_array.core import files
+from uuv_optical_array.estimation.table import signature_table as table_module
+from uuv_optical_array.estimation.table.signature_table import (
+    build_table,
+    cached_table,
+    grid_axes,
+    load_table,
+    save_table,
+)
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.table import build_table, cached_table, grid_axes, load_table, save_table
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -31,8 +31,14 @@ from tracks import (
 
 from uuv_optical_array.core.geometry import Y
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.estimate import NoPose
-from uuv_optical_array.tracking import RATE_STD, Outlier, StampRefused, Tracker, TrackerSettings
+from uuv_optical_array.estimation.estimator import NoPose
+from uuv_optical_array.estimation.tracker import (
+    RATE_STD,
+    Outlier,
+    StampRefused,
+    Tracker,
+    TrackerSettings,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -19,7 +19,7 @@ from tracks import (
 )
 
 from uuv_optical_array.core.geometry import X, Y, Z
-from uuv_optical_array.tracking import RATE_STD, Outlier, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracker import RATE_STD, Outlier, Tracker, TrackerSettings
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -21,13 +21,13 @@ from uuv_optical_array.accuracy import HIGH, LOW, study
 from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.commands import tradeoff as command
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimate import METHODS, Estimator, NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
-from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.pareto import fronts, numbered, pareto_front
-from uuv_optical_array.table import build_table, grid_axes
 from uuv_optical_array.table_cost import table_cost
 from uuv_optical_array.tradeoff import (
     ALL_METHODS,

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from uuv_optical_array.tracking import TrackerSettings
+from uuv_optical_array.estimation.tracker import TrackerSettings
 
 START_NS = 1_700_000_000_123_456_789  # a wall clock: float64 seconds would lose 100 ns
 TENTH_NS = 100_000_000

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimate import Estimator, NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings
-from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.table import BLOCK_POSES, Progress, SignatureTable
 
 # The volume of the study, m and rad: 4 to 8 m, 0.9 m, 20 deg.
 HIGH = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])

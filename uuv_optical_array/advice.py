@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from uuv_optical_array.estimate import METHODS
+from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.pareto import MOST_WITHOUT_POSE, simplicity
 from uuv_optical_array.tradeoff_csv import Row
 

@@ -14,15 +14,15 @@ import numpy as np
 
 from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
-from uuv_optical_array.docking import DockingSmoother
-from uuv_optical_array.docking_motion import DockingSettings
-from uuv_optical_array.estimate import Estimator, NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.docking.motion import DockingSettings
+from uuv_optical_array.estimation.docking.smoother import DockingSmoother
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import cached_table
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
-from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.table import cached_table
-from uuv_optical_array.tracking import Tracker, TrackerSettings
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ

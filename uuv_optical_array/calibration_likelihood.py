@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
-from uuv_optical_array.likelihood import information, log_likelihood
 
 POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
 BLOCK_READINGS = 100_000

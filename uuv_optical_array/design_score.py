@@ -12,9 +12,10 @@ import numpy as np
 
 from uuv_optical_array.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.paper import (
     RANGES_M,
     THRESHOLD_DEG,
@@ -24,7 +25,6 @@ from uuv_optical_array.paper import (
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.sam import spectral_angle
 from uuv_optical_array.tradeoff import position_and_angle
 
 # What the specification wants told apart: m and deg, to either side.

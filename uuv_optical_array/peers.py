@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.features import key_parameters, lifted
+from uuv_optical_array.estimation.features import key_parameters, lifted
+from uuv_optical_array.estimation.spectral_angle import SpectralIndex, spectral_angle
+from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.sam import SpectralIndex, spectral_angle
-from uuv_optical_array.table import BLOCK_POSES, grid_axes
 
 # Of queries (q, n): the nearest row of each, and its angle in rad.
 Search: TypeAlias = Callable[[Array], tuple[NDArray[np.intp], Array]]

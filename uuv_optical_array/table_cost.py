@@ -10,9 +10,13 @@ from pathlib import Path
 
 import yaml
 
-from uuv_optical_array.estimate import Estimator
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table.signature_table import (
+    SignatureTable,
+    load_table,
+    save_table,
+)
 from uuv_optical_array.forward.scene import scene_from_settings
-from uuv_optical_array.table import SignatureTable, load_table, save_table
 from uuv_optical_array.tradeoff_csv import TableCost, load_average
 
 MB = 1e6

@@ -26,13 +26,13 @@ from uuv_optical_array.accuracy import (
 from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimate import METHODS, Estimator, NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable, build_table
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
-from uuv_optical_array.limits import cramer_rao_bound
-from uuv_optical_array.table import Progress, SignatureTable, build_table
 from uuv_optical_array.tradeoff_csv import Mode, Row, load_average
 
 # Our methods have a table of any size, the published ones what they were published with.

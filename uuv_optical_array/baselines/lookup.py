@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimate import NoPose
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.estimator import NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.scene import Scene, TableSettings
-from uuv_optical_array.sam import unit_vectors
-from uuv_optical_array.table import SignatureTable
 
 # 4 to 8 m by 1 m, 0.3 m across by 0.03 m, 30 deg by 3 deg: 972,405 poses.
 GRID = TableSettings(

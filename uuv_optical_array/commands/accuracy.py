@@ -19,11 +19,11 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.estimate import METHODS, Estimator
+from uuv_optical_array.estimation.estimator import METHODS, Estimator
+from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, Scene, load_scene
-from uuv_optical_array.table import cached_table
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks

@@ -13,10 +13,10 @@ from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.limits import cramer_rao_bound
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
 
 DESCRIPTION = """\

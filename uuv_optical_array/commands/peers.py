@@ -22,12 +22,12 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.estimation.table.signature_table import grid_axes
 from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.light import lamp_in_body
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.picture import save
-from uuv_optical_array.table import grid_axes
 
 DESCRIPTION = """\
 Exact search by spectral angle against Spectral Python, scikit-learn, SciPy, NumPy and faiss, on

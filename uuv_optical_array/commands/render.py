@@ -12,7 +12,7 @@ from uuv_optical_array.commands.parser import Subparsers, add_command, add_scene
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.picture import save

@@ -8,9 +8,9 @@ from pathlib import Path
 from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
 from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
 from uuv_optical_array.core import memory
+from uuv_optical_array.estimation.table.signature_table import build_table, save_table
+from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.store import TableStore
-from uuv_optical_array.table import build_table, save_table
 
 DESCRIPTION = """\
 Build the signature table of a scene: the five key parameters of every pose on the grid that the

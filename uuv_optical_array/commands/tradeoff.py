@@ -20,9 +20,9 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
-from uuv_optical_array.table import Progress, SignatureTable
 from uuv_optical_array.table_cost import table_cost
 from uuv_optical_array.tradeoff import FRAMES, QUICK_LEAVES_OUT, Group, expected_s, measure, plan
 from uuv_optical_array.tradeoff_csv import (

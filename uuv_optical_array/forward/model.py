@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.likelihood import Limits
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.array import build_array
@@ -20,7 +21,6 @@ from uuv_optical_array.forward.light import (
     trace,
 )
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.likelihood import Limits
 
 # Settings of a scene that may be off, and the unit of their offset; the power's is its logarithm.
 NUISANCES = {

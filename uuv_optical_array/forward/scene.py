@@ -12,7 +12,7 @@ import yaml
 
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
-from uuv_optical_array.features import SignatureSettings
+from uuv_optical_array.estimation.features import SignatureSettings
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.light import LampSettings

@@ -11,7 +11,9 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import DOF_NAMES, covariance_6x6
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimate import METHODS, Estimate, Estimator, NoPose
+from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
+from uuv_optical_array.estimation.table.signature_table import cached_table, load_table
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
@@ -26,8 +28,6 @@ from uuv_optical_array.nodes.messages import (
 )
 from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters, parameters_of
-from uuv_optical_array.table import cached_table, load_table
-from uuv_optical_array.tracking import Tracker, TrackerSettings
 
 PARAMETERS = {
     "scene": SCENE,

@@ -4,7 +4,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.features import key_parameters, no_pattern
+from uuv_optical_array.estimation.features import key_parameters, no_pattern
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (

@@ -11,7 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.fit import ARRIVED, MAX_ITERATIONS, Evaluation, ImageFit, Prior
+from uuv_optical_array.estimation.least_squares.solver import (
+    ARRIVED,
+    MAX_ITERATIONS,
+    Evaluation,
+    ImageFit,
+    Prior,
+)
 from uuv_optical_array.forward.effects import EFFECTS, MOVING, Stage
 from uuv_optical_array.forward.effects.water import hanning_blur
 from uuv_optical_array.forward.light import LateRays, Light
@@ -192,7 +198,9 @@ class CompiledFit(ImageFit):
                 f"compiled: {unknown[0]} is no effect of the kernel; let NumPy fit this scene"
             )
         try:
-            self._kernel = importlib.import_module("uuv_optical_array.fit_kernel")
+            self._kernel = importlib.import_module(
+                "uuv_optical_array.estimation.least_squares.fit_kernel"
+            )
         except ImportError as error:
             raise ValueError(
                 f"compiled: {error}; install Numba: pip install -e '.[fast]'"

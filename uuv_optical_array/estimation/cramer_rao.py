@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.likelihood import information
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.
 ROUNDING = 1e-13

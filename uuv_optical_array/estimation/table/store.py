@@ -15,10 +15,7 @@ import numpy as np
 from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.light_batch import worthwhile
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.table import (
+from uuv_optical_array.estimation.table.signature_table import (
     BLOCK_POSES,
     GridPoses,
     SignatureTable,
@@ -27,6 +24,9 @@ from uuv_optical_array.table import (
     no_light,
     signatures,
 )
+from uuv_optical_array.forward.light_batch import worthwhile
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 
 FORMAT = 1
 CHUNK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second's work

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from uuv_optical_array.compiled_fit import image_fit
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
-from uuv_optical_array.features import lifted
-from uuv_optical_array.fit import DISTINCT, Fit, ImageFit, Prior
+from uuv_optical_array.estimation.features import lifted
+from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
+from uuv_optical_array.estimation.least_squares.posterior import Posterior, rivalling
+from uuv_optical_array.estimation.least_squares.solver import DISTINCT, Fit, ImageFit, Prior
+from uuv_optical_array.estimation.spectral_angle import SpectralIndex
+from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.posterior import Posterior, rivalling
-from uuv_optical_array.sam import SpectralIndex
-from uuv_optical_array.table import SignatureTable, grid_axes
 
 Method = Literal["sam", "sam_interpolated", "least_squares"]
 METHODS: tuple[Method, ...] = get_args(Method)

@@ -5,9 +5,9 @@ from scipy.optimize import minimize
 from scipy.special import chdtri, logsumexp, ndtri
 from scipy.stats import qmc
 
-from uuv_optical_array.chains import Chains
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.fit import Fit, ImageFit
+from uuv_optical_array.estimation.least_squares.mcmc import Chains
+from uuv_optical_array.estimation.least_squares.solver import Fit, ImageFit
 
 # How far the log-posterior may be from the quadratic one at the cubature points.
 TOLERANCE = 0.2

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.features import key_parameters
+from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.light_batch import worthwhile
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
@@ -258,7 +258,7 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
         large for this machine.
     """
     path = files.user_path(path)
-    from uuv_optical_array import store  # which builds on this module
+    from uuv_optical_array.estimation.table import store  # which builds on this module
 
     if store.is_store(path):
         return store.TableStore.open(path, scene).table()

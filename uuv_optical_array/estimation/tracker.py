@@ -21,7 +21,7 @@ from scipy.special import chdtri
 
 from uuv_optical_array.core.geometry import YAW, Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimate import NoPose
+from uuv_optical_array.estimation.estimator import NoPose
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13

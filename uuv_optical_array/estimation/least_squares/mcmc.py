@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.fit import Fit, ImageFit
+from uuv_optical_array.estimation.least_squares.solver import Fit, ImageFit
 
 # Chains, their steps, and how many of these come before the first that counts.
 CHAINS, STEPS, SETTLING = 64, 120, 40

@@ -17,9 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.docking_motion import MOTION, DockingMotion, DockingSettings, Prior
+from uuv_optical_array.estimation.docking.motion import (
+    MOTION,
+    DockingMotion,
+    DockingSettings,
+    Prior,
+)
+from uuv_optical_array.estimation.likelihood import log_likelihood
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.likelihood import log_likelihood
 
 STEPS = 12  # Gauss-Newton steps that a frame may take
 ARRIVED = 5e-3  # gain of the log-posterior below which they end

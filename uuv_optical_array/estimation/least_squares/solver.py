@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.chart import Chart
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.least_squares.coordinates import Chart
+from uuv_optical_array.estimation.likelihood import log_likelihood
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.likelihood import log_likelihood
 
 MAX_STEP = 0.3  # in every coordinate of the chart: farther, the linear model is no guide
 MAX_ITERATIONS = 40

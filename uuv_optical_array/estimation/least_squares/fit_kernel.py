@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import njit
 
-from uuv_optical_array.compiled_fit import COSINE_POWER, RIM, Sea
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.least_squares.compiled_fit import COSINE_POWER, RIM, Sea
+from uuv_optical_array.estimation.likelihood import ASYMPTOTIC
 from uuv_optical_array.forward.light import MIN_RANGE_M
 from uuv_optical_array.forward.light_batch_kernel import EVEN, ODD, exponential, horner
-from uuv_optical_array.likelihood import ASYMPTOTIC
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}

@@ -1,0 +1,1 @@
+"""From image to pose: features, match, fit, covariance, track."""

@@ -1,0 +1,1 @@
+"""A smoother of images for the approach to a lamp that stays."""

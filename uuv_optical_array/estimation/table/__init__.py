@@ -1,0 +1,1 @@
+"""The signature table: build, save, load, refuse."""

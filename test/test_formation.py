@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.formation import FormationController, FormationSettings
-from uuv_optical_array.vehicles import Vehicle, leader_twist, start_behind
 
 STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 TICK_S = 0.05

@@ -7,8 +7,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from std_msgs.msg import Header
 
+from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import covariance_5x5
-from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.messages import pose_to_message
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from uuv_optical_array.trajectory import TooEarly, Trajectory, unit_quaternion
+from uuv_optical_array.control.trajectory import TooEarly, Trajectory, unit_quaternion
 
 pytestmark = pytest.mark.filterwarnings("error")
 

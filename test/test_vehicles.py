@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.control.vehicles import Limits, Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.vehicles import Limits, Vehicle, leader_twist, start_behind
 
 # So quick that a commanded velocity is reached in the first step.
 FREE = Limits(speed=(10.0,) * 5, acceleration=(1e6,) * 5, pitch=1.5)

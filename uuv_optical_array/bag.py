@@ -11,9 +11,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Refused, image_from_message, odometry_pose, stamp_ns
-from uuv_optical_array.trajectory import TooEarly, Trajectory
 
 Axes: TypeAlias = Literal["flu", "frd"]
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"

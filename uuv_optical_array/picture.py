@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.record import FollowRecord
 
 # The specification of Eren et al. (2016), which the errors are drawn against.
 SPECIFICATION = np.array([0.2, 0.2, 0.2, 10.0, 10.0])  # m and deg

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.control.trajectory import unit_quaternion
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.trajectory import unit_quaternion
 
 
 class Refused(ValueError):

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
+from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -24,7 +25,6 @@ from uuv_optical_array.nodes.messages import (
 from uuv_optical_array.nodes.node import spin, start, subscribe
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
-from uuv_optical_array.record import FollowRecord
 
 
 class RecorderNode(Node):

@@ -7,9 +7,9 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import covariance_5x5
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.formation import FormationController, FormationSettings
 from uuv_optical_array.nodes.diagnostics import Diagnostics
 from uuv_optical_array.nodes.messages import (
     Refused,

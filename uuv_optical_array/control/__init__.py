@@ -1,0 +1,1 @@
+"""Station keeping: the control law, the demonstration's vehicles, what happened in a run."""

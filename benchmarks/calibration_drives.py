@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from uuv_optical_array.calibration import calibrate
+from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -19,7 +19,7 @@ from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.bag import Topics, read_recording
+from uuv_optical_array.calibration.bag import Topics, read_recording
 from uuv_optical_array.commands import calibrate
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from uuv_optical_array.calibration import NAMES, calibrate
-from uuv_optical_array.calibration_likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.calibrate import NAMES, calibrate
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 

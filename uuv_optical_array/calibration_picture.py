@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from uuv_optical_array.calibration import Calibration
+from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.light import lamp_in_body, trace

@@ -8,8 +8,8 @@ from typing import Annotated, Any, get_args
 import numpy as np
 from tqdm import tqdm
 
-from uuv_optical_array.bag import Axes, Recording, Topics, read_recording
-from uuv_optical_array.calibration import NAMES, Calibration, Parameter, calibrate
+from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
+from uuv_optical_array.calibration.calibrate import NAMES, Calibration, Parameter, calibrate
 from uuv_optical_array.calibration_picture import draw_calibration
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,

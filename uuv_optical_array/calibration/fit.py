@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
-from uuv_optical_array.calibration_likelihood import (
+from uuv_optical_array.calibration.likelihood import (
     BACKGROUND,
     GAINS,
     POWER,

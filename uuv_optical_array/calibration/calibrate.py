@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.calibration_fit import CalibrationFit
-from uuv_optical_array.calibration_likelihood import (
+from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood import (
     BACKGROUND,
     GAINS,
     POWER,

@@ -1,0 +1,1 @@
+"""From a recorded drive to the scene of that sea."""

@@ -346,6 +346,6 @@ def small_chunks(monkeypatch):
     """Designs by the three in a chunk."""
     for needed in ("zarr", "dask"):
         pytest.importorskip(needed, reason="a sweep in chunks needs the extra cluster")
-    from uuv_optical_array import design_store
+    from uuv_optical_array.studies.design import store as design_store
 
     monkeypatch.setattr(design_store, "CHUNK_DESIGNS", 3)

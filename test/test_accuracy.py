@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from uuv_optical_array import accuracy
-from uuv_optical_array.accuracy import random_poses, study
 from uuv_optical_array.commands import accuracy as command
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
+from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies.accuracy import random_poses, study
 
 FRAMES = 2000
 

@@ -9,10 +9,10 @@ import measured
 import pytest
 import yaml
 
-from uuv_optical_array.advice import Need, advise
 from uuv_optical_array.commands import advise as command
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row
+from uuv_optical_array.studies.tradeoff.advice import Need, advise
+from uuv_optical_array.studies.tradeoff.results import Ledger, Origin, Row
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 

@@ -12,8 +12,11 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest, norm, uniform
 
-from uuv_optical_array import approach
-from uuv_optical_array.approach import (
+from uuv_optical_array.commands import approach as command
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies import approach
+from uuv_optical_array.studies.approach import (
     CASES,
     FRAMES,
     METHODS,
@@ -25,9 +28,6 @@ from uuv_optical_array.approach import (
     expose,
     simulate,
 )
-from uuv_optical_array.commands import approach as command
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 
 WIDTH = 10.23  # 1 % of 1023 counts
 

@@ -8,9 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from uuv_optical_array.baselines import lookup as lookup_module
-from uuv_optical_array.baselines.lookup import GRID, LookUp, Weights, lookup_scene, weights_by_trial
-from uuv_optical_array.baselines.moments import (
+from uuv_optical_array.core.settings import Span
+from uuv_optical_array.estimation.estimator import NoPose
+from uuv_optical_array.estimation.features import skewness
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.baselines import lookup as lookup_module
+from uuv_optical_array.studies.baselines.lookup import (
+    GRID,
+    LookUp,
+    Weights,
+    lookup_scene,
+    weights_by_trial,
+)
+from uuv_optical_array.studies.baselines.moments import (
     ACROSS_M,
     DOWN_M,
     RANGES_M,
@@ -21,12 +33,6 @@ from uuv_optical_array.baselines.moments import (
     image_moments,
     measure,
 )
-from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.estimator import NoPose
-from uuv_optical_array.estimation.features import skewness
-from uuv_optical_array.estimation.table.signature_table import build_table
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 SPACING_M = 0.06
 images_5x5 = arrays(float, (5, 5), elements=st.floats(0, 1023, width=32)).filter(

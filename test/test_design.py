@@ -11,11 +11,17 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import dawsn
 
-from uuv_optical_array.design import Design, Sweep, default_sweep, designed, with_gain
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.light import beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.design.designs import (
+    Design,
+    Sweep,
+    default_sweep,
+    designed,
+    with_gain,
+)
 
 POWERS = ("flux", "flux_in_range", "counts")
 

@@ -17,12 +17,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from uuv_optical_array.design import Design, designed
-from uuv_optical_array.design_choice import front, fronts, numbered, of_the_paper, standing
 from uuv_optical_array.design_picture import apart, draw_designs
-from uuv_optical_array.design_score import Score
-from uuv_optical_array.design_store import COLUMNS, DesignStore, Row
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.design.choice import front, fronts, numbered, of_the_paper, standing
+from uuv_optical_array.studies.design.designs import Design, designed
+from uuv_optical_array.studies.design.score import Score
+from uuv_optical_array.studies.design.store import COLUMNS, DesignStore, Row
 
 
 def row_of(side, position_m, angle_deg, **changes):

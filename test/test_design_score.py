@@ -11,12 +11,12 @@ from designs import CURVED, PLANAR, rng, scene_with
 from scipy.spatial.transform import Rotation
 from scipy.stats import skew
 
-from uuv_optical_array.accuracy import HIGH, LOW
-from uuv_optical_array.design import Design, Sweep, designed
-from uuv_optical_array.design_score import score, signature_noise_deg, volume_poses
-from uuv_optical_array.design_store import DesignStore, Study
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.accuracy import HIGH, LOW
+from uuv_optical_array.studies.design.designs import Design, Sweep, designed
+from uuv_optical_array.studies.design.score import score, signature_noise_deg, volume_poses
+from uuv_optical_array.studies.design.store import DesignStore, Study
 
 
 def own_light(design, bow_m, power, k_per_m, pose):

@@ -8,8 +8,8 @@ from conftest import dask_workers, filled_while_a_worker_dies
 from designs import SMALL, study_of
 
 from uuv_optical_array.core.cluster import on_threads
-from uuv_optical_array.design_store import DesignStore
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.design.store import DesignStore
 
 
 def fill(path, study, threads=1):
@@ -41,7 +41,7 @@ def test_the_same_bytes_by_one_thread_two_threads_and_any_order(tmp_path, small_
 
 def test_two_workers_one_killed_half_way_write_the_same_bytes(tmp_path, small_chunks):
     whole = contents(fill(tmp_path / "whole.zarr", study_of()).path)
-    small = "import uuv_optical_array.design_store as s; s.CHUNK_DESIGNS = 3\n"
+    small = "import uuv_optical_array.studies.design.store as s; s.CHUNK_DESIGNS = 3\n"
     with dask_workers(tmp_path, small) as (address, workers):
         store = DesignStore.create(tmp_path / "t.zarr", study_of())
         counts = filled_while_a_worker_dies(store, address, workers, 0.1)

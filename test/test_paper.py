@@ -7,13 +7,19 @@ import pytest
 from scipy import stats
 from second_paper import OPTIONS, second_angle, second_features, second_image
 
-from uuv_optical_array import paper, paper_choices
 from uuv_optical_array.commands import paper as command
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.paper import RECONSTRUCTION, STATEMENTS, Conditions, angles_deg
+from uuv_optical_array.studies.eren2016 import choices as paper_choices
+from uuv_optical_array.studies.eren2016 import figures as paper
+from uuv_optical_array.studies.eren2016.figures import (
+    RECONSTRUCTION,
+    STATEMENTS,
+    Conditions,
+    angles_deg,
+)
 
 
 @pytest.fixture(scope="module")

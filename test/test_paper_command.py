@@ -12,10 +12,10 @@ import pytest
 from conftest import PATIENCE_S
 from second_paper import OPTIONS, second_angle
 
-from uuv_optical_array import paper
 from uuv_optical_array.commands import paper as command
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.paper import STATEMENTS
+from uuv_optical_array.studies.eren2016 import figures as paper
+from uuv_optical_array.studies.eren2016.figures import STATEMENTS
 
 # One thread: the program's many small products gain nothing from more.
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -15,10 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured import row
 
-from uuv_optical_array import table_cost as table_cost_module
-from uuv_optical_array import tradeoff
-from uuv_optical_array.accuracy import HIGH, LOW, study
-from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.commands import tradeoff as command
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
@@ -27,9 +23,12 @@ from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
-from uuv_optical_array.pareto import fronts, numbered, pareto_front
-from uuv_optical_array.table_cost import table_cost
-from uuv_optical_array.tradeoff import (
+from uuv_optical_array.studies.accuracy import HIGH, LOW, study
+from uuv_optical_array.studies.baselines import lookup, moments
+from uuv_optical_array.studies.pareto import fronts, numbered, pareto_front
+from uuv_optical_array.studies.tradeoff import measurement as tradeoff
+from uuv_optical_array.studies.tradeoff import table_cost as table_cost_module
+from uuv_optical_array.studies.tradeoff.measurement import (
     ALL_METHODS,
     PUBLISHED,
     SHAPES,
@@ -42,7 +41,15 @@ from uuv_optical_array.tradeoff import (
     position_and_angle,
     volume_table,
 )
-from uuv_optical_array.tradeoff_csv import Ledger, Origin, Row, TableCost, at_one_speed, read_csv
+from uuv_optical_array.studies.tradeoff.results import (
+    Ledger,
+    Origin,
+    Row,
+    TableCost,
+    at_one_speed,
+    read_csv,
+)
+from uuv_optical_array.studies.tradeoff.table_cost import table_cost
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
-from uuv_optical_array.design_choice import fronts, numbered, standing
-from uuv_optical_array.design_store import Row, Study
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.paper import THRESHOLD_DEG
 from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
-from uuv_optical_array.tradeoff import guess
+from uuv_optical_array.studies.design.choice import fronts, numbered, standing
+from uuv_optical_array.studies.design.store import Row, Study
+from uuv_optical_array.studies.eren2016.figures import THRESHOLD_DEG
+from uuv_optical_array.studies.tradeoff.measurement import guess
 
 # Score, axis label, and the specification.
 BOUNDS = {

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.paper import (
+from uuv_optical_array.picture import SHAPE_COLOURS, save
+from uuv_optical_array.studies.eren2016.figures import (
     FAR,
     STATEMENTS,
     STEPS,
@@ -19,7 +20,6 @@ from uuv_optical_array.paper import (
     Conditions,
     Motion,
 )
-from uuv_optical_array.picture import SHAPE_COLOURS, save
 
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.picture import SPECIFICATION, save
-from uuv_optical_array.tradeoff import guess
-from uuv_optical_array.tradeoff_csv import Row, TableCost, at_one_speed
+from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
+from uuv_optical_array.studies.tradeoff.measurement import guess
+from uuv_optical_array.studies.tradeoff.results import Row, TableCost, at_one_speed
 
 COLOURS = {
     "look_up": "#7a4fa3",

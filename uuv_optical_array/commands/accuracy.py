@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uuv_optical_array.accuracy import Study, random_poses, study, with_prior
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -24,6 +23,7 @@ from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, Scene, load_scene
+from uuv_optical_array.studies.accuracy import Study, random_poses, study, with_prior
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks

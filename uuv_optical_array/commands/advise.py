@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from uuv_optical_array.advice import Advice, Need, advise
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -20,8 +19,15 @@ from uuv_optical_array.commands.tradeoff import Measurement
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.tradeoff import Group
-from uuv_optical_array.tradeoff_csv import SETTINGS_CSV, Origin, Row, read_csv, this_machine
+from uuv_optical_array.studies.tradeoff.advice import Advice, Need, advise
+from uuv_optical_array.studies.tradeoff.measurement import Group
+from uuv_optical_array.studies.tradeoff.results import (
+    SETTINGS_CSV,
+    Origin,
+    Row,
+    read_csv,
+    this_machine,
+)
 
 DESCRIPTION = """\
 Name the cheapest setting that keeps a rate and an accuracy: array, size of the table, and method of

@@ -12,17 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from uuv_optical_array.approach import (
-    CASES,
-    FRAMES,
-    METHODS,
-    RANGES_M,
-    Case,
-    Choices,
-    Noise,
-    Result,
-    simulate,
-)
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -35,6 +24,17 @@ from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.picture import save
+from uuv_optical_array.studies.approach import (
+    CASES,
+    FRAMES,
+    METHODS,
+    RANGES_M,
+    Case,
+    Choices,
+    Noise,
+    Result,
+    simulate,
+)
 
 DESCRIPTION = """\
 Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a

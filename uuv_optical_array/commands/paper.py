@@ -21,7 +21,9 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.paper import (
+from uuv_optical_array.paper_picture import draw_paper
+from uuv_optical_array.studies.eren2016.choices import alternatives, noisy
+from uuv_optical_array.studies.eren2016.figures import (
     SIDES,
     STATEMENTS,
     STEPS,
@@ -36,8 +38,6 @@ from uuv_optical_array.paper import (
     panels,
     score,
 )
-from uuv_optical_array.paper_choices import alternatives, noisy
-from uuv_optical_array.paper_picture import draw_paper
 
 DESCRIPTION = """\
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an

@@ -22,10 +22,16 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.pareto import MOST_WITHOUT_POSE, fronts, numbered
-from uuv_optical_array.table_cost import table_cost
-from uuv_optical_array.tradeoff import FRAMES, QUICK_LEAVES_OUT, Group, expected_s, measure, plan
-from uuv_optical_array.tradeoff_csv import (
+from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
+from uuv_optical_array.studies.tradeoff.measurement import (
+    FRAMES,
+    QUICK_LEAVES_OUT,
+    Group,
+    expected_s,
+    measure,
+    plan,
+)
+from uuv_optical_array.studies.tradeoff.results import (
     SETTINGS_CSV,
     TABLES_CSV,
     Ledger,
@@ -35,6 +41,7 @@ from uuv_optical_array.tradeoff_csv import (
     TableCost,
     at_one_speed,
 )
+from uuv_optical_array.studies.tradeoff.table_cost import table_cost
 from uuv_optical_array.tradeoff_picture import draw_table_cost, draw_tradeoff
 
 DESCRIPTION = """\

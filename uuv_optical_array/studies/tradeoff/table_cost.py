@@ -17,7 +17,7 @@ from uuv_optical_array.estimation.table.signature_table import (
     save_table,
 )
 from uuv_optical_array.forward.scene import scene_from_settings
-from uuv_optical_array.tradeoff_csv import TableCost, load_average
+from uuv_optical_array.studies.tradeoff.results import TableCost, load_average
 
 MB = 1e6
 
@@ -87,7 +87,7 @@ def table_cost(table: SignatureTable, steps: int, build_s: float, scratch: Path)
         save_table(table, path)
         file_mb = sum(file.stat().st_size for file in path.iterdir()) / MB
         told = subprocess.run(
-            [sys.executable, "-m", "uuv_optical_array.table_cost", str(path)],
+            [sys.executable, "-m", "uuv_optical_array.studies.tradeoff.table_cost", str(path)],
             capture_output=True,
             check=False,
             text=True,

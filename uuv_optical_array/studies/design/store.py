@@ -18,9 +18,9 @@ import numpy as np
 from uuv_optical_array.core import files
 from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.design import Design, Mount, Power, Sweep, designed
-from uuv_optical_array.design_score import BLOCK_READINGS, Score, score, volume_poses
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.studies.design.designs import Design, Mount, Power, Sweep, designed
+from uuv_optical_array.studies.design.score import BLOCK_READINGS, Score, score, volume_poses
 
 FORMAT = 1
 CHUNK_DESIGNS = 8  # about a second's work

@@ -14,16 +14,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from uuv_optical_array.accuracy import (
-    HIGH,
-    LOW,
-    MODEL_EVERY,
-    MODEL_POSES,
-    Study,
-    random_poses,
-    within_volume,
-)
-from uuv_optical_array.baselines import lookup, moments
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
@@ -33,7 +23,17 @@ from uuv_optical_array.estimation.table.signature_table import Progress, Signatu
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
-from uuv_optical_array.tradeoff_csv import Mode, Row, load_average
+from uuv_optical_array.studies.accuracy import (
+    HIGH,
+    LOW,
+    MODEL_EVERY,
+    MODEL_POSES,
+    Study,
+    random_poses,
+    within_volume,
+)
+from uuv_optical_array.studies.baselines import lookup, moments
+from uuv_optical_array.studies.tradeoff.results import Mode, Row, load_average
 
 # Our methods have a table of any size, the published ones what they were published with.
 LOOK_UP, MOMENTS = "look_up", "moments"

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.tradeoff import guess
-from uuv_optical_array.tradeoff_csv import Row
+from uuv_optical_array.studies.tradeoff.measurement import guess
+from uuv_optical_array.studies.tradeoff.results import Row
 
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01

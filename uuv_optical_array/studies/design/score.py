@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uuv_optical_array.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.paper import (
+from uuv_optical_array.studies.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
+from uuv_optical_array.studies.eren2016.figures import (
     RANGES_M,
     THRESHOLD_DEG,
     Conditions,
@@ -25,7 +25,7 @@ from uuv_optical_array.paper import (
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.tradeoff import position_and_angle
+from uuv_optical_array.studies.tradeoff.measurement import position_and_angle
 
 # What the specification wants told apart: m and deg, to either side.
 MOVES: dict[Motion, tuple[float, float]] = {"shift": (0.2, -0.2), "yaw": (10.0, -10.0)}

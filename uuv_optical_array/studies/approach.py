@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 
-from uuv_optical_array.baselines.moments import MomentsMethod, calibrate, dead_reckoned, measure
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.docking.motion import DockingSettings
@@ -23,6 +22,12 @@ from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.studies.baselines.moments import (
+    MomentsMethod,
+    calibrate,
+    dead_reckoned,
+    measure,
+)
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ

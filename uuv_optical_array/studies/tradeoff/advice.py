@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from uuv_optical_array.estimation.estimator import METHODS
-from uuv_optical_array.pareto import MOST_WITHOUT_POSE, simplicity
-from uuv_optical_array.tradeoff_csv import Row
+from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, simplicity
+from uuv_optical_array.studies.tradeoff.results import Row
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from uuv_optical_array.design import Design
-from uuv_optical_array.design_store import Row, Study
-from uuv_optical_array.pareto import STEP
+from uuv_optical_array.studies.design.designs import Design
+from uuv_optical_array.studies.design.store import Row, Study
+from uuv_optical_array.studies.pareto import STEP
 
 
 def front(rows: Sequence[Row]) -> list[Row]:

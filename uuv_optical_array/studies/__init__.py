@@ -1,0 +1,1 @@
+"""What a scene, an array and a method are good for, measured."""

@@ -1,0 +1,1 @@
+"""Which array and lamp to build."""

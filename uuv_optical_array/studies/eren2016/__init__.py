@@ -1,0 +1,1 @@
+"""The figures of Eren et al. (2016), computed again."""

@@ -17,8 +17,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from uuv_optical_array.design_picture import apart, draw_designs
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots.design import apart, draw_designs
 from uuv_optical_array.studies.design.choice import front, fronts, numbered, of_the_paper, standing
 from uuv_optical_array.studies.design.designs import Design, designed
 from uuv_optical_array.studies.design.score import Score

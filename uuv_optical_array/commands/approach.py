@@ -23,7 +23,7 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.picture import save
+from uuv_optical_array.plots.follow import save
 from uuv_optical_array.studies.approach import (
     CASES,
     FRAMES,

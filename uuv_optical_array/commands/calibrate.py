@@ -10,7 +10,6 @@ from tqdm import tqdm
 
 from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
 from uuv_optical_array.calibration.calibrate import NAMES, Calibration, Parameter, calibrate
-from uuv_optical_array.calibration_picture import draw_calibration
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Subparsers,
@@ -23,6 +22,7 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import load_scene, save_scene
+from uuv_optical_array.plots.calibration import draw_calibration
 
 DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a

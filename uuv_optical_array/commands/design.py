@@ -18,9 +18,9 @@ from uuv_optical_array.commands.parser import (
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.design_picture import draw_designs
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene, scene_from_settings
+from uuv_optical_array.plots.design import draw_designs
 from uuv_optical_array.studies.design.choice import fronts, numbered, of_the_paper, standing
 from uuv_optical_array.studies.design.designs import Mount, Power, Sweep, default_sweep, designed
 from uuv_optical_array.studies.design.store import DesignStore, Row, Study, write_csv

@@ -11,7 +11,7 @@ from rich.text import Text
 from uuv_optical_array.commands.parser import Subparsers, add_command
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core import files
-from uuv_optical_array.picture import draw_follow
+from uuv_optical_array.plots.follow import draw_follow
 
 DESCRIPTION = """\
 A leader runs straight, turns, and changes depth; a follower keeps station behind it by the light

@@ -17,7 +17,7 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
+from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
 
 DESCRIPTION = """\
 The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can

@@ -21,7 +21,7 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.paper_picture import draw_paper
+from uuv_optical_array.plots.eren2016 import draw_paper
 from uuv_optical_array.studies.eren2016.choices import alternatives, noisy
 from uuv_optical_array.studies.eren2016.figures import (
     SIDES,

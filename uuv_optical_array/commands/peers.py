@@ -27,7 +27,7 @@ from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.light import lamp_in_body
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.picture import save
+from uuv_optical_array.plots.follow import save
 
 DESCRIPTION = """\
 Exact search by spectral angle against Spectral Python, scikit-learn, SciPy, NumPy and faiss, on

@@ -15,7 +15,7 @@ from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.picture import save
+from uuv_optical_array.plots.follow import save
 
 DESCRIPTION = """\
 Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to

@@ -22,6 +22,7 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable
 from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.plots.tradeoff import draw_table_cost, draw_tradeoff
 from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.measurement import (
     FRAMES,
@@ -42,7 +43,6 @@ from uuv_optical_array.studies.tradeoff.results import (
     at_one_speed,
 )
 from uuv_optical_array.studies.tradeoff.table_cost import table_cost
-from uuv_optical_array.tradeoff_picture import draw_table_cost, draw_tradeoff
 
 DESCRIPTION = """\
 Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the

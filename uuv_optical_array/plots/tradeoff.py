@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.picture import SPECIFICATION, save
+from uuv_optical_array.plots.follow import SPECIFICATION, save
 from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.measurement import guess
 from uuv_optical_array.studies.tradeoff.results import Row, TableCost, at_one_speed

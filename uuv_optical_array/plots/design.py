@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.picture import SHAPE_COLOURS, SPECIFICATION, save
+from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
 from uuv_optical_array.studies.design.choice import fronts, numbered, standing
 from uuv_optical_array.studies.design.store import Row, Study
 from uuv_optical_array.studies.eren2016.figures import THRESHOLD_DEG

@@ -1,0 +1,1 @@
+"""Every picture of the package: results in, a PNG file out."""

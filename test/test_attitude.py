@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.nodes import attitude
+from uuv_optical_array.nodes.shared import attitude
 
 angles = st.floats(-np.pi, np.pi)
 steep = np.radians(85.0)  # nearer to 90 deg, roll and yaw are one angle

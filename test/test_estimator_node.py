@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.table.signature_table import load_table, save_
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.messages import features_to_message, image_to_message
+from uuv_optical_array.nodes.shared.messages import features_to_message, image_to_message
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

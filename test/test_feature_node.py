@@ -10,7 +10,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.messages import image_to_message
+from uuv_optical_array.nodes.shared.messages import image_to_message
 
 OK, WARN, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.STALE
 

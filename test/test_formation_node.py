@@ -10,7 +10,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import covariance_5x5
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.messages import pose_to_message
+from uuv_optical_array.nodes.shared.messages import pose_to_message
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 START = 100 * 10**9

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
     features_from_message,

@@ -8,7 +8,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from uuv_optical_array.nodes.node import spin, start
+from uuv_optical_array.nodes.shared.node import spin, start
 
 
 @pytest.fixture

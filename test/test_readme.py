@@ -7,7 +7,7 @@ import pytest
 
 from uuv_optical_array.commands import COMMANDS
 from uuv_optical_array.core import files
-from uuv_optical_array.nodes.parameters import markdown_table
+from uuv_optical_array.nodes.shared.parameters import markdown_table
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -16,13 +16,13 @@ from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     odometry_pose,
     pose_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.node import spin, start, subscribe
+from uuv_optical_array.nodes.shared.node import spin, start, subscribe
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 

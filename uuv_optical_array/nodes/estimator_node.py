@@ -15,8 +15,8 @@ from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator,
 from uuv_optical_array.estimation.table.signature_table import cached_table, load_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.diagnostics import Diagnostics
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
     StampPairs,
@@ -26,8 +26,8 @@ from uuv_optical_array.nodes.messages import (
     pose_to_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters, parameters_of
 
 PARAMETERS = {
     "scene": SCENE,

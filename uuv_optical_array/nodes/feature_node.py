@@ -6,15 +6,15 @@ from sensor_msgs.msg import Image, PointCloud2
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.features import key_parameters, no_pattern
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.diagnostics import Diagnostics
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
     features_to_message,
     image_from_message,
 )
-from uuv_optical_array.nodes.node import publish, run, subscribe
-from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe
+from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters
 
 PARAMETERS = {
     "scene": SCENE,

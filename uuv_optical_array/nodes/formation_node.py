@@ -10,16 +10,16 @@ from std_msgs.msg import Header
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import covariance_5x5
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.nodes.diagnostics import Diagnostics
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import (
     Refused,
     covariance_from_message,
     pose_from_message,
     stamp_ns,
     twist_to_message,
 )
-from uuv_optical_array.nodes.node import publish, run, subscribe
-from uuv_optical_array.nodes.parameters import Parameter, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of
 
 PARAMETERS = {
     **parameters_of(FormationSettings),

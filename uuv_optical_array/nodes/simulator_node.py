@@ -14,16 +14,16 @@ from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.diagnostics import Diagnostics
-from uuv_optical_array.nodes.messages import (
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
     image_to_message,
     odometry_pose,
     stamp_ns,
 )
-from uuv_optical_array.nodes.node import publish, run, subscribe
-from uuv_optical_array.nodes.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe
+from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters
 
 PARAMETERS = {
     "scene": SCENE,

@@ -9,11 +9,11 @@ from rclpy.time import Time
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.nodes.attitude import quaternion_xyzw
-from uuv_optical_array.nodes.diagnostics import Diagnostics
-from uuv_optical_array.nodes.messages import Refused, twist_from_message
-from uuv_optical_array.nodes.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.parameters import Parameter, Parameters
+from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import Refused, twist_from_message
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters
 
 PARAMETERS = {
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),

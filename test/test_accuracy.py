@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from uuv_optical_array.commands import accuracy as command
+from uuv_optical_array.commands.studies import accuracy as command
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import NoPose

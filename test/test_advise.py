@@ -9,7 +9,7 @@ import measured
 import pytest
 import yaml
 
-from uuv_optical_array.commands import advise as command
+from uuv_optical_array.commands.studies import advise as command
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.tradeoff.advice import Need, advise
 from uuv_optical_array.studies.tradeoff.results import Ledger, Origin, Row

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest, norm, uniform
 
-from uuv_optical_array.commands import approach as command
+from uuv_optical_array.commands.studies import approach as command
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import approach

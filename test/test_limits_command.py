@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from test_limits import SHAPES, make_scene, std_m_deg
 
-from uuv_optical_array.commands import limits as command
+from uuv_optical_array.commands.studies import limits as command
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

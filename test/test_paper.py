@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from second_paper import OPTIONS, second_angle, second_features, second_image
 
-from uuv_optical_array.commands import paper as command
+from uuv_optical_array.commands.studies import paper as command
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel

@@ -12,7 +12,7 @@ import pytest
 from conftest import PATIENCE_S
 from second_paper import OPTIONS, second_angle
 
-from uuv_optical_array.commands import paper as command
+from uuv_optical_array.commands.studies import paper as command
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016 import figures as paper
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS

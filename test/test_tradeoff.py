@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured import row
 
-from uuv_optical_array.commands import tradeoff as command
+from uuv_optical_array.commands.studies import tradeoff as command
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose

@@ -15,7 +15,7 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
 )
-from uuv_optical_array.commands.tradeoff import Measurement
+from uuv_optical_array.commands.studies.tradeoff import Measurement
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene

@@ -3,21 +3,17 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import (
+from uuv_optical_array.commands import calibrate, follow, peers, render, table
+from uuv_optical_array.commands.parser import INTERRUPTED
+from uuv_optical_array.commands.studies import (
     accuracy,
     advise,
     approach,
-    calibrate,
     design,
-    follow,
     limits,
     paper,
-    peers,
-    render,
-    table,
     tradeoff,
 )
-from uuv_optical_array.commands.parser import INTERRUPTED
 
 COMMANDS = (
     follow,

@@ -15,8 +15,8 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
 from uuv_optical_array.studies.design.choice import fronts, numbered, standing
 from uuv_optical_array.studies.design.store import Row, Study
-from uuv_optical_array.studies.eren2016.figures import THRESHOLD_DEG
-from uuv_optical_array.studies.tradeoff.measurement import guess
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.shared.working_volume import volume_spread
 
 # Score, axis label, and the specification.
 BOUNDS = {
@@ -53,7 +53,7 @@ def _dots(axes: Axes, x: Sequence[float], rows: Sequence[Row], name: str, colour
 def _levels(axes: Axes, name: str) -> None:
     """Draw the specification and what is known without light, and set up the axis of bounds."""
     label, wanted = BOUNDS[name]
-    free = guess()[list(BOUNDS).index(name)]
+    free = volume_spread()[list(BOUNDS).index(name)]
     axes.axhline(wanted, color=GREEN, ls="--", lw=1.4, zorder=1)
     axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
     axes.set(yscale="log", ylabel=label)
@@ -76,7 +76,7 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
         _dots(axes, [place(row) for row in of_shape], of_shape, name, colour)
     _levels(axes, name)
     unit = "m" if name == "position_m" else "deg"
-    free = guess()[list(BOUNDS).index(name)]
+    free = volume_spread()[list(BOUNDS).index(name)]
     for value, text, colour in (
         (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", GREEN),
         (free, "no measure-\nment at all", "0.35"),
@@ -163,7 +163,10 @@ def _lines(
         _dots(axes, places, group, name, colour)
     _levels(axes, name)
     values = [getattr(row.score, name) for row in rows]
-    axes.set_ylim(min(values) / 1.5, max(*values, guess()[list(BOUNDS).index(name)]) * 1.3)
+    axes.set_ylim(
+        min(values) / 1.5,
+        max(*values, volume_spread()[list(BOUNDS).index(name)]) * 1.3,
+    )
 
 
 def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots.follow import SPECIFICATION, save
-from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
-from uuv_optical_array.studies.tradeoff.measurement import guess
-from uuv_optical_array.studies.tradeoff.results import Row, TableCost, at_one_speed
+from uuv_optical_array.studies.shared.working_volume import volume_spread
+from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
+from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
 
 COLOURS = {
     "look_up": "#7a4fa3",
@@ -40,7 +40,7 @@ def _size(side: int) -> float:
     return 16.0 * (side - 1) ** 0.75
 
 
-def _floors(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _floors(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     """Mark each array's bound on the right edge, the labels spread so that none overlaps."""
     bounds = {
         (row.shape, row.detectors_per_side): getattr(row, f"floor_{ERRORS[name][0]}")
@@ -85,15 +85,15 @@ def _floors(axes: Axes, rows: Sequence[Row], name: str) -> None:
     )
 
 
-def _series(rows: Sequence[Row]) -> dict[tuple[str, Shape, int], list[Row]]:
+def _series(rows: Sequence[Measurement]) -> dict[tuple[str, Shape, int], list[Measurement]]:
     """Return the settings that differ by their table alone, smallest first."""
-    series: dict[tuple[str, Shape, int], list[Row]] = {}
+    series: dict[tuple[str, Shape, int], list[Measurement]] = {}
     for row in sorted(rows, key=lambda row: row.table_rows):
         series.setdefault((row.method, row.shape, row.detectors_per_side), []).append(row)
     return series
 
 
-def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     column, label, which = ERRORS[name]
     for (method, shape, side), tables in _series(rows).items():
         x, y = ([getattr(row, key) for row in tables] for key in ("median_ms", column))
@@ -118,13 +118,13 @@ def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
     axes.set_xlabel(f"time from image to pose, median (ms; a forward model takes {model_ms:.2g})")
     axes.set_ylabel(label, fontsize=12)
     axes.axhline(WANTED[which], color="#2c9c5a", ls="--", lw=1.6, zorder=1)
-    axes.axhline(guess()[which], color="0.5", ls=":", lw=1.4, zorder=1)
+    axes.axhline(volume_spread()[which], color="0.5", ls=":", lw=1.4, zorder=1)
     low, high = axes.get_xlim()
     axes.set_xlim(low / 1.5, high * 1.3)
     unit = "m" if name == "position" else "deg"
     for value, text, colour in (
         (WANTED[which], f"specification, {WANTED[which]:g} {unit}", "#2c9c5a"),
-        (guess()[which], "no measurement at all", "0.4"),
+        (volume_spread()[which], "no measurement at all", "0.4"),
     ):
         axes.annotate(
             text,
@@ -155,7 +155,7 @@ def _inverse(values: ArrayLike) -> Array:
         return 1e3 / np.asarray(values, dtype=float)
 
 
-def _front(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _front(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     """Draw the front as steps, its points with their numbers."""
     column = ERRORS[name][0]
     on = fronts(rows)[name]
@@ -189,7 +189,7 @@ def _fraction(axes: Axes, x: float) -> float:
     return float((np.log(x) - low) / (high - low))
 
 
-def _key(axes: Axes, rows: Sequence[Row]) -> None:
+def _key(axes: Axes, rows: Sequence[Measurement]) -> None:
     """List the settings on a front, and what they cost."""
     axes.set_axis_off()
     line = "{:>2}  {:<16} {:<14} {:>9} {:>7} {:>7} {:>7} {:>7}"
@@ -213,7 +213,7 @@ def _key(axes: Axes, rows: Sequence[Row]) -> None:
     axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=9.5, va="top", linespacing=1.35)
 
 
-def _legend(axes: Axes, rows: Sequence[Row]) -> None:
+def _legend(axes: Axes, rows: Sequence[Measurement]) -> None:
     axes.set_axis_off()
 
     def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
@@ -238,7 +238,7 @@ def _legend(axes: Axes, rows: Sequence[Row]) -> None:
     axes.add_artist(first)
 
 
-def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:
+def draw_tradeoff(rows: Sequence[Measurement], about: str, path: Path) -> None:
     """Draw errors against time, every setting a point.
 
     Parameters
@@ -262,7 +262,7 @@ def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:
 
 
 def draw_table_cost(
-    costs: Sequence[TableCost], rows: Sequence[Row], about: str, path: Path
+    costs: Sequence[TableCost], rows: Sequence[Measurement], about: str, path: Path
 ) -> None:
     """Draw what a table costs by its size.
 

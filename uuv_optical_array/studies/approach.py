@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
-from uuv_optical_array.studies.baselines.moments import (
+from uuv_optical_array.studies.shared.published.moments import (
     MomentsMethod,
     calibrate,
     dead_reckoned,

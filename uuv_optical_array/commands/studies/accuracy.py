@@ -16,14 +16,15 @@ from uuv_optical_array.commands.parser import (
     add_shape,
     bar,
 )
-from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, Scene, load_scene
-from uuv_optical_array.studies.accuracy import Study, random_poses, study, with_prior
+from uuv_optical_array.studies.accuracy import Accuracy, measure, with_prior
+from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
@@ -52,10 +53,8 @@ NUMBERS = {
 }
 POSES, NUISANCE_POSES = 20_000, 4_000
 SIGMAS = 6.0
-IN_DEGREES = np.array([1, 1, 1, *np.degrees([1, 1])])
 COLUMNS = ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")
 DAY_S = 86_400.0  # from which the moments of --moving are drawn
-UNITS = ("m", "m", "m", "deg", "deg")
 PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
 # What is off by how much: the attenuation in 1/m and the lamp's power as a share.
 OFF = {
@@ -111,7 +110,7 @@ def by_dof(values: Array, names: Iterable[str] = DOF_NAMES) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def figures(found: Study) -> dict[str, Any]:
+def figures(found: Accuracy) -> dict[str, Any]:
     """Return the honesty of a study's covariances, as plain values."""
     return {
         "beyond_6_sigma": found.beyond_sigma(SIGMAS),
@@ -121,7 +120,7 @@ def figures(found: Study) -> dict[str, Any]:
     }
 
 
-def as_object(found: Study) -> dict[str, Any]:
+def as_object(found: Accuracy) -> dict[str, Any]:
     """Return a study as plain values, times in ms."""
     return {
         "poses": len(found.errors),
@@ -136,10 +135,10 @@ def as_object(found: Study) -> dict[str, Any]:
     }
 
 
-def report(found: Study) -> str:
+def report(found: Accuracy) -> str:
     """Return a study in words."""
     error, bound = found.rms_error * IN_DEGREES, found.rms_bound * IN_DEGREES
-    rows = zip(DOF_NAMES, error, bound, UNITS, found.ratio_to_bound, strict=True)
+    rows = zip(DOF_NAMES, error, bound, DOF_UNITS, found.ratio_to_bound, strict=True)
     table = "\n".join("{:<8}{:>9.4f}{:>12.4f} {:<4}{:>7.3f}".format(*row) for row in rows)
     nees, (low, high), of = found.nees, found.nees_band, f"of {len(found.errors)}"
     spread = nees.std() / np.sqrt(len(nees))
@@ -172,7 +171,7 @@ def compare(options: argparse.Namespace, scene: Scene) -> list[dict[str, Any]]:
         for name, prior in (("known", PriorSettings()), ("estimated", PRIOR))
     }
     sea = ForwardModel(scene)
-    poses = random_poses(sea, options.poses, np.random.default_rng(options.seed))
+    poses = lit_poses(sea, options.poses, np.random.default_rng(options.seed))
     rows: list[dict[str, Any]] = []
     for off, (k_off_per_m, power_off) in OFF.items():
         off_by = {"lamp.power": np.array(np.log1p(power_off))}
@@ -182,7 +181,7 @@ def compare(options: argparse.Namespace, scene: Scene) -> list[dict[str, Any]]:
         images = sea.expose(poses, np.random.default_rng((options.seed, 1)), 0.0, off_by)
         for nuisances, estimator in estimators.items():
             try:
-                found = study(estimator, poses, images, bar)
+                found = measure(estimator, poses, images, bar)
             except KeyboardInterrupt:
                 if not rows:
                     raise
@@ -206,7 +205,7 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     """Return the rows of `compare` as a table."""
     line = "{:<25}{:<11}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
     heads = ("off", "nuisances", *DOF_NAMES, "NEES", "beyond", "no pose")
-    lines = [line.format(*heads), line.format("", "", *UNITS, "", "6 sigma", "").rstrip()]
+    lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "").rstrip()]
     for row in rows:
         start = (row["off"], row["nuisances"])
         errors, bounds = (
@@ -268,8 +267,8 @@ def run(options: argparse.Namespace) -> int:
                 cached_table(scene), options.method, candidates=options.candidates
             )
             rng, sea = np.random.default_rng(options.seed), ForwardModel(scene)
-            poses = random_poses(sea, options.poses, rng)
-            found = study(estimator, poses, exposed(options, sea, poses, rng), bar)
+            poses = lit_poses(sea, options.poses, rng)
+            found = measure(estimator, poses, exposed(options, sea, poses, rng), bar)
             answer, text = as_object(found), report(found)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")

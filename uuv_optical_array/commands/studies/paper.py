@@ -24,19 +24,22 @@ from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.plots.eren2016 import draw_paper
 from uuv_optical_array.studies.eren2016.choices import alternatives, noisy
 from uuv_optical_array.studies.eren2016.figures import (
+    MOTIONS,
     SIDES,
     STATEMENTS,
     STEPS,
-    THRESHOLD_DEG,
-    UNITS,
-    Choice,
-    Conditions,
-    Motion,
     Statement,
-    angles_deg,
     least_detected,
     panels,
     score,
+)
+from uuv_optical_array.studies.shared.separation import (
+    THRESHOLD_DEG,
+    UNITS,
+    WANTED,
+    Choice,
+    Conditions,
+    angles_deg,
 )
 
 DESCRIPTION = """\
@@ -55,8 +58,6 @@ examples:
 Ctrl-C ends it early and reports what there is. docs/paper.md explains every figure."""
 
 SEED = Quantity("seed of the noise, where a choice has some", "", 0, 2**32 - 1)
-MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
-SPECIFIED: dict[Motion, float] = {"shift": 0.2, "yaw": 10.0}  # m and deg
 NOISE_RANGES_M = (4.0, 8.0)
 
 
@@ -131,9 +132,9 @@ def size(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
     """Return what a curved array of one size detects at 4 m and takes for a move, plain values."""
     row: dict[str, Any] = {"detectors_per_side": side}
     for motion in MOTIONS:
-        steps = np.append(STEPS[motion], SPECIFIED[motion])
+        steps = np.append(STEPS[motion], WANTED[motion])
         angles = angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
-        name = f"{SPECIFIED[motion]:g}_{UNITS[motion]}".replace(".", "_")
+        name = f"{WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
         row[f"angle_deg_at_{name}"] = float(angles[-1])
         row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
     for range_m in NOISE_RANGES_M:

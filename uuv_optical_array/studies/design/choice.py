@@ -4,9 +4,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.store import Row, Study
-from uuv_optical_array.studies.pareto import STEP
+from uuv_optical_array.studies.shared.pareto import thinned_front
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
@@ -25,18 +27,9 @@ def front(rows: Sequence[Row]) -> list[Row]:
     list
         Those that remain, fewest detectors first; none of them stands for another.
     """
-    # A later design stands for an earlier one never: that would need a smaller product.
-    ordered = sorted(
-        rows, key=lambda row: (row.design.detectors, row.score.position_m * row.score.angle_deg)
-    )
-    kept: list[Row] = []
-    for row in ordered:
-        if not any(
-            other.score.position_m <= STEP * row.score.position_m
-            and other.score.angle_deg <= STEP * row.score.angle_deg
-            for other in kept
-        ):
-            kept.append(row)
+    bounds = [(row.score.position_m, row.score.angle_deg) for row in rows]
+    detectors = [row.design.detectors for row in rows]
+    kept = [rows[i] for i in thinned_front(detectors, np.reshape(bounds, (-1, 2)))]
     return sorted(kept, key=lambda row: (row.design.detectors, row.score.position_m))
 
 

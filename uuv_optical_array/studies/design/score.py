@@ -15,9 +15,8 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
-from uuv_optical_array.studies.eren2016.figures import (
-    RANGES_M,
+from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     Conditions,
     Motion,
@@ -25,7 +24,11 @@ from uuv_optical_array.studies.eren2016.figures import (
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.studies.tradeoff.measurement import position_and_angle
+from uuv_optical_array.studies.shared.working_volume import (
+    MIN_PEAK_COUNTS,
+    RANGES_M,
+    known_volume_std,
+)
 
 # What the specification wants told apart: m and deg, to either side.
 MOVES: dict[Motion, tuple[float, float]] = {"shift": (0.2, -0.2), "yaw": (10.0, -10.0)}
@@ -52,9 +55,9 @@ class Score:
         aligned array there; inf where noise moves nothing.
     position_m, angle_deg
         Root mean square bound over the working volume, that volume known: see
-        `accuracy.within_volume`. Never more than what is known without any light.
+        `working_volume.known_volume_std`. Never more than what is known without any light.
     lit
-        Share of the volume where the image peaks above `accuracy.MIN_PEAK_COUNTS`.
+        Share of the volume where the image peaks above `working_volume.MIN_PEAK_COUNTS`.
     lit_position_m, lit_angle_deg
         Root mean square Cramer-Rao bound of the image alone over that share; nan where it is
         nothing, inf where a pose in it is unobservable.
@@ -84,11 +87,6 @@ class Score:
     def told(self) -> bool:
         """Whether they do from 4 to 8 m, which is what it claims."""
         return min(self.shift_deg, self.yaw_deg) >= THRESHOLD_DEG
-
-
-def volume_poses(count: int, rng: np.random.Generator) -> Array:
-    """Draw poses uniformly from the working volume, m and rad, shape ``(count, 5)``."""
-    return rng.uniform(LOW, HIGH, (count, 5))
 
 
 def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
@@ -198,7 +196,7 @@ def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, Array]:
     for start in range(0, len(poses), step):
         part = slice(start, start + step)
         bound = cramer_rao_bound(model, poses[part])
-        known[part], alone[part] = within_volume(bound.information), bound.std
+        known[part], alone[part] = known_volume_std(bound.information), bound.std
         lit[part] = model.expected(poses[part]).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
     return known, alone, lit
 

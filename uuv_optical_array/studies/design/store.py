@@ -20,7 +20,8 @@ from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.studies.design.designs import Design, Mount, Power, Sweep, designed
-from uuv_optical_array.studies.design.score import BLOCK_READINGS, Score, score, volume_poses
+from uuv_optical_array.studies.design.score import BLOCK_READINGS, Score, score
+from uuv_optical_array.studies.shared.working_volume import uniform_poses
 
 FORMAT = 1
 CHUNK_DESIGNS = 8  # about a second's work
@@ -93,7 +94,7 @@ class Study:
 
     def scored(self, designs: Sequence[Design]) -> Array:
         """Score designs, whatever others there are, shape ``(n, len(COLUMNS))``."""
-        poses = volume_poses(self.poses, np.random.default_rng([self.seed, 0]))
+        poses = uniform_poses(self.poses, np.random.default_rng([self.seed, 0]))
         scores = [
             score(
                 designed(self.scene, design, self.power, self.mount),

@@ -13,8 +13,8 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
-from uuv_optical_array.studies.design.choice import fronts, numbered, standing
-from uuv_optical_array.studies.design.store import Row, Study
+from uuv_optical_array.studies.design.fronts import fronts, numbered, standing
+from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
 from uuv_optical_array.studies.shared.working_volume import volume_spread
 
@@ -33,13 +33,16 @@ LABEL_GAP = 0.034  # between labels, of the height of the axes
 CLOSE_UP_SIDE = 5
 
 
-def _dots(axes: Axes, x: Sequence[float], rows: Sequence[Row], name: str, colour: Any) -> None:
+def _dots(
+    axes: Axes, x: Sequence[float], rows: Sequence[ScoredDesign], name: str, colour: Any
+) -> None:
     """Draw designs: hollow where the criterion fails, full at 4 m, a star from 4 to 8 m."""
     points = np.reshape(
         [(at, getattr(r.score, name)) for at, r in zip(x, rows, strict=True)], (-1, 2)
     )
     near, far = (
-        np.array([getattr(r.score, key) for r in rows], bool) for key in ("told_near", "told")
+        np.array([getattr(r.score, key) for r in rows], bool)
+        for key in ("resolved_at_4m", "resolved_4_to_8m")
     )
     looks: list[tuple[Any, dict[str, Any]]] = [
         (~near, {"marker": "o", "s": 17, "facecolor": "w", "edgecolor": colour}),
@@ -63,11 +66,11 @@ def _levels(axes: Axes, name: str) -> None:
     axes.grid(alpha=0.3, lw=0.5)
 
 
-def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> None:
+def _all_designs(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign], name: str) -> None:
     sides = sorted({row.design.detectors_per_side for row in rows})
     widths = sorted({row.design.width_m for row in rows})
 
-    def place(row: Row) -> float:
+    def place(row: ScoredDesign) -> float:
         share = (widths.index(row.design.width_m) + 0.5) / len(widths) - 0.5
         return sides.index(row.design.detectors_per_side) + CENTRE[row.design.shape] + BAND * share
 
@@ -150,10 +153,10 @@ def _nearest(values: set[Any], wanted: float) -> Any:
 
 def _lines(
     axes: Axes,
-    rows: Sequence[Row],
+    rows: Sequence[ScoredDesign],
     name: str,
-    x: Callable[[Row], float],
-    groups: dict[str, tuple[Any, list[Row]]],
+    x: Callable[[ScoredDesign], float],
+    groups: dict[str, tuple[Any, list[ScoredDesign]]],
 ) -> None:
     for label, (colour, group) in groups.items():
         group = sorted(group, key=x)
@@ -169,14 +172,14 @@ def _lines(
     )
 
 
-def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
+def _close_up(axes: Sequence[Axes], study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
     """Draw one number of detectors: against the lamp's beam, and against the sphere."""
     own = study.scene.array
     side = _nearest({row.design.detectors_per_side for row in rows}, CLOSE_UP_SIDE)
     width = _nearest({row.design.width_m for row in rows}, own.width_m)
     sigma = _nearest({row.design.beam_sigma_deg for row in rows}, study.scene.lamp.beam_sigma_deg)
     close = [row for row in rows if row.design.detectors_per_side == side]
-    by_lamp: dict[str, tuple[Any, list[Row]]] = {}
+    by_lamp: dict[str, tuple[Any, list[ScoredDesign]]] = {}
     radii = sorted({row.design.radius_m for row in close if row.design.radius_m})
     shades = matplotlib.colormaps["viridis"](np.linspace(0, 0.85, len(radii)))
     for radius, shade in zip(radii, shades, strict=True):
@@ -186,7 +189,7 @@ def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
     flat = [r for r in close if (r.design.radius_m, r.design.width_m) == (None, width)]
     if flat:
         by_lamp["planar"] = SHAPE_COLOURS["planar"], flat
-    by_sphere: dict[str, tuple[Any, list[Row]]] = {}
+    by_sphere: dict[str, tuple[Any, list[ScoredDesign]]] = {}
     widths = sorted({row.design.width_m for row in close})
     shades = matplotlib.colormaps["cividis"](np.linspace(0, 0.9, len(widths)))
     for size, shade in zip(widths, shades, strict=True):
@@ -213,15 +216,15 @@ def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
                 axes[at].legend(fontsize=8, loc="best", framealpha=0.8)
 
 
-def _sigma(row: Row) -> float:
+def _sigma(row: ScoredDesign) -> float:
     return row.design.beam_sigma_deg
 
 
-def _radius(row: Row) -> float:
+def _radius(row: ScoredDesign) -> float:
     return row.design.radius_m or 0.0
 
 
-def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
+def _criterion(axes: Axes, rows: Sequence[ScoredDesign]) -> None:
     """Draw what the criterion and the bound say of each design."""
     for shape, colour in SHAPE_COLOURS.items():
         of_shape = [row for row in rows if row.design.shape == shape]
@@ -233,7 +236,7 @@ def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set_title("the criterion, and what is known")
 
 
-def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
+def _key(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
     """List the designs that are named, and what each is worth."""
     axes.set_axis_off()
     line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>9}{:>7}  {:<9}{}"
@@ -253,7 +256,7 @@ def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
                 f"{design.beam_sigma_deg:g}",
                 f"{score.position_m:.3f}",
                 f"{score.angle_deg:.2f}",
-                "4 to 8 m" if score.told else "4 m" if score.told_near else "none",
+                score.resolved,
                 where,
             )
         )
@@ -274,13 +277,15 @@ def _legend(axes: Axes, width_m: float) -> None:
         mark("above it at 4 m, which is where the paper decides"),
         mark("above it from 4 to 8 m", "*", ms=9),
         mark(f"front 'fits': no wider than {width_m:g} m", "", color="k", lw=1),
-        mark("front 'told': of these, above 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))),
+        mark(
+            "front 'resolved': of these, above 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))
+        ),
         mark("front 'any': of any width", "", color="k", lw=1, ls="--"),
     ]
     axes.legend(handles=handles, loc="upper left", fontsize=9.5, frameon=False)
 
 
-def draw_designs(study: Study, rows: Sequence[Row], path: Path) -> None:
+def draw_designs(study: DesignStudy, rows: Sequence[ScoredDesign], path: Path) -> None:
     """Draw a study.
 
     Parameters

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from peers.libraries import OURS
-from uuv_optical_array.plots.follow import save
+from uuv_optical_array.plots.style import save
 
 COLOURS = ["#1f6fb4", "#444444", "#8c6bb1", "#2a9d5c", "#c8401e", "#e08a00"]
 

@@ -8,22 +8,27 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
+from uuv_optical_array.plots.style import (
+    NUMBER_BOX,
+    SHAPE_COLOURS,
+    SPECIFIED,
+    mark,
+    plain_log_ticks,
+    save,
+)
 from uuv_optical_array.studies.design.fronts import fronts, numbered, standing
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
-from uuv_optical_array.studies.shared.working_volume import volume_spread
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
 
 # Score, axis label, and the specification.
 BOUNDS = {
     "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0])),
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
 }
-GREEN = "#2c9c5a"
 # Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
 # distance between two numbers of detectors.
 CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
@@ -57,12 +62,10 @@ def _levels(axes: Axes, name: str) -> None:
     """Draw the specification and what is known without light, and set up the axis of bounds."""
     label, wanted = BOUNDS[name]
     free = volume_spread()[list(BOUNDS).index(name)]
-    axes.axhline(wanted, color=GREEN, ls="--", lw=1.4, zorder=1)
+    axes.axhline(wanted, color=SPECIFIED, ls="--", lw=1.4, zorder=1)
     axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
     axes.set(yscale="log", ylabel=label)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_log_ticks(axes.yaxis)
     axes.grid(alpha=0.3, lw=0.5)
 
 
@@ -81,7 +84,7 @@ def _all_designs(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign], n
     unit = "m" if name == "position_m" else "deg"
     free = volume_spread()[list(BOUNDS).index(name)]
     for value, text, colour in (
-        (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", GREEN),
+        (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", SPECIFIED),
         (free, "no measure-\nment at all", "0.35"),
     ):
         axes.annotate(
@@ -128,7 +131,7 @@ def _all_designs(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign], n
                 fontsize=9,
                 fontweight="bold",
                 zorder=5,
-                bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
+                bbox={"boxstyle": "round,pad=0.15", **NUMBER_BOX},
                 arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
             )
 
@@ -265,21 +268,16 @@ def _key(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
 
 def _legend(axes: Axes, width_m: float) -> None:
     axes.set_axis_off()
-
-    def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
-        about = {"color": "0.35", "lw": 0, "marker": marker, "label": label, "ms": 5, **style}
-        return Line2D([], [], **about)
-
     handles = [
-        mark("planar; within a number of detectors wider to the right", color="#c8401e"),
-        mark("curved; the same", color="#1f6fb4"),
+        *(
+            mark(f"{shape}; of a number of detectors wider to the right", color=colour)
+            for shape, colour in SHAPE_COLOURS.items()
+        ),
         mark("0.2 m and 10 deg below 15 deg of spectral angle at 4 m", mfc="w"),
         mark("above it at 4 m, which is where the paper decides"),
         mark("above it from 4 to 8 m", "*", ms=9),
         mark(f"front 'fits': no wider than {width_m:g} m", "", color="k", lw=1),
-        mark(
-            "front 'resolved': of these, above 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))
-        ),
+        mark("front 'resolved': of these, 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))),
         mark("front 'any': of any width", "", color="k", lw=1, ls="--"),
     ]
     axes.legend(handles=handles, loc="upper left", fontsize=9.5, frameon=False)

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.follow import SPECIFICATION, save
-from uuv_optical_array.studies.shared.working_volume import volume_spread
+from uuv_optical_array.plots.style import NUMBER_BOX, SPECIFIED, mark, plain_log_ticks, save
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
 
@@ -117,13 +115,13 @@ def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     axes.set(xscale="log", yscale="log")
     axes.set_xlabel(f"time from image to pose, median (ms; a forward model takes {model_ms:.2g})")
     axes.set_ylabel(label, fontsize=12)
-    axes.axhline(WANTED[which], color="#2c9c5a", ls="--", lw=1.6, zorder=1)
+    axes.axhline(WANTED[which], color=SPECIFIED, ls="--", lw=1.6, zorder=1)
     axes.axhline(volume_spread()[which], color="0.5", ls=":", lw=1.4, zorder=1)
     low, high = axes.get_xlim()
     axes.set_xlim(low / 1.5, high * 1.3)
     unit = "m" if name == "position" else "deg"
     for value, text, colour in (
-        (WANTED[which], f"specification, {WANTED[which]:g} {unit}", "#2c9c5a"),
+        (WANTED[which], f"specification, {WANTED[which]:g} {unit}", SPECIFIED),
         (volume_spread()[which], "no measurement at all", "0.4"),
     ):
         axes.annotate(
@@ -140,9 +138,7 @@ def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     _front(axes, rows, name)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+        plain_log_ticks(axis)
     above = axes.secondary_xaxis("top", functions=(_inverse, _inverse))
     above.set_xlabel("frames per second")
     above.xaxis.set_major_formatter("{x:g}")
@@ -178,7 +174,7 @@ def _front(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
             fontsize=9,
             fontweight="bold",
             zorder=5,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "w", "ec": "k", "lw": 0.7},
+            bbox={"boxstyle": "round,pad=0.2", **NUMBER_BOX},
             arrowprops={"arrowstyle": "-", "lw": 0.7, "shrinkA": 0, "shrinkB": 0},
         )
 
@@ -215,11 +211,6 @@ def _key(axes: Axes, rows: Sequence[Measurement]) -> None:
 
 def _legend(axes: Axes, rows: Sequence[Measurement]) -> None:
     axes.set_axis_off()
-
-    def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
-        return Line2D(
-            [], [], **{"color": "0.4", "lw": 0, "marker": marker, "label": label, **style}
-        )
 
     methods = [method for method in COLOURS if any(row.method == method for row in rows)]
     sides = sorted({row.detectors_per_side for row in rows})

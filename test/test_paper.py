@@ -15,6 +15,7 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.eren2016 import choices as paper_choices
 from uuv_optical_array.studies.eren2016 import figures as paper
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS
+from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
 from uuv_optical_array.studies.shared import separation
 from uuv_optical_array.studies.shared.separation import RECONSTRUCTION, Conditions, angles_deg
 
@@ -156,7 +157,8 @@ def test_what_has_no_number_is_flat_and_met_by_nobody():
     above = next(s for s in STATEMENTS if s.relation == "above")
     assert above.met(np.nan) is False
     assert command.number(np.nan) == "flat"
-    assert command.known(np.nan) is None
+    (point,) = as_object(Reproduction([np.nan]))["figures"]["4a"]["points"]
+    assert point["ours_deg"] is None
     stated = next(s for s in STATEMENTS if s.relation == "is")
     assert command.verdict(stated, np.nan) == ""
 

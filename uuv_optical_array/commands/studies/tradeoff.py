@@ -21,7 +21,6 @@ from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots.tradeoff import draw_table_cost, draw_tradeoff
 from uuv_optical_array.studies.tradeoff.fronts import (
     MOST_WITHOUT_POSE,
     as_object,
@@ -160,6 +159,8 @@ def run(options: argparse.Namespace) -> int:
     loads = [row.load_average for row in rows]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {measured.frames} frames each; {measured.origin.machine}"
+    from uuv_optical_array.plots.tradeoff import draw_table_cost, draw_tradeoff
+
     pictures = [folder / PICTURE]
     draw_tradeoff(rows, f"{about}, {load}", pictures[0])
     if costs:

@@ -155,7 +155,7 @@ STATEMENTS = (
 )
 
 
-def score(ours: Sequence[float]) -> tuple[int, float]:
+def agreement(ours: Sequence[float]) -> tuple[int, float]:
     """Sum up numbers of all `STATEMENTS`.
 
     Parameters

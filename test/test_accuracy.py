@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from uuv_optical_array.commands.studies import accuracy as command
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
 from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies.shared.results import by_column
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FRAMES = 2000
@@ -204,10 +204,10 @@ def test_nuisances_estimated_along_keep_the_covariance_honest(capsys, scene_file
     answer = json.loads(capsys.readouterr().out)
     assert (answer["scene"], answer["poses"]) == ("small", 30)
     rows = {(row["off"], row["nuisances"]): row for row in answer["nuisances"]}
-    assert len(rows) == 2 * len(command.OFF)
-    for off in command.OFF:
+    assert len(rows) == 2 * len(accuracy.OFF)
+    for off in accuracy.OFF:
         known, estimated = rows[off, "known"], rows[off, "estimated"]
-        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(command.COLUMNS)
+        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(by_column([0.0] * 5))
         assert estimated["nees_mean"] < 10
         if off != "nothing":
             assert known["nees_mean"] > 3 * estimated["nees_mean"]
@@ -256,14 +256,14 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
 def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
     run("--scene", scene_file, "--nuisances", "--poses", 3)
     lines = capsys.readouterr().out.splitlines()
-    assert sum(line.startswith(tuple(command.OFF)) for line in lines) == 2 * len(command.OFF) + 2
+    assert sum(line.startswith(tuple(accuracy.OFF)) for line in lines) == 2 * len(accuracy.OFF) + 2
 
 
 def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "measure", interrupted)
+    monkeypatch.setattr(accuracy, "frame_errors", interrupted)
     for words in ((), ("--nuisances",)):
         run("--scene", scene_file, *words, code=130)
         assert "interrupted" in capsys.readouterr().out

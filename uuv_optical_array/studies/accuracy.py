@@ -1,19 +1,40 @@
 """How far estimates of random frames are from the truth, and whether their covariances say so."""
 
 import dataclasses
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
+from uuv_optical_array.estimation.table.signature_table import (
+    BLOCK_POSES,
+    Progress,
+    SignatureTable,
+    cached_table,
+)
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PriorSettings
+from uuv_optical_array.forward.scene import PriorSettings, Scene
 from uuv_optical_array.studies.shared.errors import FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.results import by_column
+from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 BAND = 0.95
+SIGMAS = 6.0
+DAY_S = 86_400.0  # from which random moments are drawn
+# What the estimator that estimates nuisances along knows of them.
+PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
+# What is off by how much: the attenuation in 1/m and the lamp's power as a share.
+OFF = {
+    "nothing": (0.0, 0.0),
+    "power +5 %": (0.0, 0.05),
+    "K +0.015 /m": (0.015, 0.0),
+    "K +0.015 /m, power +5 %": (0.015, 0.05),
+    "K +0.015 /m, power -5 %": (0.015, -0.05),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,3 +140,116 @@ def measure(
     if not frames.posed.any():
         raise ValueError(f"scene {scene.name}: none of {done} frames got a pose")
     return Accuracy(**vars(frames), bounds=bounds[:done])
+
+
+def exposed(
+    model: ForwardModel,
+    poses: Array,
+    seed: int,
+    drawn: bool,
+    moving: bool,
+    rng: np.random.Generator,
+) -> Array:
+    """Expose images at poses, with a truth that the estimator does not know.
+
+    Parameters
+    ----------
+    model
+        Of the scene.
+    poses
+        m and rad, shape ``(n, 5)``.
+    seed
+        Of what is drawn of the truth.
+    drawn
+        Whether what the scene's prior leaves open is drawn from it, or is at its mean.
+    moving
+        Whether each image is of a random moment of a day, or of none.
+    rng
+        Of the noise, which does not depend on the other choices.
+
+    Returns
+    -------
+    Array
+        Counts, shape ``(n, side, side)``.
+    """
+    truth = np.random.default_rng((seed, 1))
+    moments = truth.uniform(0, DAY_S, len(poses)) if moving else None
+    stds = model.scene.prior.nuisance_std() if drawn else {}
+    offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
+    return model.expose(poses, rng, 0.0, offsets, moments)
+
+
+def compare_nuisances(
+    scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
+) -> Iterator[tuple[str, str, Accuracy]]:
+    """Measure every case of `OFF`, with K and the lamp's power known and estimated along.
+
+    An interrupt ends it with what it has; before the first frame it passes on.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    count
+        How many poses, >= 1, the same in every case.
+    seed
+        Of poses and noise.
+    candidates
+        As in `Estimator`.
+    progress
+        Wraps each loop over frames.
+
+    Yields
+    ------
+    str
+        What is off, of `OFF`.
+    str
+        Whether nuisances are ``known`` or ``estimated``.
+    Accuracy
+        The last one perhaps of fewer frames.
+    """
+    table = cached_table(scene)
+    estimators = {
+        name: Estimator(with_prior(table, prior), "least_squares", candidates=candidates)
+        for name, prior in (("known", PriorSettings()), ("estimated", PRIOR))
+    }
+    model = ForwardModel(scene)
+    poses = lit_poses(model, count, np.random.default_rng(seed))
+    begun = False
+    for off, (k_off_per_m, power_off) in OFF.items():
+        off_by = {"lamp.power": np.array(np.log1p(power_off))}
+        if k_off_per_m:
+            off_by["attenuation.k_per_m"] = np.array(k_off_per_m)
+        # The same noise in every case.
+        images = model.expose(poses, np.random.default_rng((seed, 1)), 0.0, off_by)
+        for nuisances, estimator in estimators.items():
+            try:
+                found = measure(estimator, poses, images, progress)
+            except KeyboardInterrupt:
+                if not begun:
+                    raise
+                return
+            begun = True
+            yield off, nuisances, found
+            if len(found.errors) < count:
+                return
+
+
+def as_object(found: Accuracy) -> dict[str, Any]:
+    """Return plain values, errors in m and deg, times in ms; None is not known."""
+    nees = found.nees
+    median_ms, slow_ms = found.frame_ms
+    return {
+        "poses": len(found.errors),
+        "rms_error": by_column(found.rms_error * IN_DEGREES),
+        "rms_bound": by_column(found.rms_bound * IN_DEGREES),
+        "ratio_to_bound": dict(zip(DOF_NAMES, found.ratio_to_bound.tolist(), strict=True)),
+        "beyond_6_sigma": found.beyond_sigma(SIGMAS),
+        "beyond_6_bounds": found.beyond_bound(SIGMAS),
+        "nees_mean": float(nees.mean()),
+        "nees_std_error": float(nees.std() / np.sqrt(len(nees))),
+        "nees_band": list(found.nees_band),
+        "without_pose": int((~found.posed).sum()),
+        "frame_ms": {"median": median_ms, "99th_percentile": slow_ms},
+        "model_ms": found.model_ms,
+    }

@@ -1,18 +1,13 @@
 """The Monte Carlo of approaches: the published method and ours on the same images."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import (
-    DOF_NAMES,
-    DOF_UNITS,
-    IN_DEGREES,
-    Array,
-)
+from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.docking.motion import DockingSettings
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
@@ -40,6 +35,7 @@ from uuv_optical_array.studies.shared.published.moments import (
     dead_reckoned,
     measure,
 )
+from uuv_optical_array.studies.shared.results import by_column
 
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.
@@ -232,13 +228,6 @@ def all_cases(
         yield name, found
         if found.runs < runs:
             return
-
-
-def by_column(values: Iterable[float]) -> dict[str, float | None]:
-    """Name the values of the five degrees of freedom; None is not known."""
-    names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
-    known = (None if np.isnan(value) else float(value) for value in values)
-    return dict(zip(names, known, strict=True))
 
 
 def as_object(case: Case, found: ApproachErrors) -> dict[str, Any]:

@@ -339,13 +339,3 @@ def table_folder(table, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tables") / "small"
     save_table(table, folder)
     return str(folder)
-
-
-@pytest.fixture
-def small_chunks(monkeypatch):
-    """Designs by the three in a chunk."""
-    for needed in ("zarr", "dask"):
-        pytest.importorskip(needed, reason="a sweep in chunks needs the extra cluster")
-    from uuv_optical_array.studies.design import store as design_store
-
-    monkeypatch.setattr(design_store, "CHUNK_DESIGNS", 3)

@@ -4,7 +4,7 @@ import numpy as np
 
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.design.designs import Design, Sweep
-from uuv_optical_array.studies.design.store import Study
+from uuv_optical_array.studies.design.study import DesignStudy
 
 PLANAR = Design("planar", 5, 0.3, None, 6.0)
 CURVED = Design("curved", 4, 0.3, 0.25, 11.0)
@@ -21,4 +21,4 @@ def rng(seed=1):
 
 
 def study_of(**changes):
-    return Study(**{"scene": load_scene("follow"), "sweep": SMALL, "poses": 40, **changes})
+    return DesignStudy(**{"scene": load_scene("follow"), "sweep": SMALL, "poses": 40, **changes})

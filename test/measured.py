@@ -1,6 +1,6 @@
 """A measurement of the trade-off made by hand."""
 
-from uuv_optical_array.studies.tradeoff.results import Row
+from uuv_optical_array.studies.tradeoff.results import Measurement
 
 
 def row(method="sam", side=5, rows=1024, position=0.5, angle=5.0, ms=1.0, lost=0.0, **others):
@@ -14,4 +14,4 @@ def row(method="sam", side=5, rows=1024, position=0.5, angle=5.0, ms=1.0, lost=0
         **{"median_ms": ms, "p99_ms": 2 * ms, "model_ms": 0.5, "models": 2 * ms},
         **{"build_s": 0.1, "load_average": 1.0},
     }
-    return Row(**{**values, **others})
+    return Measurement(**{**values, **others})

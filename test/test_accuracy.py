@@ -9,25 +9,29 @@ import numpy as np
 import pytest
 import yaml
 
-from uuv_optical_array.commands.studies import accuracy as command
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
 from uuv_optical_array.studies import accuracy
-from uuv_optical_array.studies.accuracy import random_poses, study
+from uuv_optical_array.studies.shared.results import by_column
+from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FRAMES = 2000
 
 
 class Fake:
-    """Answers frame after frame with the truth and an error, and the bound as its covariance."""
+    """Answers frame after frame with the truth and an error, and the bound as its covariance.
+
+    The first frame is asked for twice, once to warm up.
+    """
 
     def __init__(self, scene, poses, errors):
         self.table = SimpleNamespace(scene=scene)
-        self.answers = iter(poses + errors)
-        self.covariances = iter(cramer_rao_bound(ForwardModel(scene), poses).covariance)
+        again = [0, *range(len(poses))]
+        self.answers = iter((poses + errors)[again])
+        self.covariances = iter(cramer_rao_bound(ForwardModel(scene), poses).covariance[again])
 
     def estimate(self, parameters, image):
         assert np.isfinite(parameters).all()
@@ -46,7 +50,7 @@ def model(scene):
 
 @pytest.fixture(scope="module")
 def poses(model):
-    return random_poses(model, FRAMES, np.random.default_rng(5))
+    return lit_poses(model, FRAMES, np.random.default_rng(5))
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +60,16 @@ def honest(model, poses):
     return (roots @ np.random.default_rng(6).standard_normal((FRAMES, 5, 1)))[..., 0]
 
 
-def fake_study(model, poses, errors):
+def fake_accuracy(model, poses, errors):
     fake = Fake(model.scene, poses, errors)
-    return study(fake, poses, model.expose(poses, np.random.default_rng(7)))
+    return accuracy.measure(fake, poses, model.expose(poses, np.random.default_rng(7)))
 
 
 run = functools.partial(command_line.run, "accuracy")
 
 
 def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, honest):
-    found = fake_study(model, poses, honest)
+    found = fake_accuracy(model, poses, honest)
     np.testing.assert_allclose(found.errors, honest, atol=1e-12)
     np.testing.assert_allclose(found.ratio_to_bound, 1, atol=0.06)
     low, high = found.nees_band
@@ -76,7 +80,7 @@ def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, hone
 
 
 def test_errors_twice_as_large_have_twice_the_ratio_and_four_times_the_nees(model, poses, honest):
-    once, twice = (fake_study(model, poses, scale * honest) for scale in (1, 2))
+    once, twice = (fake_accuracy(model, poses, scale * honest) for scale in (1, 2))
     np.testing.assert_allclose(twice.ratio_to_bound, 2 * once.ratio_to_bound)
     np.testing.assert_allclose(twice.nees, 4 * once.nees, rtol=1e-9)
     assert twice.nees.mean() == pytest.approx(20, rel=0.05)
@@ -88,13 +92,13 @@ def test_one_frame_of_seven_sigma_is_counted_and_one_of_five_is_not(model, poses
     errors = np.zeros((50, 5))
     std = cramer_rao_bound(model, poses).std
     errors[17, dof], errors[30, dof] = -7 * std[17, dof], 5 * std[30, dof]
-    found = fake_study(model, poses, errors)
+    found = fake_accuracy(model, poses, errors)
     assert found.beyond_sigma(6) == found.beyond_bound(6) == 1
     assert found.rms_error[dof] == pytest.approx(np.sqrt(np.mean(errors[:, dof] ** 2)))
 
 
 def test_own_sigmas_and_the_bound_are_told_apart(model, poses):
-    found = fake_study(model, poses[:5], np.zeros((5, 5)))
+    found = fake_accuracy(model, poses[:5], np.zeros((5, 5)))
     found.covariances[3] *= 100
     found.errors[3, 0] = 10 * found.bounds[3, 0]
     assert (found.beyond_sigma(6), found.beyond_bound(6)) == (0, 1)
@@ -104,49 +108,30 @@ def test_frames_without_a_pose_are_left_out_of_every_mean(model, poses, honest):
     errors = honest[:40].copy()
     errors[::4] = np.nan
     kept = ~np.isnan(errors[:, 0])
-    found = fake_study(model, poses[:40], errors)
-    alone = fake_study(model, poses[:40][kept], errors[kept])
+    found = fake_accuracy(model, poses[:40], errors)
+    alone = fake_accuracy(model, poses[:40][kept], errors[kept])
     np.testing.assert_array_equal(found.posed, kept)
     np.testing.assert_allclose(found.ratio_to_bound, alone.ratio_to_bound)
     assert found.nees_band == alone.nees_band
     assert len(found.nees) == 30
     with pytest.raises(ValueError, match="none of 40 frames got a pose"):
-        fake_study(model, poses[:40], np.full((40, 5), np.nan))
+        fake_accuracy(model, poses[:40], np.full((40, 5), np.nan))
 
 
 def test_an_interrupt_keeps_the_frames_before_it(model, poses):
     errors = np.zeros((40, 5))
     errors[10] = np.inf
-    found = fake_study(model, poses[:40], errors)
+    found = fake_accuracy(model, poses[:40], errors)
     assert len(found.errors) == len(found.bounds) == len(found.frame_s) == 10
     with pytest.raises(KeyboardInterrupt):
-        fake_study(model, poses[:40], np.full((40, 5), np.inf))
+        fake_accuracy(model, poses[:40], np.full((40, 5), np.inf))
 
 
 @pytest.mark.parametrize(("count", "band"), [(1, (0.831, 12.833)), (FRAMES, (4.862, 5.140))])
 def test_the_band_is_the_chi_square_tables(model, poses, count, band):
     # Table of chi-square with 5 degrees of freedom; for many, 5 +- 1.96 sqrt(10 / n).
-    found = fake_study(model, poses[:count], np.zeros((count, 5)))
+    found = fake_accuracy(model, poses[:count], np.zeros((count, 5)))
     np.testing.assert_allclose(found.nees_band, band, atol=2e-3)
-
-
-def test_poses_fill_the_volume_where_there_is_light(model, poses):
-    assert poses.shape == (FRAMES, 5)
-    assert (poses >= accuracy.LOW).all()
-    assert (poses <= accuracy.HIGH).all()
-    assert model.expected(poses).max(axis=(1, 2)).min() > 20
-    np.testing.assert_allclose(accuracy.LOW, [-8, -0.9, -0.9, *np.radians([-20, -20])])
-    spread = poses[:, [0, 3, 4]].std(axis=0) * np.sqrt(12)
-    np.testing.assert_allclose(spread, (accuracy.HIGH - accuracy.LOW)[[0, 3, 4]], rtol=0.08)
-
-
-def test_a_scene_too_dark_for_the_study_is_refused(scene):
-    settings = scene.settings()
-    settings["lamp"]["reference_counts"] = 5.0
-    with pytest.raises(ValueError, match=r"scene dark: none of .* peaks above 20 counts"):
-        random_poses(
-            ForwardModel(scene_from_settings(settings, "dark")), 5, np.random.default_rng()
-        )
 
 
 def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
@@ -219,10 +204,10 @@ def test_nuisances_estimated_along_keep_the_covariance_honest(capsys, scene_file
     answer = json.loads(capsys.readouterr().out)
     assert (answer["scene"], answer["poses"]) == ("small", 30)
     rows = {(row["off"], row["nuisances"]): row for row in answer["nuisances"]}
-    assert len(rows) == 2 * len(command.OFF)
-    for off in command.OFF:
+    assert len(rows) == 2 * len(accuracy.OFF)
+    for off in accuracy.OFF:
         known, estimated = rows[off, "known"], rows[off, "estimated"]
-        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(command.COLUMNS)
+        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(by_column([0.0] * 5))
         assert estimated["nees_mean"] < 10
         if off != "nothing":
             assert known["nees_mean"] > 3 * estimated["nees_mean"]
@@ -271,14 +256,14 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
 def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
     run("--scene", scene_file, "--nuisances", "--poses", 3)
     lines = capsys.readouterr().out.splitlines()
-    assert sum(line.startswith(tuple(command.OFF)) for line in lines) == 2 * len(command.OFF) + 2
+    assert sum(line.startswith(tuple(accuracy.OFF)) for line in lines) == 2 * len(accuracy.OFF) + 2
 
 
 def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "study", interrupted)
+    monkeypatch.setattr(accuracy, "frame_errors", interrupted)
     for words in ((), ("--nuisances",)):
         run("--scene", scene_file, *words, code=130)
         assert "interrupted" in capsys.readouterr().out

@@ -11,8 +11,9 @@ import yaml
 
 from uuv_optical_array.commands.studies import advise as command
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.tradeoff.advice import Need, advise
-from uuv_optical_array.studies.tradeoff.results import Ledger, Origin, Row
+from uuv_optical_array.studies.tradeoff.results import Measurement, Origin
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
@@ -42,7 +43,9 @@ def folder(scene, tmp_path):
         row("sam", 5, 1024, position=0.6, p99=0.5),
         row(side=7, position=0.05, angle=1.0, p99=20.0),
     ]
-    Ledger(tmp_path / "tradeoff.csv", Row, Origin.here(scene, "quick", 300, 3)).append(rows)
+    Results(tmp_path / "tradeoff.csv", Measurement, Origin.here(scene, "quick", 300, 3)).append(
+        rows
+    )
     return tmp_path
 
 
@@ -136,15 +139,15 @@ def test_json_holds_the_same(folder, capsys):
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
 def test_measurements_of_elsewhere_do_not_count(field, scene, tmp_path, capsys, monkeypatch):
     origin = vars(Origin.here(scene, "quick", 300, 1)) | {field: "another"}
-    Ledger(tmp_path / "tradeoff.csv", Row, Origin(**origin)).append([row(side=2)])
+    Results(tmp_path / "tradeoff.csv", Measurement, Origin(**origin)).append([row(side=2)])
     cache = tmp_path / "cache"
     monkeypatch.setattr(command, "cache_folder", lambda scene: cache)
 
-    def go_on(measurement):
-        assert (measurement.mode, measurement.folder) == ("quick", cache)
-        measurement.settings.append([row(side=11, shape="planar")])
+    def measure_rest(measured):
+        assert (measured.origin.mode, measured.folder) == ("quick", cache)
+        measured.settings.append([row(side=11, shape="planar")])
 
-    monkeypatch.setattr(command.Measurement, "go_on", go_on)
+    monkeypatch.setattr(command, "measure_rest", measure_rest)
     run("--output", tmp_path)
     out, err = capsys.readouterr()
     assert "planar 11 x 11" in out
@@ -153,11 +156,11 @@ def test_measurements_of_elsewhere_do_not_count(field, scene, tmp_path, capsys, 
 
 
 def test_nothing_measured_and_interrupted(scene, tmp_path, capsys, monkeypatch):
-    def go_on(measurement):
+    def measure_rest(measured):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "cache_folder", lambda scene: tmp_path)
-    monkeypatch.setattr(command.Measurement, "go_on", go_on)
+    monkeypatch.setattr(command, "measure_rest", measure_rest)
     run("--output", tmp_path, code=130)
     assert capsys.readouterr().out == "interrupted: nothing measured\n"
 

@@ -12,20 +12,22 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest, norm, uniform
 
-from uuv_optical_array.commands.studies import approach as command
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import approach
-from uuv_optical_array.studies.approach import (
+from uuv_optical_array.studies.eren2017 import monte_carlo
+from uuv_optical_array.studies.eren2017.approach import (
     CASES,
     FRAMES,
-    METHODS,
     RANGES_M,
     Choices,
-    Result,
     believed,
     draw_offsets,
     expose,
+)
+from uuv_optical_array.studies.eren2017.monte_carlo import (
+    METHODS,
+    ApproachErrors,
+    as_object,
     simulate,
 )
 
@@ -171,7 +173,7 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
     bound = rng.uniform(0.1, 2, (FRAMES, 5))
     errors = 0.5 + 2 * bound * rng.standard_normal((4000, FRAMES, 5))
     errors[7, 3] = np.nan
-    found = Result(dict.fromkeys(METHODS, errors), bound, bound)
+    found = ApproachErrors(dict.fromkeys(METHODS, errors), bound, bound)
     assert found.runs == 4000
     assert found.without_pose("docking") == 1
     np.testing.assert_allclose(found.mean("docking"), 0.5, atol=0.35)
@@ -187,7 +189,7 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
 
 
 def test_an_interrupt_keeps_the_batches_before_it(tank, monkeypatch):
-    monkeypatch.setattr(approach, "BATCH", 2)
+    monkeypatch.setattr(monte_carlo, "BATCH", 2)
     batches = []
 
     def stop(count):
@@ -205,7 +207,7 @@ def test_an_interrupt_before_the_first_batch_is_passed_on(tank, monkeypatch):
     def stop(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(approach, "by_moments", stop)
+    monkeypatch.setattr(monte_carlo, "by_moments", stop)
     with pytest.raises(KeyboardInterrupt):
         simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(4))
 
@@ -217,7 +219,7 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother():
             return first, None
 
     first = np.array([[np.nan] * 5, [1.0] * 5])
-    poses = approach.by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
+    poses = monte_carlo.by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
     assert np.isnan(poses[0]).all()
     assert (poses[1] == 1).all()
 
@@ -230,14 +232,14 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
 ):
     # Two of the three, for the time.
     cases = {name: CASES[name] for name in ("dive", "zigzag, murky")}
-    monkeypatch.setattr(command, "CASES", cases)
+    monkeypatch.setattr(monte_carlo, "CASES", cases)
     picture = tmp_path / "approach.png"
     run("--scene", tank_file, "--runs", 2, "--seed", 5, "--json", "--output", picture)
     told = json.loads(capsys.readouterr().out)
     assert told["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
     again = simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(5))
-    assert told["cases"]["dive"] == command.as_object(CASES["dive"], again)
+    assert told["cases"]["dive"] == as_object(CASES["dive"], again)
     assert told["asked_runs"] == 2
     assert list(told["cases"]) == list(cases)
     for name, case in told["cases"].items():
@@ -253,14 +255,14 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
 
 
 def test_it_prints_tables_of_the_runs_it_has(tank_file, tmp_path, capsys, monkeypatch):
-    simulated = command.simulate
+    simulated = monte_carlo.simulate
 
     def interrupted(tank, case, choices, runs, rng, done):
         if case is CASES["zigzag"]:
             raise KeyboardInterrupt
         return simulated(tank, case, choices, 1, rng, done)
 
-    monkeypatch.setattr(command, "simulate", interrupted)
+    monkeypatch.setattr(monte_carlo, "simulate", interrupted)
     run("--scene", tank_file, "--runs", 1, "--output", tmp_path / "cut.png")
     text = capsys.readouterr().out
     assert "dive, runs: 1" in text
@@ -269,14 +271,14 @@ def test_it_prints_tables_of_the_runs_it_has(tank_file, tmp_path, capsys, monkey
     (aim,) = [line for line in text.splitlines() if "the aim" in line]
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
     monkeypatch.setattr(
-        command, "simulate", lambda *words: (_ for _ in ()).throw(KeyboardInterrupt)
+        monte_carlo, "simulate", lambda *words: (_ for _ in ()).throw(KeyboardInterrupt)
     )
     run("--scene", tank_file, code=130)
     assert "interrupted: nothing measured" in capsys.readouterr().out
 
 
 def test_choices_are_compared(tank_file, capsys, monkeypatch):
-    planted = Result(
+    planted = ApproachErrors(
         {method: np.full((1, FRAMES, 5), 0.25) for method in METHODS},
         np.ones((FRAMES, 5)),
         np.ones((FRAMES, 5)),
@@ -287,7 +289,7 @@ def test_choices_are_compared(tank_file, capsys, monkeypatch):
         asked.append((tank.lamp.beam_sigma_deg, choices.noise, choices.offset_share))
         return planted
 
-    monkeypatch.setattr(command, "simulate", simulated)
+    monkeypatch.setattr(monte_carlo, "simulate", simulated)
     run("--scene", tank_file, "--choices", "--runs", 1)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + 3 * (1 + 5 * len(METHODS))

@@ -14,15 +14,15 @@ from uuv_optical_array.estimation.features import skewness
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.baselines import lookup as lookup_module
-from uuv_optical_array.studies.baselines.lookup import (
+from uuv_optical_array.studies.shared.published import lookup as lookup_module
+from uuv_optical_array.studies.shared.published.lookup import (
     GRID,
     LookUp,
     Weights,
     lookup_scene,
     weights_by_trial,
 )
-from uuv_optical_array.studies.baselines.moments import (
+from uuv_optical_array.studies.shared.published.moments import (
     ACROSS_M,
     DOWN_M,
     RANGES_M,

@@ -12,22 +12,34 @@ import command_line
 import matplotlib.image
 import numpy as np
 import pytest
-from designs import CURVED, PLANAR, study_of
+from designs import CURVED, PLANAR, SMALL, study_of
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.design import apart, draw_designs
-from uuv_optical_array.studies.design.choice import front, fronts, numbered, of_the_paper, standing
+from uuv_optical_array.studies.design import study as study_module
 from uuv_optical_array.studies.design.designs import Design, designed
+from uuv_optical_array.studies.design.fronts import (
+    front,
+    fronts,
+    is_papers_array,
+    numbered,
+    standing,
+)
 from uuv_optical_array.studies.design.score import Score
-from uuv_optical_array.studies.design.store import COLUMNS, DesignStore, Row
+from uuv_optical_array.studies.design.study import ScoredDesign
+from uuv_optical_array.studies.shared.results import Results
+
+COLUMNS = [field.name for field in dataclasses.fields(Score)]
 
 
 def row_of(side, position_m, angle_deg, **changes):
     values = dict.fromkeys(COLUMNS, 1.0) | {"position_m": position_m, "angle_deg": angle_deg}
-    return Row(dataclasses.replace(PLANAR, detectors_per_side=side, **changes), Score(**values))
+    return ScoredDesign(
+        dataclasses.replace(PLANAR, detectors_per_side=side, **changes), Score(**values)
+    )
 
 
 @given(
@@ -61,18 +73,20 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     wide = row_of(3, 0.01, 0.1, width_m=0.5)
     fits = row_of(3, 0.1, 1.0, width_m=0.4)
     score = dataclasses.replace(fits.score, position_m=0.2, shift_near_deg=15.0, yaw_near_deg=15.0)
-    told = Row(dataclasses.replace(fits.design, width_m=0.3), score)
-    paper = Row(Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9))
-    rows, study = [wide, fits, told, paper], study_of()
-    assert fronts(study, rows) == {"fits": [fits], "told": [told], "any": [wide]}
-    assert told.score.told_near
-    assert not paper.score.told_near
-    assert numbered(study, rows) == [fits, told, wide, paper]
-    assert standing(study, rows) == ["fits", "told", "any", "none; the paper's array"]
-    assert [of_the_paper(row.design) for row in rows] == [False, False, False, True]
-    # With another lamp it is the paper's array still, but not told for its own sake.
-    other = Row(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
-    assert of_the_paper(other.design)
+    resolved = ScoredDesign(dataclasses.replace(fits.design, width_m=0.3), score)
+    paper = ScoredDesign(
+        Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9)
+    )
+    rows, study = [wide, fits, resolved, paper], study_of()
+    assert fronts(study, rows) == {"fits": [fits], "resolved": [resolved], "any": [wide]}
+    assert resolved.score.resolved_at_4m
+    assert not paper.score.resolved_at_4m
+    assert numbered(study, rows) == [fits, resolved, wide, paper]
+    assert standing(study, rows) == ["fits", "resolved", "any", "none; the paper's array"]
+    assert [is_papers_array(row.design) for row in rows] == [False, False, False, True]
+    # With another lamp it is the paper's array still, but not listed for its own sake.
+    other = ScoredDesign(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
+    assert is_papers_array(other.design)
     assert other not in numbered(study, [*rows, other])
 
 
@@ -82,42 +96,116 @@ run = functools.partial(command_line.run, "design")
 LISTS = ["--side", 3, 5, "--size", 0.2, 0.4, "--radius", 0.2, 0.32, "--beam-sigma-deg", 6, 8]
 
 
-def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, capsys, small_chunks):
-    monkeypatch.chdir(tmp_path)
-    fill, filled = DesignStore.fill, []
+def scored(path, study):
+    """Score a study into a file; return its designs as they are read from there."""
+    study.score_rest(Results(path, ScoredDesign, study.origin))
+    return study.swept(Results(path, ScoredDesign, study.origin))
 
-    def interrupted(self, chunk):
-        if len(filled) == 2:
+
+@pytest.fixture
+def heard(monkeypatch):
+    """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
+    honest = study_module.score
+
+    class Heard(list):
+        stop = None
+
+    heard = Heard()
+
+    def counted(scene, *others):
+        if len(heard) == heard.stop:
             raise KeyboardInterrupt
-        filled.append(chunk)
-        return fill(self, chunk)
+        heard.append(Design.of(scene))
+        return honest(scene, *others)
 
-    words = [*LISTS, "--poses", 40, "--threads", 1]
-    monkeypatch.setattr(DesignStore, "fill", interrupted)
+    monkeypatch.setattr(study_module, "score", counted)
+    return heard
+
+
+def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, heard):
+    whole = scored(tmp_path / "whole.csv", study_of())
+    path = tmp_path / "stopped.csv"
+    heard.clear()
+    heard.stop = 7
+    with pytest.raises(KeyboardInterrupt):
+        scored(path, study_of())
+    assert len(path.read_text().splitlines()) == 1 + 7
+    heard.stop = None
+    assert str(scored(path, study_of())) == str(whole)  # a nan is no equal of itself
+    assert heard == study_of().sweep.designs()
+    assert path.read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
+def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, heard):
+    whole = dict(scored(tmp_path / "whole.csv", study_of()))
+    few = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
+    alone = scored(tmp_path / "few.csv", study_of(sweep=few))
+    assert 0 < len(alone) < len(whole)
+    assert all(str(whole[design]) == str(score) for design, score in alone)
+    # A sweep that is part of what is there scores nothing, and loses nothing.
+    heard.clear()
+    before = (tmp_path / "whole.csv").read_bytes()
+    assert str(scored(tmp_path / "whole.csv", study_of(sweep=few))) == str(alone)
+    assert heard == []
+    assert (tmp_path / "whole.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"poses": 41}, "poses is 40 there and 41 here"),
+        ({"seed": 2}, "seed is 1 there and 2 here"),
+        ({"power": "counts"}, "power is flux there and counts here"),
+        ({"mount": "centre"}, "mount is front there and centre here"),
+        ({"scene": load_scene("coastal")}, "fingerprint is"),
+    ],
+)
+def test_the_scores_of_another_study_are_refused_by_what_differs(tmp_path, changes, error):
+    path, few = tmp_path / "t.csv", dataclasses.replace(SMALL, detectors_per_side=(3,))
+    scored(path, study_of(sweep=few))
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
+        scored(path, study_of(sweep=few, **changes))
+    assert path.read_bytes() == before
+
+
+def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, capsys, heard):
+    monkeypatch.chdir(tmp_path)
+    words = [*LISTS, "--poses", 40]
+    heard.stop = 0
+    run(*words, code=130)
+    assert "interrupted: nothing scored" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+    heard.stop = 6
     run(*words, code=130)
     out = capsys.readouterr().out
-    assert re.search(r"interrupted: \d of 7 chunks are in follow.design.zarr; the same comm", out)
-    assert not (tmp_path / "follow.design.csv").exists()
-    monkeypatch.setattr(DesignStore, "fill", fill)
-    run(*words[:-2], "--memory", "4GB", "--take", 2)
+    assert "interrupted: 6 of 20 designs; the same command goes on" in out
+    assert "of 6 designs tell" in out
+    heard.stop = None
+    run(*words, "--take", 2)
     out = capsys.readouterr().out
     assert "left out: 4 designs whose corners lie beyond their sphere" in out
-    assert "2 of 7 chunks are there already" in out
+    assert "6 designs are there already" in out
+    assert len(heard) == 20
     assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
     assert "of 20 designs tell" in out
 
     run(*words, "--json")
     told = json.loads(capsys.readouterr().out)
+    assert len(heard) == 20
+    assert told["complete"] is True
+    assert told["files"] == ["follow.design.csv", "follow.design.png"]
     study = study_of()
-    rows = DesignStore.create(tmp_path / "follow.design.zarr", study).rows()
+    rows = scored(tmp_path / "again.csv", study)
     assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
+    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.score.resolved_at_4m for r in rows]
     assert [rows[i].design for i in told["papers_array"]] == [
         Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
     ]
     assert [rows[i] for i in told["numbered"]] == numbered(study, rows)
     table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
     assert len(table) == 20
-    np.testing.assert_allclose(table["angle_deg"], [r.score.angle_deg for r in rows], rtol=1e-12)
+    np.testing.assert_array_equal(table["angle_deg"], [r.score.angle_deg for r in rows])
     assert set(table["seed"]) == {1}
     assert matplotlib.image.imread("follow.design.png").shape[:2] == (1260, 1440)
     taken = load_scene("follow.design.2.yaml")
@@ -132,9 +220,8 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
         (["--side", "1"], "--side: 1 is out of bounds; it must be from 2 to 501"),
         (["--shapes", "curved", "--radius", "0.05"], "--radius: no design is left"),
         (["--poses", "0"], "--poses: 0 is out of bounds"),
-        (["--threads", "0"], "threads: 0; give at least 1"),
-        (["--scheduler", "tcp://x:1", "--memory", "1GB"], "limits of their own"),
-        (["-o", "designs"], r"name it \*.zarr"),
+        (["--csv", "deep/d.csv"], "--csv deep/d.csv: no folder deep"),
+        (["--picture", "deep/d.png"], "--picture deep/d.png: no folder deep"),
     ],
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
@@ -152,7 +239,7 @@ def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
 )
 def test_any_study_can_be_drawn(tmp_path, designs):
     values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}
-    rows = [Row(design, Score(**values)) for design in designs]
+    rows = [ScoredDesign(design, Score(**values)) for design in designs]
     draw_designs(study_of(), rows, tmp_path / "d.png")
     assert matplotlib.image.imread(tmp_path / "d.png").std() > 0.05
 

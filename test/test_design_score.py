@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -13,10 +12,9 @@ from scipy.stats import skew
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.accuracy import HIGH, LOW
-from uuv_optical_array.studies.design.designs import Design, Sweep, designed
-from uuv_optical_array.studies.design.score import score, signature_noise_deg, volume_poses
-from uuv_optical_array.studies.design.store import DesignStore, Study
+from uuv_optical_array.studies.design.designs import Design, designed
+from uuv_optical_array.studies.design.score import score, signature_noise_deg
+from uuv_optical_array.studies.shared.working_volume import HIGH, LOW, uniform_poses
 
 
 def own_light(design, bow_m, power, k_per_m, pose):
@@ -53,7 +51,7 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     # A weak lamp leaves some of the poses dark.
     weak = dataclasses.replace(scene.lamp, reference_counts=150.0)
     scene = dataclasses.replace(scene, lamp=weak)
-    poses = volume_poses(12, rng())
+    poses = uniform_poses(12, rng())
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
     found = score(designed(scene, design, "counts"), poses, rng())
@@ -98,7 +96,7 @@ def test_the_angles_are_those_of_an_implementation_of_its_own(design):
     effects = {**scene.effects}
     del effects["forward_scatter"], effects["adc"]
     scene = dataclasses.replace(scene, effects=effects)
-    found = score(designed(scene, design, "counts"), volume_poses(2, rng()), rng())
+    found = score(designed(scene, design, "counts"), uniform_poses(2, rng()), rng())
     bow_m = 0.72 - (design.radius_m or 0.0)
 
     def angles(range_m, *moved):
@@ -124,11 +122,11 @@ def test_the_angles_are_those_of_an_implementation_of_its_own(design):
 def test_the_papers_array_gets_the_numbers_of_docs_paper():
     """Row "moves to port", the smaller side at 5 x 5: nos. 8 and 11 at 4 m, 13 and 14 at 8 m."""
     scene = designed(load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5), "counts")
-    found = score(scene, volume_poses(2, rng()), rng())
+    found = score(scene, uniform_poses(2, rng()), rng())
     stated = [found.shift_near_deg, found.yaw_near_deg, found.shift_deg, found.yaw_deg]
     np.testing.assert_allclose(stated, [26.1, 21.2, 6.3, 9.7], atol=0.05)
-    assert found.told_near
-    assert not found.told
+    assert found.resolved_at_4m
+    assert not found.resolved_4_to_8m
 
 
 def test_noise_moves_the_signature_as_its_slope_says():
@@ -155,7 +153,7 @@ def test_noise_moves_the_signature_as_its_slope_says():
     draws = [signature_noise_deg(model, range_m, rng(seed)) for seed in range(40)]
     # 40 x 64 draws of two or so degrees of freedom: 3 % is three standard errors.
     assert math.sqrt(np.mean(np.square(draws))) == pytest.approx(wanted, rel=0.04)
-    found = score(scene, volume_poses(2, rng()), rng(3))
+    found = score(scene, uniform_poses(2, rng()), rng(3))
     first = signature_noise_deg(model, 4.0, rng(3))
     assert found.shift_near_sigmas == pytest.approx(found.shift_near_deg / first)
     assert found.yaw_near_sigmas / found.shift_near_sigmas == pytest.approx(
@@ -166,19 +164,7 @@ def test_noise_moves_the_signature_as_its_slope_says():
 
 def test_a_flat_image_meets_no_criterion():
     scene = scene_with({"forward_scatter": {"window_m": 10.0}, "sensor_noise": {"sigma_counts": 1}})
-    found = score(scene, volume_poses(3, rng()), rng())
+    found = score(scene, uniform_poses(3, rng()), rng())
     assert math.isnan(found.shift_deg)
-    assert not found.told
-    assert not found.told_near
-
-
-def test_a_thread_stays_within_what_it_is_reckoned_to_hold():
-    for name, side in (("follow", 21), ("harbour", 130)):
-        scene = load_scene(name)
-        sweep = Sweep(("curved",), (side,), (0.4,), (0.32,), (8.0,))
-        study = Study(scene, sweep, poses=40 if side < 100 else 1)
-        tracemalloc.start()
-        study.scored(sweep.designs())
-        most = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert most < DesignStore("", study).thread_bytes()
+    assert not found.resolved_4_to_8m
+    assert not found.resolved_at_4m

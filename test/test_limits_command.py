@@ -11,24 +11,31 @@ from matplotlib.figure import Figure
 from test_limits import SHAPES, make_scene, std_m_deg
 
 from uuv_optical_array.commands.studies import limits as command
+from uuv_optical_array.core import files
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots import bound_map as picture
+from uuv_optical_array.studies.bound_map import bound_map
 
 pytestmark = pytest.mark.filterwarnings("error")
+
+
+def coarse_map(scene):
+    return bound_map(scene, np.linspace(4, 8, 5), np.linspace(-1, 1, 7))
 
 
 @pytest.fixture
 def coarse(monkeypatch):
     """A picture of few poses, which takes less time."""
-    monkeypatch.setattr(command, "BEHIND_M", np.linspace(4, 8, 5))
-    monkeypatch.setattr(command, "ASIDE_M", np.linspace(-1, 1, 7))
+    monkeypatch.setattr(command, "bound_map", coarse_map)
 
 
 @pytest.fixture
 def undrawn(monkeypatch):
     """No picture, where only the text is asked for."""
-    monkeypatch.setattr(command, "draw_limits", lambda scene, path: None)
+    monkeypatch.setattr(command, "bound_map", lambda scene: None)
+    monkeypatch.setattr(picture, "draw_bound_map", lambda *words: None)
 
 
 run = functools.partial(command_line.run, "limits")
@@ -52,9 +59,9 @@ def printed(out):
 
 @pytest.mark.usefixtures("coarse")
 def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path, capsys):
-    picture = tmp_path / "limits.png"
+    output = tmp_path / "limits.png"
     words = ("--x", -7, "--y", 0.5, "--z", -0.2, "--pitch-deg", 3, "--yaw-deg", -10)
-    out = told(capsys, *words, "--shape", "planar", "--output", picture)
+    out = told(capsys, *words, "--shape", "planar", "--output", output)
     model = ForwardModel(load_scene("follow").with_shape("planar"))
     pose = [-7, 0.5, -0.2, *np.radians([3, -10])]
     bound = cramer_rao_bound(model, pose)
@@ -71,7 +78,7 @@ def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path,
     assert "observable: x, y, z, pitch, yaw" in out
     condition = float(re.search(r"condition number.*: (\S+)", out)[1])
     assert condition == pytest.approx(bound.condition, rel=0.05)
-    image = matplotlib.image.imread(picture)
+    image = matplotlib.image.imread(output)
     assert image.shape[0] > 500
     assert image.shape[1] > 800
     assert image[..., :3].std() > 0.1
@@ -90,7 +97,7 @@ def test_the_command_says_what_is_not_observable(capsys):
 def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
     scene = tmp_path / "sea.yaml"
     scene.write_text(
-        command.files.shared_file("config/scenes/follow.yaml").read_text("utf-8")
+        files.shared_file("config/scenes/follow.yaml").read_text("utf-8")
         + "\nprior:\n  lamp_power_std: 0.1\n",
         encoding="utf-8",
     )
@@ -101,19 +108,21 @@ def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
 
 
 def test_the_volume_is_that_of_the_paper_seen_from_above():
-    model = ForwardModel(load_scene("follow"))
-    bounds = command.volume(model)
-    assert bounds.shape == (len(command.BEHIND_M), len(command.ASIDE_M), 5)
-    assert (command.BEHIND_M[0], command.BEHIND_M[-1]) == (4, 8)
-    pose = [-command.BEHIND_M[3], command.ASIDE_M[70], 0, 0, 0]
-    np.testing.assert_allclose(bounds[3, 70], std_m_deg(model, pose), rtol=1e-6)
+    scene = load_scene("follow").with_shape("planar")
+    found = bound_map(scene)
+    assert (found.behind_m[0], found.behind_m[-1]) == (4, 8)
+    assert set(found.std) == set(SHAPES)
+    pose = [-found.behind_m[3], found.aside_m[70], 0, 0, 0]
+    for shape, std in found.std.items():
+        assert std.shape == (len(found.behind_m), len(found.aside_m), 5)
+        model = ForwardModel(scene.with_shape(shape))
+        np.testing.assert_allclose(std[3, 70], std_m_deg(model, pose), rtol=1e-6)
 
 
-@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("shape", "beam_sigma_deg"), [("planar", 8.0), ("curved", 0.5)])
 def test_a_picture_is_drawn_even_where_little_is_observable(tmp_path, shape, beam_sigma_deg):
     scene = make_scene(shape, 3, beam_sigma_deg=beam_sigma_deg)
-    command.draw_limits(scene, tmp_path / "x.png")
+    picture.draw_bound_map(coarse_map(scene), "x", tmp_path / "x.png")
     assert matplotlib.image.imread(tmp_path / "x.png").std() > 0.1
 
 
@@ -128,16 +137,16 @@ def test_another_shape_keeps_the_rest_of_the_scene():
 
 @pytest.mark.usefixtures("coarse")
 def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, monkeypatch):
-    picture = tmp_path / "limits.png"
-    picture.write_bytes(b"old")
+    output = tmp_path / "limits.png"
+    output.write_bytes(b"old")
 
     def break_off(figure, path, **settings):
         path.write_bytes(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(Figure, "savefig", break_off)
-    assert "disk full" in run("--output", picture, code=1)
-    assert picture.read_bytes() == b"old"
+    assert "disk full" in run("--output", output, code=1)
+    assert output.read_bytes() == b"old"
     assert [file.name for file in tmp_path.iterdir()] == ["limits.png"]
 
 

@@ -14,12 +14,10 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.eren2016 import choices as paper_choices
 from uuv_optical_array.studies.eren2016 import figures as paper
-from uuv_optical_array.studies.eren2016.figures import (
-    RECONSTRUCTION,
-    STATEMENTS,
-    Conditions,
-    angles_deg,
-)
+from uuv_optical_array.studies.eren2016.figures import STATEMENTS
+from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
+from uuv_optical_array.studies.shared import separation
+from uuv_optical_array.studies.shared.separation import RECONSTRUCTION, Conditions, angles_deg
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +157,8 @@ def test_what_has_no_number_is_flat_and_met_by_nobody():
     above = next(s for s in STATEMENTS if s.relation == "above")
     assert above.met(np.nan) is False
     assert command.number(np.nan) == "flat"
-    assert command.known(np.nan) is None
+    (point,) = as_object(Reproduction([np.nan]))["figures"]["4a"]["points"]
+    assert point["ours_deg"] is None
     stated = next(s for s in STATEMENTS if s.relation == "is")
     assert command.verdict(stated, np.nan) == ""
 
@@ -183,14 +182,14 @@ def test_every_choice_is_checked_above():
     ],
 )
 def test_a_move_in_the_papers_axes_is_seen_where_it_should_be(scene, move, feature, sign):
-    pose = paper.from_paper_axes(np.array([4.0, 0, 0, 0, 0]) + move)
+    pose = separation.from_paper_axes(np.array([4.0, 0, 0, 0, 0]) + move)
     found = key_parameters(ForwardModel(scene).expected(pose), 1023, "detector")
     assert sign * found[feature] >= 2
     assert found[3 - feature] == 0
 
 
 def test_the_papers_axes_count_the_range_positive():
-    pose = paper.from_paper_axes([4.0, 0, 0, 0, 0])
+    pose = separation.from_paper_axes([4.0, 0, 0, 0, 0])
     np.testing.assert_array_equal(pose, [-4.0, 0, 0, 0, 0])
     assert not np.signbit(pose[1:]).any()
 
@@ -198,7 +197,7 @@ def test_the_papers_axes_count_the_range_positive():
 def test_the_papers_signature_counts_from_one_at_the_port_and_top_edge():
     image = np.random.default_rng(3).uniform(0, 500, (2, 5, 5))
     image[0, 0, 3], image[1, 4, 0] = 800, 600
-    found = paper.paper_signature(image, 1000)
+    found = separation.paper_signature(image, 1000)
     np.testing.assert_allclose(found[:, :3], [[0.8, 4 / 5, 1 / 5], [0.6, 1 / 5, 5 / 5]])
     for vector, (row, column), frame in zip(found, [(0, 3), (4, 0)], image, strict=True):
         skews = [stats.skew(np.gradient(profile)) for profile in (frame[row], frame[:, column])]
@@ -211,10 +210,10 @@ def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligne
     assert near[0] > 5 * far[0]
     # Skewnesses of symmetric profiles are 0 but for rounding, which a weak peak magnifies.
     assert spectral_angle(near, far) < 1e-13
-    own_top = [paper.paper_signature(image, image.max()) for image in images]
+    own_top = [separation.paper_signature(image, image.max()) for image in images]
     assert spectral_angle(*own_top) < 1e-13
     # A peak over one full scale beside positions that count from the edge is another matter.
-    one_top = [paper.paper_signature(image, 1023.0) for image in images]
+    one_top = [separation.paper_signature(image, 1023.0) for image in images]
     expected = [np.arctan2(11 / 21 * np.sqrt(2), image.max() / 1023) for image in images]
     assert spectral_angle(*one_top) == pytest.approx(expected[1] - expected[0], abs=1e-12)
 

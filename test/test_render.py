@@ -1,6 +1,7 @@
 """``uuv_array render``: the sheet of what a scene's array reads."""
 
 import functools
+import re
 
 import command_line
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 import yaml
 from matplotlib.image import imread
 
-from uuv_optical_array.commands.render import COLUMNS, RANGES_M, draw_scene, poses
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots.scene import COLUMNS, sheet_poses
+from uuv_optical_array.studies.shared.working_volume import RANGES_M
 
 DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
 
@@ -19,7 +21,7 @@ run = functools.partial(command_line.run, "render")
 
 
 def test_the_sheet_shows_each_motion_alone_at_each_range():
-    sheet = poses()
+    sheet = sheet_poses()
     assert sheet.shape == (5, 7, 5)
     np.testing.assert_array_equal(sheet[..., 0], -np.repeat([[4, 5, 6, 7, 8]], 7, axis=0).T)
     assert np.count_nonzero(sheet[:, 0, 1:]) == 0
@@ -30,10 +32,10 @@ def test_the_sheet_shows_each_motion_alone_at_each_range():
         np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
 
 
-def test_images_are_bright_where_the_convention_says(tmp_path):
+def test_images_are_bright_where_the_convention_says():
     # Port and bow to port move the spot to starboard, bow down moves it up (docs/design.md).
     model = ForwardModel(load_scene("ideal"))
-    images = draw_scene(model, np.random.default_rng(0), tmp_path / "sheet.png")
+    images = model.expose(sheet_poses(), np.random.default_rng(0))
     assert images.shape == (len(RANGES_M), len(COLUMNS), 5, 5)
     columns, rows = images.sum(axis=-2), images.sum(axis=-1)
     for column in (1, 2, 3, 4):
@@ -77,9 +79,13 @@ def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, wor
     assert not (tmp_path / "sea.png").exists()
 
 
-def test_the_sheet_of_a_plume_is_that_of_its_moment(tmp_path):
-    model, rng = ForwardModel(load_scene("night_plume")), np.random.default_rng
-    early, late = (draw_scene(model, rng(0), tmp_path / "sheet.png", at) for at in (0.0, 30.0))
+def test_the_sheet_of_a_plume_is_that_of_its_moment(capsys, tmp_path):
+    said = []
+    for time_s in (0, 30):
+        run("--scene", "night_plume", "--time-s", time_s, "--output", tmp_path / "sheet.png")
+        said.append(capsys.readouterr().out)
+    early, late = (np.array(re.findall(r"to (\S+) counts", text), float) for text in said)
+    assert early.shape == late.shape == (5,)
     assert np.abs(early - late).max() > 50
 
 

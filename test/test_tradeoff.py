@@ -1,4 +1,4 @@
-"""``uuv_array tradeoff``: the front against its definition, studies, files, and whole runs."""
+"""``uuv_array tradeoff``: the front, what is measured, and whole runs."""
 
 import csv
 import dataclasses
@@ -11,49 +11,34 @@ import command_line
 import numpy as np
 import pytest
 from command_line import assert_picture
-from hypothesis import given
-from hypothesis import strategies as st
 from measured import row
 
-from uuv_optical_array.commands.studies import tradeoff as command
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
+from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
-from uuv_optical_array.studies.accuracy import HIGH, LOW, study
-from uuv_optical_array.studies.baselines import lookup, moments
-from uuv_optical_array.studies.pareto import fronts, numbered, pareto_front
-from uuv_optical_array.studies.tradeoff import measurement as tradeoff
+from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies.shared.published import lookup, moments
+from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.shared.working_volume import lit_poses, volume_spread
+from uuv_optical_array.studies.tradeoff import measurement
+from uuv_optical_array.studies.tradeoff import plan as planned
+from uuv_optical_array.studies.tradeoff import run as tradeoff_run
 from uuv_optical_array.studies.tradeoff import table_cost as table_cost_module
-from uuv_optical_array.studies.tradeoff.measurement import (
-    ALL_METHODS,
-    PUBLISHED,
-    SHAPES,
-    Group,
-    compare,
-    guess,
-    known_volume_std,
-    measure,
-    plan,
-    position_and_angle,
-    volume_table,
-)
+from uuv_optical_array.studies.tradeoff.fronts import fronts, numbered
+from uuv_optical_array.studies.tradeoff.measurement import measure
+from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS, PUBLISHED, SHAPES, Group, plan
 from uuv_optical_array.studies.tradeoff.results import (
-    Ledger,
+    Measurement,
     Origin,
-    Row,
     TableCost,
     at_one_speed,
-    read_csv,
 )
 from uuv_optical_array.studies.tradeoff.table_cost import table_cost
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
-COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]
-NUMBER = st.sampled_from([0.0, 1.0, 2.0, 3.0, math.nan, math.inf, -math.inf])
 
 
 @pytest.fixture(scope="module")
@@ -64,20 +49,19 @@ def scene():
 @pytest.fixture
 def small(monkeypatch):
     """A trade-off of two arrays, one table size and both published methods, in seconds."""
-    monkeypatch.setattr(tradeoff, "SIDES", (3,))
-    monkeypatch.setattr(tradeoff, "SHAPES", ("curved",))
-    monkeypatch.setattr(tradeoff, "STEPS", (3, 4))
-    monkeypatch.setattr(tradeoff, "QUICK_STEPS", (3,))
-    monkeypatch.setattr(tradeoff, "QUICK_OWN_STEPS", (3, 4))
-    monkeypatch.setattr(tradeoff, "FRAMES", {"quick": 5, "full": 6})
-    monkeypatch.setattr(command, "FRAMES", tradeoff.FRAMES)
+    monkeypatch.setattr(planned, "SIDES", (3,))
+    monkeypatch.setattr(planned, "SHAPES", ("curved",))
+    monkeypatch.setattr(planned, "STEPS", (3, 4))
+    monkeypatch.setattr(planned, "QUICK_STEPS", (3,))
+    monkeypatch.setattr(planned, "QUICK_OWN_STEPS", (3, 4))
+    monkeypatch.setattr(tradeoff_run, "FRAMES", {"quick": 5, "full": 6})
     monkeypatch.setattr(moments, "SAMPLES", 2)
     span = Span(-0.3, 0.3, 3)
     coarse = TableSettings(Span(-8.0, -4.0, 3), span, span, Span(-30, 30, 3), Span(-30, 30, 3))
     monkeypatch.setattr(lookup, "GRID", coarse)
     # Every other test of the command can do without a process of its own.
     monkeypatch.setattr(
-        command,
+        tradeoff_run,
         "table_cost",
         lambda table, steps, build_s, folder: TableCost(
             steps, len(table.poses), build_s, 1.0, 0.1, 2.0, 3.0, 1.0
@@ -89,30 +73,6 @@ run = functools.partial(command_line.run, "tradeoff")
 
 
 # --- the front -----------------------------------------------------------------------------
-
-
-def beaten(point, by):
-    """The definition: no worse in anything and better in something."""
-    return all(b <= a for a, b in zip(point, by, strict=True)) and any(
-        b < a for a, b in zip(point, by, strict=True)
-    )
-
-
-@given(st.integers(1, 3).flatmap(lambda k: st.lists(st.tuples(*[NUMBER] * k), max_size=12)))
-def test_front_is_what_its_definition_says(points):
-    costs = np.reshape(points, (len(points), len(points[0]) if points else 2))
-    real = [all(map(math.isfinite, point)) for point in points]
-    wanted = [
-        mine and not any(other and beaten(a, b) for b, other in zip(points, real, strict=True))
-        for a, mine in zip(points, real, strict=True)
-    ]
-    assert pareto_front(costs).tolist() == wanted
-
-
-@given(st.lists(st.tuples(st.floats(1, 9), st.floats(1, 9)), min_size=1, max_size=20))
-def test_front_of_real_numbers(points):
-    wanted = [not any(beaten(a, b) for b in points) for a in points]
-    assert pareto_front(points).tolist() == wanted
 
 
 def test_settings_within_a_step_are_alike_and_the_simplest_is_kept():
@@ -138,7 +98,7 @@ def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
 
 
 def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
-    position, angle = guess()
+    position, angle = volume_spread()
     rows = [
         row(ms=0.1, lost=0.02),
         row(ms=0.2, position=1.01 * position, angle=1.01 * angle),
@@ -153,51 +113,7 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
     assert numbered([]) == []
 
 
-# --- errors and bounds ---------------------------------------------------------------------
-
-
-def test_errors_are_distance_and_angle():
-    errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
-    assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
-    assert np.isnan(position_and_angle(np.empty((0, 5)))).all()
-
-
-def test_a_guess_errs_by_the_spread_of_the_volume():
-    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200_000, 5))
-    middle = (np.array(LOW) + HIGH) / 2
-    assert position_and_angle(poses - middle) == pytest.approx(guess(), rel=0.01)
-
-
-def test_known_volume_joins_image_and_spread(scene, monkeypatch):
-    information = np.array([0.0, 3.0, 300.0, 30.0, 1e6])
-    monkeypatch.setattr(
-        tradeoff,
-        "cramer_rao_bound",
-        lambda model, poses: dataclasses.make_dataclass("B", ["information"])(
-            np.diag(information)[None]
-        ),
-    )
-    spread = np.array([4.0, 1.8, 1.8, math.radians(40), math.radians(40)]) / math.sqrt(12)
-    wanted = 1 / np.sqrt(information + 1 / spread**2)
-    np.testing.assert_allclose(known_volume_std(None, np.zeros((1, 5)))[0], wanted, rtol=1e-12)
-
-
-def test_bound_with_the_volume_is_never_above_either(scene):
-    model = ForwardModel(Group("planar", 5, 4, METHODS).scene(scene))
-    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200, 5))
-    found = known_volume_std(model, poses)
-    assert (found <= (HIGH - LOW) / math.sqrt(12) * (1 + 1e-9)).all()
-    assert (found <= cramer_rao_bound(model, poses).std * (1 + 1e-9)).all()
-
-
 # --- what is measured ----------------------------------------------------------------------
-
-
-def test_tables_span_the_volume_of_the_study():
-    axes = grid_axes(volume_table(6))
-    np.testing.assert_allclose([axis[0] for axis in axes], LOW, atol=1e-12)
-    np.testing.assert_allclose([axis[-1] for axis in axes], HIGH, atol=1e-12)
-    assert [len(axis) for axis in axes] == [6] * 5
 
 
 def settings(groups):
@@ -230,39 +146,15 @@ def test_an_array_of_another_size_is_measured_too(scene):
     assert {group.detectors_per_side for group in groups} == {3, 5, 7, 9, 21}
 
 
-def test_methods_take_turns_on_every_image(scene):
-    model = ForwardModel(Group("curved", 3, 3, METHODS).scene(scene))
-    poses = np.random.default_rng(0).uniform(LOW, HIGH, (4, 5))
-    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
-    heard = []
-
-    def answer(name, offset):
-        def pose(image):
-            i = int(image[0, 0])
-            heard.append((name, i))
-            if name == "b" and i == 2:
-                raise NoPose("none")
-            return poses[i] + offset
-
-        return pose
-
-    found = compare({"a": answer("a", 1.0), "b": answer("b", -2.0)}, model, model, poses, images)
-    assert heard[2:] == [(n, i) for i in range(4) for n in ("ab" if i % 2 == 0 else "ba")]
-    np.testing.assert_allclose(found["a"].errors, 1.0)
-    np.testing.assert_allclose(found["b"].errors[[0, 1, 3]], -2.0)
-    assert found["b"].posed.tolist() == [True, True, False, True]
-    assert (found["a"].frame_s > 0).all()
-
-
 def test_rows_hold_the_errors_of_the_estimators_own_study(scene):
     group = Group("curved", 3, 4, METHODS)
     rows = {row.method: row for row in measure(scene, group, 12, 5)}
     inside = group.scene(scene)
     model, rng = ForwardModel(inside), np.random.default_rng([5, 3, 0])
-    poses = tradeoff.random_poses(model, 12, rng)
+    poses = lit_poses(model, 12, rng)
     images = model.expose(poses, rng)
     for method in METHODS:
-        found = study(Estimator(build_table(inside), method), poses, images)
+        found = accuracy.measure(Estimator(build_table(inside), method), poses, images)
         rms, row = found.rms_error, rows[method]
         assert row.position_m == pytest.approx(math.hypot(*rms[:3]), rel=1e-9)
         assert row.angle_deg == pytest.approx(math.degrees(math.hypot(*rms[3:])), rel=1e-9)
@@ -275,11 +167,11 @@ def test_rows_hold_the_errors_of_the_estimators_own_study(scene):
 def test_moments_answer_each_frame_by_itself(scene, monkeypatch):
     monkeypatch.setattr(moments, "SAMPLES", 2)
     inside = Group("curved", 5, 0, ("moments",)).scene(scene)
-    answer = tradeoff._moments(inside, np.random.default_rng(0))
+    answer = measurement._moments(inside, np.random.default_rng(0))
     images = ForwardModel(inside).expected([[-5.0, 0.1, 0.2, 0.1, 0], [-7.0, -0.2, 0, 0, 0.1]])
-    first = answer(images[1])
+    first, _ = answer(images[1])
     answer(images[0])
-    np.testing.assert_array_equal(answer(images[1]), first)
+    np.testing.assert_array_equal(answer(images[1])[0], first)
 
 
 def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
@@ -314,95 +206,12 @@ def test_table_that_no_process_can_open_is_one_line(scene, tmp_path, monkeypatch
         table_cost(table, 2, 1.0, tmp_path)
 
 
-# --- files ---------------------------------------------------------------------------------
-
-
-def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
-    rows = [row(position=0.1 + 0.2, bound_position_m=math.inf), row("moments", angle=math.nan)]
-    path = tmp_path / "t.csv"
-    ledger = Ledger(path, Row, ORIGIN)
-    ledger.append(rows[:1])
-    Ledger(path, Row, ORIGIN).append(rows[1:])
-    origin, found = read_csv(path, Row)
-    assert origin == ORIGIN
-    assert [str(vars(a)) for a in found] == [str(vars(b)) for b in rows]
-    with path.open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    assert list(lines[0])[:8] == COLUMNS
-    assert (lines[0]["machine"], lines[0]["position_m"]) == ("a, b: 2 cores", repr(0.1 + 0.2))
-    assert len(path.read_text().splitlines()) == 3
-    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("fingerprint", "0" * 64),
-        ("machine", "abacus"),
-        ("mode", "full"),
-        ("frames", 8),
-        ("seed", 2),
-    ],
-)
-def test_rows_of_another_run_are_refused_by_name(tmp_path, field, value):
-    path = tmp_path / "t.csv"
-    Ledger(path, Row, ORIGIN).append([row()])
-    before = path.read_bytes()
-    other = dataclasses.replace(ORIGIN, **{field: value})
-    with pytest.raises(ValueError, match=f"another run .*{field} .*name another --output"):
-        Ledger(path, Row, other)
-    assert path.read_bytes() == before
-
-
-def test_a_scene_by_another_name_is_the_same_run(tmp_path):
-    Ledger(tmp_path / "t.csv", Row, ORIGIN).append([row()])
-    assert Ledger(tmp_path / "t.csv", Row, dataclasses.replace(ORIGIN, scene="b")).rows == [row()]
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda text: text[:-30],
-        lambda text: text.replace("curved,5", "curved,five"),
-        lambda text: "a,b\n1,2\n",
-        lambda text: text + text.splitlines()[1].replace(",quick,7,1,", ",quick,7,2,") + "\n",
-        lambda text: text.replace("reference", "\0"),
-    ],
-)
-def test_damaged_files_are_refused_in_one_line(tmp_path, spoil):
-    path = tmp_path / "t.csv"
-    Ledger(path, Row, ORIGIN).append([row()])
-    spoilt = spoil(path.read_text())
-    if spoilt == path.read_text():
-        spoilt = "\0" + spoilt
-    path.write_text(spoilt)
-    with pytest.raises(ValueError, match=r"t\.csv: .*--output"):
-        read_csv(path, Row)
-
-
-def test_rows_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "t.csv"
-    ledger = Ledger(path, Row, ORIGIN)
-    ledger.append([row()])
-    before = path.read_bytes()
-
-    def fail(*names):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("os.replace", fail)
-    with pytest.raises(KeyboardInterrupt):
-        ledger.append([row("moments")])
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
-    assert ledger.rows == [row()]
-
-
 # --- the command ---------------------------------------------------------------------------
 
 
 def counted(monkeypatch, stop_after=None):
     """Count what is measured, and press Ctrl-C before the group of that number."""
-    heard, honest = [], tradeoff.measure
+    heard, honest = [], measurement.measure
 
     def measured(scene, group, *others):
         if len(heard) == stop_after:
@@ -410,7 +219,7 @@ def counted(monkeypatch, stop_after=None):
         heard.append(group)
         return honest(scene, group, *others)
 
-    monkeypatch.setattr(command, "measure", measured)
+    monkeypatch.setattr(tradeoff_run, "measure", measured)
     return heard
 
 
@@ -457,7 +266,7 @@ def test_what_is_printed_is_what_the_file_holds(small, tmp_path, capsys):
 
 
 def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monkeypatch):
-    Ledger(tmp_path / "tradeoff.csv", Row, ORIGIN).append([row()])
+    Results(tmp_path / "tradeoff.csv", Measurement, ORIGIN).append([row()])
     before = (tmp_path / "tradeoff.csv").read_bytes()
     heard = counted(monkeypatch)
     error = run("--output", tmp_path, code=1)

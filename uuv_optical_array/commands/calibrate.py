@@ -17,12 +17,12 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
     bar,
+    file_to_write,
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import load_scene, save_scene
-from uuv_optical_array.plots.calibration import draw_calibration
 
 DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
@@ -238,6 +238,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
     topics = Topics(options.image_topic, options.leader_topic, options.follower_topic)
     bag = files.user_path(options.bag)
+    picture = file_to_write(options.picture, "--picture") if options.picture else None
     side = scene.array.detectors_per_side
     try:
         recording = read_recording(
@@ -264,8 +265,9 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(report(found, recording, bag, scene.name))
         print(f"scene: {output}")
-    if options.picture is not None:
-        picture = files.user_path(options.picture)
+    if picture is not None:
+        from uuv_optical_array.plots.calibration import draw_calibration
+
         draw_calibration(
             found,
             recording.poses,

@@ -11,7 +11,6 @@ from rich.text import Text
 from uuv_optical_array.commands.parser import Subparsers, add_command
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core import files
-from uuv_optical_array.plots.follow import draw_follow
 
 DESCRIPTION = """\
 A leader runs straight, turns, and changes depth; a follower keeps station behind it by the light
@@ -101,6 +100,8 @@ def run(options: argparse.Namespace) -> int:
     print(record.summary())
     lost = record.lost(light_timeout_s)
     if record.estimates:
+        from uuv_optical_array.plots.follow import draw_follow
+
         draw_follow(record, options.output)
         print(f"picture: {options.output}")
     print(f"lost the leader: {lost}" if lost else "followed the leader to the end")

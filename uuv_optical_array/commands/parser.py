@@ -2,10 +2,12 @@
 
 import argparse
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TypeAlias, TypeVar, get_args
 
 from tqdm import tqdm
 
+from uuv_optical_array.core import files
 from uuv_optical_array.forward.array import Shape
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -56,3 +58,14 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def bar(rounds: Iterable[T], unit: str = "frame") -> Iterable[T]:
     """Show progress on standard error."""
     return tqdm(rounds, unit=unit)
+
+
+def file_to_write(path: str | Path, option: str) -> Path:
+    """Return a file that is to be written; ValueError where its folder is missing.
+
+    To be called before the work begins whose results go there.
+    """
+    path = files.user_path(path)
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} {path}: no folder {path.parent}; make it first")
+    return path

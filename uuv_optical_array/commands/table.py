@@ -5,9 +5,11 @@ import sys
 import time
 from pathlib import Path
 
-from uuv_optical_array.commands.chunks import add_chunks, check_chunks, fill_chunks
+from tqdm import tqdm
+
 from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
 from uuv_optical_array.core import memory
+from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.estimation.table.signature_table import build_table, save_table
 from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -49,7 +51,10 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
-    add_chunks(parser, "in chunks (default folder: SCENE.zarr here)")
+    chunks = parser.add_argument_group("in chunks (default folder: SCENE.zarr here)")
+    chunks.add_argument("--threads", type=int, help="threads of this machine (default: all cores)")
+    chunks.add_argument("--memory", help="what this process may take, such as 2GB")
+    chunks.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -72,14 +77,27 @@ def run(options: argparse.Namespace) -> int:
 
 def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
     """Build the table in chunks."""
-    check_chunks(options)
+    if options.scheduler and (options.memory or options.threads):
+        raise ValueError(
+            "scheduler: its workers have limits of their own; give them to dask worker as "
+            "--memory-limit and --nthreads"
+        )
+    if options.threads is not None and options.threads < 1:
+        raise ValueError(f"threads: {options.threads}; give at least 1")
     output = options.output or Path(f"{scene.name}.zarr")
     began = time.perf_counter()
     store = TableStore.create(output, scene)
     if why := memory.shortfall(store.rows):
         print(f"warning: not to be served here: {why}", file=sys.stderr)
-    lit = fill_chunks(store, output, options)
-    if lit is None:
+    if before := len(store.present()):
+        print(f"{output}: {before} of {len(store.chunks)} chunks are there already")
+    try:
+        lit = fill(store, options)
+    except KeyboardInterrupt:
+        print(
+            f"interrupted: {len(store.present())} of {len(store.chunks)} chunks are in {output}; "
+            "the same command goes on from there"
+        )
         return INTERRUPTED
     store.finish(lit)
     size_mb = sum(file.stat().st_size for file in store.path.iterdir()) / 1e6
@@ -89,3 +107,13 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
         f"to serve it a node needs {memory.gigabytes(memory.serving_bytes(sum(lit)))}"
     )
     return 0
+
+
+def fill(store: TableStore, options: argparse.Namespace) -> list[int]:
+    """Work out the chunks that are missing, and show progress; return the lit rows of each."""
+    need = store.thread_bytes()
+    with tqdm(total=len(store.chunks), unit="chunk") as shown:
+        if options.scheduler:
+            return on_cluster(store.fill, store.chunks, options.scheduler, need, shown.update)
+        threads = threads_within(options.memory, need, options.threads)
+        return on_threads(store.fill, store.chunks, threads, shown.update)

@@ -1,9 +1,8 @@
-"""Rows of numbers that many machines work out chunk by chunk: a Zarr array on a shared disk.
+"""Rows of a table that many machines work out chunk by chunk: a Zarr array on a shared disk.
 
-The array (Zarr format 2) has one row for each thing that is worked out, in an order that is known
-beforehand. So a chunk has its place and size before anything is computed: who computes it, and
-when, leaves no trace. A chunk is one file that appears whole, with a checksum. The attributes say
-what was computed; `table` and `design` studies each keep their own there.
+The array (Zarr format 2) has its rows in an order that is known beforehand. So a chunk has its
+place and size before anything is computed: who computes it, and when, leaves no trace. A chunk is
+one file that appears whole, with a checksum. The attributes say what was computed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -49,15 +48,11 @@ class ChunkedRows:
         Rows and columns.
     chunk_rows
         Rows of a chunk; the last has what is left.
-    kind, command
-        What the rows are, and the command that makes them, for errors.
     """
 
     path: Path
     shape: tuple[int, int]
     chunk_rows: int
-    kind: str
-    command: str
 
     @property
     def chunks(self) -> range:
@@ -111,9 +106,9 @@ class ChunkedRows:
             Where there is nothing, anything else, or another layout; a missing attribute in the
             block counts as damage, and what the block raises under the name of `path` passes.
         """
-        named = f"{self.kind} {self.path}: "
+        named = f"table {self.path}: "
         if not self.path.exists():
-            raise ValueError(f"{named}no {self.kind} there; build one with {self.command}")
+            raise ValueError(f"{named}no table there; build one with uuv_array table")
         zarr = needs("zarr")
         try:
             if not (self.path / ".zarray").is_file():
@@ -139,7 +134,7 @@ class ChunkedRows:
         except ValueError as error:
             if str(error).startswith(named):
                 raise
-            raise ValueError(f"{named}exists and is no {self.kind} ({error})") from None
+            raise ValueError(f"{named}exists and is no table ({error})") from None
 
     def present(self) -> list[int]:
         """Return the chunks that have a file, whole ones by the way they are written."""
@@ -167,7 +162,7 @@ class ChunkedRows:
         """
         if not (self.path / ".zarray").is_file():
             raise ValueError(
-                f"{self.kind} {self.path}: not seen by every worker; name a folder that all share"
+                f"table {self.path}: not seen by every worker; name a folder that all share"
             )
         array = needs("zarr").open_array(str(self.path), mode="r+")
         try:
@@ -189,8 +184,8 @@ class ChunkedRows:
             return self._read(needs("zarr").open_array(str(self.path), mode="r"), chunk)
         except _CHUNK_ERRORS as error:
             raise ValueError(
-                f"{self.kind} {self.path}: chunk {chunk}.0 is damaged "
-                f"({' '.join(str(error).split())}); run the same {self.command} again to mend it"
+                f"table {self.path}: chunk {chunk}.0 is damaged "
+                f"({' '.join(str(error).split())}); run the same uuv_array table again to mend it"
             ) from None
 
     def attribute(self, name: str) -> Any:

@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 DOF_NAMES = ("x", "y", "z", "pitch", "yaw")
 X, Y, Z, PITCH, YAW = range(5)
+# Poses and errors are printed and drawn in these units; times IN_DEGREES they are.
+DOF_UNITS = ("m", "m", "m", "deg", "deg")
 
 Array = NDArray[np.float64]
+IN_DEGREES: Array = np.array([1.0, 1.0, 1.0, *np.degrees([1.0, 1.0])])
 
 
 def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> Array:

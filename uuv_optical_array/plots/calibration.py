@@ -11,7 +11,7 @@ from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.light import lamp_in_body, trace
-from uuv_optical_array.plots.follow import save
+from uuv_optical_array.plots.style import save
 
 DOTS = 20_000  # readings drawn one by one; the bins count all
 BINS = 20

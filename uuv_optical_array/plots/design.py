@@ -8,22 +8,27 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.follow import SHAPE_COLOURS, SPECIFICATION, save
-from uuv_optical_array.studies.design.choice import fronts, numbered, standing
-from uuv_optical_array.studies.design.store import Row, Study
-from uuv_optical_array.studies.eren2016.figures import THRESHOLD_DEG
-from uuv_optical_array.studies.tradeoff.measurement import guess
+from uuv_optical_array.plots.style import (
+    NUMBER_BOX,
+    SHAPE_COLOURS,
+    SPECIFIED,
+    mark,
+    plain_log_ticks,
+    save,
+)
+from uuv_optical_array.studies.design.fronts import fronts, numbered, standing
+from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
 
 # Score, axis label, and the specification.
 BOUNDS = {
     "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0])),
     "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
 }
-GREEN = "#2c9c5a"
 # Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
 # distance between two numbers of detectors.
 CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
@@ -33,13 +38,16 @@ LABEL_GAP = 0.034  # between labels, of the height of the axes
 CLOSE_UP_SIDE = 5
 
 
-def _dots(axes: Axes, x: Sequence[float], rows: Sequence[Row], name: str, colour: Any) -> None:
+def _dots(
+    axes: Axes, x: Sequence[float], rows: Sequence[ScoredDesign], name: str, colour: Any
+) -> None:
     """Draw designs: hollow where the criterion fails, full at 4 m, a star from 4 to 8 m."""
     points = np.reshape(
         [(at, getattr(r.score, name)) for at, r in zip(x, rows, strict=True)], (-1, 2)
     )
     near, far = (
-        np.array([getattr(r.score, key) for r in rows], bool) for key in ("told_near", "told")
+        np.array([getattr(r.score, key) for r in rows], bool)
+        for key in ("resolved_at_4m", "resolved_4_to_8m")
     )
     looks: list[tuple[Any, dict[str, Any]]] = [
         (~near, {"marker": "o", "s": 17, "facecolor": "w", "edgecolor": colour}),
@@ -53,21 +61,19 @@ def _dots(axes: Axes, x: Sequence[float], rows: Sequence[Row], name: str, colour
 def _levels(axes: Axes, name: str) -> None:
     """Draw the specification and what is known without light, and set up the axis of bounds."""
     label, wanted = BOUNDS[name]
-    free = guess()[list(BOUNDS).index(name)]
-    axes.axhline(wanted, color=GREEN, ls="--", lw=1.4, zorder=1)
+    free = volume_spread()[list(BOUNDS).index(name)]
+    axes.axhline(wanted, color=SPECIFIED, ls="--", lw=1.4, zorder=1)
     axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
     axes.set(yscale="log", ylabel=label)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_log_ticks(axes.yaxis)
     axes.grid(alpha=0.3, lw=0.5)
 
 
-def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> None:
+def _all_designs(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign], name: str) -> None:
     sides = sorted({row.design.detectors_per_side for row in rows})
     widths = sorted({row.design.width_m for row in rows})
 
-    def place(row: Row) -> float:
+    def place(row: ScoredDesign) -> float:
         share = (widths.index(row.design.width_m) + 0.5) / len(widths) - 0.5
         return sides.index(row.design.detectors_per_side) + CENTRE[row.design.shape] + BAND * share
 
@@ -76,9 +82,9 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
         _dots(axes, [place(row) for row in of_shape], of_shape, name, colour)
     _levels(axes, name)
     unit = "m" if name == "position_m" else "deg"
-    free = guess()[list(BOUNDS).index(name)]
+    free = volume_spread()[list(BOUNDS).index(name)]
     for value, text, colour in (
-        (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", GREEN),
+        (BOUNDS[name][1], f"specification,\n{BOUNDS[name][1]:g} {unit}", SPECIFIED),
         (free, "no measure-\nment at all", "0.35"),
     ):
         axes.annotate(
@@ -125,7 +131,7 @@ def _all_designs(axes: Axes, study: Study, rows: Sequence[Row], name: str) -> No
                 fontsize=9,
                 fontweight="bold",
                 zorder=5,
-                bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
+                bbox={"boxstyle": "round,pad=0.15", **NUMBER_BOX},
                 arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
             )
 
@@ -150,10 +156,10 @@ def _nearest(values: set[Any], wanted: float) -> Any:
 
 def _lines(
     axes: Axes,
-    rows: Sequence[Row],
+    rows: Sequence[ScoredDesign],
     name: str,
-    x: Callable[[Row], float],
-    groups: dict[str, tuple[Any, list[Row]]],
+    x: Callable[[ScoredDesign], float],
+    groups: dict[str, tuple[Any, list[ScoredDesign]]],
 ) -> None:
     for label, (colour, group) in groups.items():
         group = sorted(group, key=x)
@@ -163,17 +169,20 @@ def _lines(
         _dots(axes, places, group, name, colour)
     _levels(axes, name)
     values = [getattr(row.score, name) for row in rows]
-    axes.set_ylim(min(values) / 1.5, max(*values, guess()[list(BOUNDS).index(name)]) * 1.3)
+    axes.set_ylim(
+        min(values) / 1.5,
+        max(*values, volume_spread()[list(BOUNDS).index(name)]) * 1.3,
+    )
 
 
-def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
+def _close_up(axes: Sequence[Axes], study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
     """Draw one number of detectors: against the lamp's beam, and against the sphere."""
     own = study.scene.array
     side = _nearest({row.design.detectors_per_side for row in rows}, CLOSE_UP_SIDE)
     width = _nearest({row.design.width_m for row in rows}, own.width_m)
     sigma = _nearest({row.design.beam_sigma_deg for row in rows}, study.scene.lamp.beam_sigma_deg)
     close = [row for row in rows if row.design.detectors_per_side == side]
-    by_lamp: dict[str, tuple[Any, list[Row]]] = {}
+    by_lamp: dict[str, tuple[Any, list[ScoredDesign]]] = {}
     radii = sorted({row.design.radius_m for row in close if row.design.radius_m})
     shades = matplotlib.colormaps["viridis"](np.linspace(0, 0.85, len(radii)))
     for radius, shade in zip(radii, shades, strict=True):
@@ -183,7 +192,7 @@ def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
     flat = [r for r in close if (r.design.radius_m, r.design.width_m) == (None, width)]
     if flat:
         by_lamp["planar"] = SHAPE_COLOURS["planar"], flat
-    by_sphere: dict[str, tuple[Any, list[Row]]] = {}
+    by_sphere: dict[str, tuple[Any, list[ScoredDesign]]] = {}
     widths = sorted({row.design.width_m for row in close})
     shades = matplotlib.colormaps["cividis"](np.linspace(0, 0.9, len(widths)))
     for size, shade in zip(widths, shades, strict=True):
@@ -210,15 +219,15 @@ def _close_up(axes: Sequence[Axes], study: Study, rows: Sequence[Row]) -> None:
                 axes[at].legend(fontsize=8, loc="best", framealpha=0.8)
 
 
-def _sigma(row: Row) -> float:
+def _sigma(row: ScoredDesign) -> float:
     return row.design.beam_sigma_deg
 
 
-def _radius(row: Row) -> float:
+def _radius(row: ScoredDesign) -> float:
     return row.design.radius_m or 0.0
 
 
-def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
+def _criterion(axes: Axes, rows: Sequence[ScoredDesign]) -> None:
     """Draw what the criterion and the bound say of each design."""
     for shape, colour in SHAPE_COLOURS.items():
         of_shape = [row for row in rows if row.design.shape == shape]
@@ -230,7 +239,7 @@ def _criterion(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set_title("the criterion, and what is known")
 
 
-def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
+def _key(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
     """List the designs that are named, and what each is worth."""
     axes.set_axis_off()
     line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>9}{:>7}  {:<9}{}"
@@ -250,7 +259,7 @@ def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
                 f"{design.beam_sigma_deg:g}",
                 f"{score.position_m:.3f}",
                 f"{score.angle_deg:.2f}",
-                "4 to 8 m" if score.told else "4 m" if score.told_near else "none",
+                score.resolved,
                 where,
             )
         )
@@ -259,25 +268,22 @@ def _key(axes: Axes, study: Study, rows: Sequence[Row]) -> None:
 
 def _legend(axes: Axes, width_m: float) -> None:
     axes.set_axis_off()
-
-    def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
-        about = {"color": "0.35", "lw": 0, "marker": marker, "label": label, "ms": 5, **style}
-        return Line2D([], [], **about)
-
     handles = [
-        mark("planar; within a number of detectors wider to the right", color="#c8401e"),
-        mark("curved; the same", color="#1f6fb4"),
+        *(
+            mark(f"{shape}; of a number of detectors wider to the right", color=colour)
+            for shape, colour in SHAPE_COLOURS.items()
+        ),
         mark("0.2 m and 10 deg below 15 deg of spectral angle at 4 m", mfc="w"),
         mark("above it at 4 m, which is where the paper decides"),
         mark("above it from 4 to 8 m", "*", ms=9),
         mark(f"front 'fits': no wider than {width_m:g} m", "", color="k", lw=1),
-        mark("front 'told': of these, above 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))),
+        mark("front 'resolved': of these, 15 deg at 4 m", "", color="k", lw=1, ls=(0, (1, 1))),
         mark("front 'any': of any width", "", color="k", lw=1, ls="--"),
     ]
     axes.legend(handles=handles, loc="upper left", fontsize=9.5, frameon=False)
 
 
-def draw_designs(study: Study, rows: Sequence[Row], path: Path) -> None:
+def draw_designs(study: DesignStudy, rows: Sequence[ScoredDesign], path: Path) -> None:
     """Draw a study.
 
     Parameters

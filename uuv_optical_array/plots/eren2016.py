@@ -10,16 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.plots.follow import SHAPE_COLOURS, save
-from uuv_optical_array.studies.eren2016.figures import (
-    FAR,
-    STATEMENTS,
-    STEPS,
-    THRESHOLD_DEG,
-    UNITS,
-    Conditions,
-    Motion,
-)
+from uuv_optical_array.plots.style import SHAPE_COLOURS, save
+from uuv_optical_array.studies.eren2016.figures import FAR, STATEMENTS, STEPS
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
 
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 

@@ -1,6 +1,5 @@
-"""The picture of a run, and how every picture is written."""
+"""The picture of a run."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uuv_optical_array.control.follow_record import FollowRecord
-from uuv_optical_array.core.geometry import DOF_NAMES
-from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
+from uuv_optical_array.plots.style import save
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 
-# The specification of Eren et al. (2016), which the errors are drawn against.
-SPECIFICATION = np.array([0.2, 0.2, 0.2, 10.0, 10.0])  # m and deg
 LEADER, FOLLOWER = "#e08a00", "#1f6fb4"
-SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
 MOMENTS = 6
 
 
@@ -44,15 +41,15 @@ def _paths(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
 
 def _errors(figure: Figure, record: FollowRecord) -> None:
     stamps, errors = record.errors()
-    errors = errors * [1, 1, 1, *np.degrees([1, 1])]
+    errors = errors * IN_DEGREES
     at_station, station = record.station_errors()
-    station = station * [1, 1, 1, *np.degrees([1, 1])]
+    station = station * IN_DEGREES
     for i, axes in enumerate(figure.subplots(1, 5)):
         axes.axhspan(-SPECIFICATION[i], SPECIFICATION[i], color="#7fbf7f", alpha=0.25, lw=0)
         axes.plot(stamps, errors[:, i], ".", ms=2.5, color=FOLLOWER, label="estimate - truth")
         axes.plot(at_station, station[:, i], color="0.2", lw=1, label="true - station")
-        unit = "m" if i < 3 else "deg"
-        axes.set(title=f"{DOF_NAMES[i]} ({unit}, band +-{SPECIFICATION[i]:g})", xlabel="time (s)")
+        title = f"{DOF_NAMES[i]} ({DOF_UNITS[i]}, band +-{SPECIFICATION[i]:g})"
+        axes.set(title=title, xlabel="time (s)")
         limit = max(3 * SPECIFICATION[i], 1.1 * np.abs([*errors[:, i], *station[:, i]]).max())
         axes.set_ylim(-limit, limit)
         axes.grid(alpha=0.3)
@@ -63,23 +60,13 @@ def _errors(figure: Figure, record: FollowRecord) -> None:
 def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
     for moment, axes in zip(moments, figure.subplots(1, MOMENTS), strict=False):
         image = record.images[moment]
-        x, y, z, pitch, yaw = record.truth[moment] * [1, 1, 1, *np.degrees([1, 1])]
+        x, y, z, pitch, yaw = record.truth[moment] * IN_DEGREES
         axes.imshow(image, cmap="magma", vmin=0)
         axes.set_title(f"{moment:.0f} s, peak {image.max():.0f}", fontsize=9)
         axes.set_xlabel(f"{x:.1f}, {y:+.2f}, {z:+.2f} m\n{pitch:+.0f}, {yaw:+.0f} deg", fontsize=8)
         axes.set(xticks=[], yticks=[])
     for axes in figure.axes[len(moments) :]:
         axes.set_visible(False)
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all."""
-    scratch = path.with_name(f".{path.name}.part")
-    try:
-        figure.savefig(scratch, format="png", dpi=90)
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
 
 
 def draw_follow(record: FollowRecord, path: Path) -> None:

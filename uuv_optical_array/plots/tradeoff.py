@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.follow import SPECIFICATION, save
-from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, fronts, numbered
-from uuv_optical_array.studies.tradeoff.measurement import guess
-from uuv_optical_array.studies.tradeoff.results import Row, TableCost, at_one_speed
+from uuv_optical_array.plots.style import NUMBER_BOX, SPECIFIED, mark, plain_log_ticks, save
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
+from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
 
 COLOURS = {
     "look_up": "#7a4fa3",
@@ -40,7 +38,7 @@ def _size(side: int) -> float:
     return 16.0 * (side - 1) ** 0.75
 
 
-def _floors(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _floors(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     """Mark each array's bound on the right edge, the labels spread so that none overlaps."""
     bounds = {
         (row.shape, row.detectors_per_side): getattr(row, f"floor_{ERRORS[name][0]}")
@@ -85,15 +83,15 @@ def _floors(axes: Axes, rows: Sequence[Row], name: str) -> None:
     )
 
 
-def _series(rows: Sequence[Row]) -> dict[tuple[str, Shape, int], list[Row]]:
+def _series(rows: Sequence[Measurement]) -> dict[tuple[str, Shape, int], list[Measurement]]:
     """Return the settings that differ by their table alone, smallest first."""
-    series: dict[tuple[str, Shape, int], list[Row]] = {}
+    series: dict[tuple[str, Shape, int], list[Measurement]] = {}
     for row in sorted(rows, key=lambda row: row.table_rows):
         series.setdefault((row.method, row.shape, row.detectors_per_side), []).append(row)
     return series
 
 
-def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     column, label, which = ERRORS[name]
     for (method, shape, side), tables in _series(rows).items():
         x, y = ([getattr(row, key) for row in tables] for key in ("median_ms", column))
@@ -117,14 +115,14 @@ def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
     axes.set(xscale="log", yscale="log")
     axes.set_xlabel(f"time from image to pose, median (ms; a forward model takes {model_ms:.2g})")
     axes.set_ylabel(label, fontsize=12)
-    axes.axhline(WANTED[which], color="#2c9c5a", ls="--", lw=1.6, zorder=1)
-    axes.axhline(guess()[which], color="0.5", ls=":", lw=1.4, zorder=1)
+    axes.axhline(WANTED[which], color=SPECIFIED, ls="--", lw=1.6, zorder=1)
+    axes.axhline(volume_spread()[which], color="0.5", ls=":", lw=1.4, zorder=1)
     low, high = axes.get_xlim()
     axes.set_xlim(low / 1.5, high * 1.3)
     unit = "m" if name == "position" else "deg"
     for value, text, colour in (
-        (WANTED[which], f"specification, {WANTED[which]:g} {unit}", "#2c9c5a"),
-        (guess()[which], "no measurement at all", "0.4"),
+        (WANTED[which], f"specification, {WANTED[which]:g} {unit}", SPECIFIED),
+        (volume_spread()[which], "no measurement at all", "0.4"),
     ):
         axes.annotate(
             text,
@@ -140,9 +138,7 @@ def _panel(axes: Axes, rows: Sequence[Row], name: str) -> None:
     _front(axes, rows, name)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+        plain_log_ticks(axis)
     above = axes.secondary_xaxis("top", functions=(_inverse, _inverse))
     above.set_xlabel("frames per second")
     above.xaxis.set_major_formatter("{x:g}")
@@ -155,7 +151,7 @@ def _inverse(values: ArrayLike) -> Array:
         return 1e3 / np.asarray(values, dtype=float)
 
 
-def _front(axes: Axes, rows: Sequence[Row], name: str) -> None:
+def _front(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     """Draw the front as steps, its points with their numbers."""
     column = ERRORS[name][0]
     on = fronts(rows)[name]
@@ -178,7 +174,7 @@ def _front(axes: Axes, rows: Sequence[Row], name: str) -> None:
             fontsize=9,
             fontweight="bold",
             zorder=5,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "w", "ec": "k", "lw": 0.7},
+            bbox={"boxstyle": "round,pad=0.2", **NUMBER_BOX},
             arrowprops={"arrowstyle": "-", "lw": 0.7, "shrinkA": 0, "shrinkB": 0},
         )
 
@@ -189,7 +185,7 @@ def _fraction(axes: Axes, x: float) -> float:
     return float((np.log(x) - low) / (high - low))
 
 
-def _key(axes: Axes, rows: Sequence[Row]) -> None:
+def _key(axes: Axes, rows: Sequence[Measurement]) -> None:
     """List the settings on a front, and what they cost."""
     axes.set_axis_off()
     line = "{:>2}  {:<16} {:<14} {:>9} {:>7} {:>7} {:>7} {:>7}"
@@ -213,13 +209,8 @@ def _key(axes: Axes, rows: Sequence[Row]) -> None:
     axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=9.5, va="top", linespacing=1.35)
 
 
-def _legend(axes: Axes, rows: Sequence[Row]) -> None:
+def _legend(axes: Axes, rows: Sequence[Measurement]) -> None:
     axes.set_axis_off()
-
-    def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
-        return Line2D(
-            [], [], **{"color": "0.4", "lw": 0, "marker": marker, "label": label, **style}
-        )
 
     methods = [method for method in COLOURS if any(row.method == method for row in rows)]
     sides = sorted({row.detectors_per_side for row in rows})
@@ -238,7 +229,7 @@ def _legend(axes: Axes, rows: Sequence[Row]) -> None:
     axes.add_artist(first)
 
 
-def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:
+def draw_tradeoff(rows: Sequence[Measurement], about: str, path: Path) -> None:
     """Draw errors against time, every setting a point.
 
     Parameters
@@ -262,7 +253,7 @@ def draw_tradeoff(rows: Sequence[Row], about: str, path: Path) -> None:
 
 
 def draw_table_cost(
-    costs: Sequence[TableCost], rows: Sequence[Row], about: str, path: Path
+    costs: Sequence[TableCost], rows: Sequence[Measurement], about: str, path: Path
 ) -> None:
     """Draw what a table costs by its size.
 

@@ -1,61 +1,55 @@
 """How far estimates of random frames are from the truth, and whether their covariances say so."""
 
 import dataclasses
-import time
-from contextlib import suppress
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
-from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table.signature_table import (
+    BLOCK_POSES,
+    Progress,
+    SignatureTable,
+    cached_table,
+)
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PriorSettings
+from uuv_optical_array.forward.scene import PriorSettings, Scene
+from uuv_optical_array.studies.shared.errors import FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.results import by_column
+from uuv_optical_array.studies.shared.working_volume import lit_poses
 
-# The volume of the study, m and rad: 4 to 8 m, 0.9 m, 20 deg.
-HIGH = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
-LOW = np.array([-8.0, *-HIGH[1:]])
-MIN_PEAK_COUNTS = 20.0
 BAND = 0.95
-# The forward model that a frame's time is compared with: this many poses, timed every so often.
-MODEL_POSES = 4
-MODEL_EVERY = 16
+SIGMAS = 6.0
+DAY_S = 86_400.0  # from which random moments are drawn
+# What the estimator that estimates nuisances along knows of them.
+PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
+# What is off by how much: the attenuation in 1/m and the lamp's power as a share.
+OFF = {
+    "nothing": (0.0, 0.0),
+    "power +5 %": (0.0, 0.05),
+    "K +0.015 /m": (0.015, 0.0),
+    "K +0.015 /m, power +5 %": (0.015, 0.05),
+    "K +0.015 /m, power -5 %": (0.015, -0.05),
+}
 
 
 @dataclasses.dataclass(frozen=True)
-class Study:
-    """What an estimator made of n frames.
-
-    Every mean is over the frames that got a pose.
+class Accuracy(FrameErrors):
+    """Errors of n frames beside their bound; every mean is over the frames that got a pose.
 
     Parameters
     ----------
-    errors
-        Estimate less truth, m and rad, shape ``(n, 5)``; nan where there was no pose.
-    covariances
-        The estimates' own, shape ``(n, 5, 5)``.
+    errors, covariances, frame_s, model_s
+        As in `FrameErrors`.
     bounds
         Least standard deviation at each true pose, the Cramer-Rao bound, shape ``(n, 5)``.
-    frame_s
-        Time from each image to its estimate, s, shape ``(n,)``.
-    model_s
-        Times of one forward model with Jacobian for `MODEL_POSES` poses, s, shape ``(k,)``.
     """
 
-    errors: Array
-    covariances: Array
     bounds: Array
-    frame_s: Array
-    model_s: Array
-
-    @property
-    def posed(self) -> NDArray[np.bool_]:
-        """Which frames got a pose, shape ``(n,)``."""
-        return ~np.isnan(self.errors[:, 0])
 
     @property
     def rms_error(self) -> Array:
@@ -83,7 +77,9 @@ class Study:
     def nees_band(self) -> tuple[float, float]:
         """Where the mean of as many chi-square(5) variables lies with probability `BAND`."""
         count = int(self.posed.sum())
-        low, high = chi2.interval(BAND, 5 * count) / np.array(count)
+        tails = np.array([(1 - BAND) / 2, (1 + BAND) / 2])
+        # The quantile of chi-square(k) is twice that of the gamma distribution of shape k / 2.
+        low, high = 2 * gammaincinv(5 * count / 2, tails) / count
         return float(low), float(high)
 
     def beyond_sigma(self, limit: float) -> int:
@@ -98,74 +94,18 @@ class Study:
         return int((np.abs(self.errors) > most).any(axis=1).sum())
 
 
-def random_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> Array:
-    """Draw poses uniformly from the study's volume, where there is light.
-
-    Parameters
-    ----------
-    model
-        Forward model of the scene.
-    count
-        How many, >= 1.
-    rng
-        Where they come from.
-
-    Returns
-    -------
-    Array
-        Poses whose noiseless image peaks above `MIN_PEAK_COUNTS`, m and rad,
-        shape ``(count, 5)``.
-
-    Raises
-    ------
-    ValueError
-        Where a whole block of poses has no such peak.
-    """
-    poses = np.empty((0, 5))
-    while len(poses) < count:
-        block = rng.uniform(LOW, HIGH, (BLOCK_POSES, 5))
-        lit = model.expected(block).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
-        if not lit.any():
-            raise ValueError(
-                f"scene {model.scene.name}: none of {BLOCK_POSES} poses in 4 to 8 m peaks above "
-                f"{MIN_PEAK_COUNTS:g} counts; strengthen the lamp"
-            )
-        poses = np.concatenate([poses, block[lit]])
-    return poses[:count]
-
-
-def within_volume(information: Array) -> Array:
-    """Bound the errors of an image whose pose is known to lie in the study's volume.
-
-    The volume counts as a Gaussian of its variance. Where the image tells more than that, this is
-    the Cramer-Rao bound; where it tells nothing, it is the volume's own spread, and never more.
-
-    Parameters
-    ----------
-    information
-        Fisher information of the image, as `limits.fisher_information`, shape ``(..., 5, 5)``.
-
-    Returns
-    -------
-    Array
-        Standard deviations, m and rad, shape ``(..., 5)``.
-    """
-    covariance = np.linalg.inv(information + np.diag(12 / (HIGH - LOW) ** 2))
-    return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-
-
 def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
     """Return the table of the same scene with another prior: the signatures are the same."""
     return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
 
 
-def study(
+def measure(
     estimator: Estimator,
     poses: Array,
     images: Array,
     progress: Progress = iter,
-) -> Study:
-    """Estimate frame after frame; an interrupt ends the study with the frames it has.
+) -> Accuracy:
+    """Estimate frame after frame; an interrupt ends it with the frames it has.
 
     Parameters
     ----------
@@ -180,7 +120,7 @@ def study(
 
     Returns
     -------
-    Study
+    Accuracy
         Of all frames, or of those before an interrupt; the bound is that of the believed scene.
 
     Raises
@@ -192,31 +132,124 @@ def study(
     """
     scene = estimator.table.scene
     model = ForwardModel(scene)
-    count, model_s = len(poses), []
-    errors, covariances = np.full((count, 5), np.nan), np.full((count, 5, 5), np.nan)
-    frame_s = np.empty(count)
-    done = 0
-    try:
-        blocks = [poses[start : start + BLOCK_POSES] for start in range(0, count, BLOCK_POSES)]
-        bounds = np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
-        for i in progress(range(count)):
-            began = time.perf_counter()
-            parameters = key_parameters(images[i], scene.full_scale_counts, scene.signature.peak)
-            with suppress(NoPose):
-                estimate = estimator.estimate(parameters, images[i])
-                errors[i], covariances[i] = estimate.pose - poses[i], estimate.covariance
-            frame_s[i] = time.perf_counter() - began
-            if i % MODEL_EVERY == 0:
-                began = time.perf_counter()
-                model.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
-                model_s.append(time.perf_counter() - began)
-            done = i + 1
-    except KeyboardInterrupt:
-        if not done:
-            raise
-    found = Study(
-        errors[:done], covariances[:done], bounds[:done], frame_s[:done], np.array(model_s)
-    )
-    if not found.posed.any():
+    blocks = [poses[start : start + BLOCK_POSES] for start in range(0, len(poses), BLOCK_POSES)]
+    bounds = np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
+    answers = {"estimator": answer_of(estimator)}
+    frames = frame_errors(answers, model, poses, images, progress)["estimator"]
+    done = len(frames.errors)
+    if not frames.posed.any():
         raise ValueError(f"scene {scene.name}: none of {done} frames got a pose")
-    return found
+    return Accuracy(**vars(frames), bounds=bounds[:done])
+
+
+def exposed(
+    model: ForwardModel,
+    poses: Array,
+    seed: int,
+    drawn: bool,
+    moving: bool,
+    rng: np.random.Generator,
+) -> Array:
+    """Expose images at poses, with a truth that the estimator does not know.
+
+    Parameters
+    ----------
+    model
+        Of the scene.
+    poses
+        m and rad, shape ``(n, 5)``.
+    seed
+        Of what is drawn of the truth.
+    drawn
+        Whether what the scene's prior leaves open is drawn from it, or is at its mean.
+    moving
+        Whether each image is of a random moment of a day, or of none.
+    rng
+        Of the noise, which does not depend on the other choices.
+
+    Returns
+    -------
+    Array
+        Counts, shape ``(n, side, side)``.
+    """
+    truth = np.random.default_rng((seed, 1))
+    moments = truth.uniform(0, DAY_S, len(poses)) if moving else None
+    stds = model.scene.prior.nuisance_std() if drawn else {}
+    offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
+    return model.expose(poses, rng, 0.0, offsets, moments)
+
+
+def compare_nuisances(
+    scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
+) -> Iterator[tuple[str, str, Accuracy]]:
+    """Measure every case of `OFF`, with K and the lamp's power known and estimated along.
+
+    An interrupt ends it with what it has; before the first frame it passes on.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    count
+        How many poses, >= 1, the same in every case.
+    seed
+        Of poses and noise.
+    candidates
+        As in `Estimator`.
+    progress
+        Wraps each loop over frames.
+
+    Yields
+    ------
+    str
+        What is off, of `OFF`.
+    str
+        Whether nuisances are ``known`` or ``estimated``.
+    Accuracy
+        The last one perhaps of fewer frames.
+    """
+    table = cached_table(scene)
+    estimators = {
+        name: Estimator(with_prior(table, prior), "least_squares", candidates=candidates)
+        for name, prior in (("known", PriorSettings()), ("estimated", PRIOR))
+    }
+    model = ForwardModel(scene)
+    poses = lit_poses(model, count, np.random.default_rng(seed))
+    begun = False
+    for off, (k_off_per_m, power_off) in OFF.items():
+        off_by = {"lamp.power": np.array(np.log1p(power_off))}
+        if k_off_per_m:
+            off_by["attenuation.k_per_m"] = np.array(k_off_per_m)
+        # The same noise in every case.
+        images = model.expose(poses, np.random.default_rng((seed, 1)), 0.0, off_by)
+        for nuisances, estimator in estimators.items():
+            try:
+                found = measure(estimator, poses, images, progress)
+            except KeyboardInterrupt:
+                if not begun:
+                    raise
+                return
+            begun = True
+            yield off, nuisances, found
+            if len(found.errors) < count:
+                return
+
+
+def as_object(found: Accuracy) -> dict[str, Any]:
+    """Return plain values, errors in m and deg, times in ms; None is not known."""
+    nees = found.nees
+    median_ms, slow_ms = found.frame_ms
+    return {
+        "poses": len(found.errors),
+        "rms_error": by_column(found.rms_error * IN_DEGREES),
+        "rms_bound": by_column(found.rms_bound * IN_DEGREES),
+        "ratio_to_bound": dict(zip(DOF_NAMES, found.ratio_to_bound.tolist(), strict=True)),
+        "beyond_6_sigma": found.beyond_sigma(SIGMAS),
+        "beyond_6_bounds": found.beyond_bound(SIGMAS),
+        "nees_mean": float(nees.mean()),
+        "nees_std_error": float(nees.std() / np.sqrt(len(nees))),
+        "nees_band": list(found.nees_band),
+        "without_pose": int((~found.posed).sum()),
+        "frame_ms": {"median": median_ms, "99th_percentile": slow_ms},
+        "model_ms": found.model_ms,
+    }

@@ -3,10 +3,9 @@
 import argparse
 import dataclasses
 import json
-import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
@@ -15,19 +14,20 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
 )
-from uuv_optical_array.commands.studies.tradeoff import Measurement
+from uuv_optical_array.commands.studies.tradeoff import measure_rest
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.studies.tradeoff.advice import Advice, Need, advise
-from uuv_optical_array.studies.tradeoff.measurement import Group
-from uuv_optical_array.studies.tradeoff.results import (
-    SETTINGS_CSV,
-    Origin,
-    Row,
-    read_csv,
-    this_machine,
+from uuv_optical_array.studies.shared.results import for_json, read
+from uuv_optical_array.studies.tradeoff.advice import (
+    Advice,
+    Need,
+    advise,
+    cache_folder,
+    settings_of,
 )
+from uuv_optical_array.studies.tradeoff.results import SETTINGS_CSV, Measurement, Origin
+from uuv_optical_array.studies.tradeoff.run import TradeoffRun
 
 DESCRIPTION = """\
 Name the cheapest setting that keeps a rate and an accuracy: array, size of the table, and method of
@@ -89,36 +89,6 @@ def add_parser(subparsers: Subparsers) -> None:
     )
 
 
-def cache_folder(scene: Scene) -> Path:
-    """Return the user's own folder of measurements in a scene on this machine."""
-    machine = "".join(letter if letter.isalnum() else "-" for letter in this_machine())
-    return files.cache_dir() / "tradeoff" / f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
-
-
-def measured(scene: Scene, folder: Path) -> tuple[Origin, list[Row]] | None:
-    """Return what was measured in a folder, if that is this scene on this machine."""
-    origin, rows = read_csv(folder / SETTINGS_CSV, Row)
-    if origin is None:
-        return None
-    if not origin.same_place(scene):
-        print(
-            f"{folder / SETTINGS_CSV} is of another scene or machine, so it does not count",
-            file=sys.stderr,
-        )
-        return None
-    return origin, rows
-
-
-def settings_of(scene: Scene, row: Row) -> dict[str, Any]:
-    """Return what to change for a row: groups of the scene, and the node's parameter."""
-    group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
-    settings = group.scene(scene).settings()
-    return {
-        "scene": {"array": settings["array"], "table": settings["table"]},
-        "estimator_node": {"method": row.method},
-    }
-
-
 def report(scene: Scene, need: Need, found: Advice) -> str:
     """Return the advice in words."""
     row = found.row
@@ -161,19 +131,23 @@ def run(options: argparse.Namespace) -> int:
         }
     )
     scene = load_scene(options.scene)
-    cache = cache_folder(scene)
-    named = files.user_path(options.output or f"{scene.name}.tradeoff")
+    folder = files.user_path(options.output or f"{scene.name}.tradeoff")
+    origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
+    if origin is not None and not origin.same_place(scene):
+        print(
+            f"{folder / SETTINGS_CSV} is of another scene or machine, so it does not count",
+            file=sys.stderr,
+        )
+        origin = None
     complete = True
-    known = measured(scene, named)
-    if known is None:
-        measurement = Measurement(scene, "quick", SEED, cache)
+    if origin is None:
+        folder = cache_folder(scene)
+        measured = TradeoffRun(scene, "quick", SEED, folder)
         try:
-            measurement.go_on()
+            measure_rest(measured)
         except KeyboardInterrupt:
             complete = False
-        origin, rows, folder = measurement.settings.origin, measurement.settings.rows, cache
-    else:
-        (origin, rows), folder = known, named
+        origin, rows = measured.origin, measured.settings.lines
     if not rows:
         print("interrupted: nothing measured")
         return INTERRUPTED
@@ -189,8 +163,8 @@ def run(options: argparse.Namespace) -> int:
             "scene": scene.name,
             "asked": dataclasses.asdict(need),
             "met": not found.lacks,
-            "lacks": {k: v if math.isfinite(v) else None for k, v in found.lacks.items()},
-            "found": found.row.as_object(),
+            "lacks": for_json(found.lacks),
+            "found": for_json(found.row.columns()),
             "change": settings_of(scene, found.row),
             **about,
         }

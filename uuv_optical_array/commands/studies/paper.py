@@ -1,13 +1,10 @@
 """``uuv_array paper``: the figures of Eren et al. (2016), and what their text says of them."""
 
 import argparse
-import functools
 import json
-from dataclasses import dataclass, field
+import math
 from pathlib import Path
-from typing import Annotated, Any
-
-import numpy as np
+from typing import Annotated
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
@@ -16,28 +13,13 @@ from uuv_optical_array.commands.parser import (
     add_json,
     add_scene,
     bar,
+    file_to_write,
 )
-from uuv_optical_array.core import files
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.plots.eren2016 import draw_paper
-from uuv_optical_array.studies.eren2016.choices import alternatives, noisy
-from uuv_optical_array.studies.eren2016.figures import (
-    SIDES,
-    STATEMENTS,
-    STEPS,
-    THRESHOLD_DEG,
-    UNITS,
-    Choice,
-    Conditions,
-    Motion,
-    Statement,
-    angles_deg,
-    least_detected,
-    panels,
-    score,
-)
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
+from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
 
 DESCRIPTION = """\
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
@@ -55,37 +37,6 @@ examples:
 Ctrl-C ends it early and reports what there is. docs/paper.md explains every figure."""
 
 SEED = Quantity("seed of the noise, where a choice has some", "", 0, 2**32 - 1)
-MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
-SPECIFIED: dict[Motion, float] = {"shift": 0.2, "yaw": 10.0}  # m and deg
-NOISE_RANGES_M = (4.0, 8.0)
-
-
-@dataclass
-class Findings:
-    """What has been computed so far.
-
-    Parameters
-    ----------
-    points
-        Our number of each of `STATEMENTS`, deg.
-    curves
-        Panel, conditions and angles in deg at `STEPS`.
-    sizes
-        One row an array size.
-    choices
-        Name of each choice, and its numbers of `STATEMENTS`, deg.
-    picture
-        Where it was written.
-    complete
-        Whether nothing is missing.
-    """
-
-    points: list[float] = field(default_factory=list)
-    curves: list[tuple[str, Conditions, Array]] = field(default_factory=list)
-    sizes: list[dict[str, Any]] = field(default_factory=list)
-    choices: list[tuple[str, list[float]]] = field(default_factory=list)
-    picture: Path | None = None
-    complete: bool = False
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -108,48 +59,9 @@ def add_parser(subparsers: Subparsers) -> None:
     add_json(parser)
 
 
-def compute(found: Findings, scene: Scene, seed: int, output: Path) -> None:
-    """Fill in the findings, the most wanted ones first, and draw the picture."""
-    rng = np.random.default_rng(seed)
-    angles = functools.partial(angles_deg, scene)
-    for statement in bar(STATEMENTS, "point"):
-        found.points.append(statement.ours(angles))
-    for side in bar(SIDES, "size"):
-        found.sizes.append(size(scene, side, noisy(rng)))
-    curves = [(panel, conditions) for panel, those in panels().items() for conditions in those]
-    for panel, conditions in bar(curves, "curve"):
-        found.curves.append((panel, conditions, angles(conditions, STEPS[conditions.motion])))
-    draw_paper(found.curves, scene.name, output)
-    found.picture = output
-    for choice in bar(alternatives(rng), "choice"):
-        chosen = functools.partial(angles_deg, scene, choice=choice)
-        found.choices.append((choice.text, [statement.ours(chosen) for statement in STATEMENTS]))
-    found.complete = True
-
-
-def size(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
-    """Return what a curved array of one size detects at 4 m and takes for a move, plain values."""
-    row: dict[str, Any] = {"detectors_per_side": side}
-    for motion in MOTIONS:
-        steps = np.append(STEPS[motion], SPECIFIED[motion])
-        angles = angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
-        name = f"{SPECIFIED[motion]:g}_{UNITS[motion]}".replace(".", "_")
-        row[f"angle_deg_at_{name}"] = float(angles[-1])
-        row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
-    for range_m in NOISE_RANGES_M:
-        still = angles_deg(scene, Conditions("curved", side, range_m, "shift"), [0.0], noise)
-        row[f"noise_deg_at_{range_m:g}_m"] = float(still[0])
-    return row
-
-
 def number(ours: float) -> str:
     """Return one of our numbers as it is printed."""
-    return "flat" if np.isnan(ours) else f"{ours:.1f}"
-
-
-def known(ours: float) -> float | None:
-    """Return one of our numbers for JSON, which has no nan."""
-    return None if np.isnan(ours) else ours
+    return "flat" if math.isnan(ours) else f"{ours:.1f}"
 
 
 def verdict(statement: Statement, ours: float) -> str:
@@ -157,10 +69,10 @@ def verdict(statement: Statement, ours: float) -> str:
     met = statement.met(ours)
     if met is not None:
         return "met" if met else "missed"
-    return "" if statement.paper is None or np.isnan(ours) else f"{ours - statement.paper:+.1f}"
+    return "" if statement.paper is None or math.isnan(ours) else f"{ours - statement.paper:+.1f}"
 
 
-def report(found: Findings) -> str:
+def report(found: Reproduction) -> str:
     """Return the tables, each with the rows that there are."""
     line = "{:<4}{:<4}{:<44}{:>16}{:>8}  {}"
     lines = [line.format("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
@@ -192,74 +104,35 @@ def report(found: Findings) -> str:
         stated = [s.label.replace(" ", "") if s.paper is not None else "" for s in STATEMENTS]
         lines.append(row.format("the paper", *stated, "", ""))
         for text, points in found.choices:
-            met, rms_deg = score(points)
+            met, rms_deg = agreement(points)
             lines.append(row.format(text, *map(number, points), met, number(rms_deg)))
     return "\n".join(line.rstrip() for line in lines)
-
-
-def as_object(found: Findings) -> dict[str, Any]:
-    """Return the findings as plain values, by figure."""
-    figures: dict[str, dict[str, list[Any]]] = {
-        panel: {"points": [], "curves": []} for panel in panels()
-    }
-    for statement, ours in zip(STATEMENTS, found.points, strict=False):
-        figures[statement.figure]["points"].append(
-            {
-                "point": statement.text,
-                "conditions": dict(statement.conditions),
-                "relation": statement.relation,
-                "paper_deg": statement.paper,
-                "ours_deg": known(ours),
-                "met": statement.met(ours),
-            }
-        )
-    for panel, conditions, angles in found.curves:
-        figures[panel]["curves"].append(
-            {
-                **conditions.as_object(STEPS[conditions.motion]),
-                "angle_deg": [*map(known, angles.tolist())],
-            }
-        )
-    names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
-    return {
-        "complete": found.complete,
-        "picture": None if found.picture is None else str(found.picture),
-        "figures": figures,
-        "sizes": [
-            {key: value if value is None else known(value) for key, value in row.items()}
-            for row in found.sizes
-        ],
-        "choices": [
-            {
-                "choice": text,
-                "ours_deg": dict(zip(names, map(known, points), strict=True)),
-                "met": score(points)[0],
-                "rms_deg": known(score(points)[1]),
-            }
-            for text, points in found.choices
-        ],
-    }
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute, print and draw."""
     check(Annotated[int, SEED], options.seed, "--seed")
     scene = load_scene(options.scene)
-    output = files.user_path(options.output)
-    if not output.parent.is_dir():
-        raise ValueError(f"--output {output}: no folder {output.parent}; make it first")
-    found = Findings()
+    output = file_to_write(options.output, "--output")
+    found = Reproduction()
     try:
-        compute(found, scene, options.seed, output)
+        found.compute(scene, options.seed, bar)
     except KeyboardInterrupt:
         if not found.points:
             print("interrupted: nothing computed")
             return INTERRUPTED
+    picture = None
+    if found.drawable:
+        from uuv_optical_array.plots.eren2016 import draw_paper
+
+        picture = str(output)
+        draw_paper(found.curves, scene.name, output)
     if options.json:
-        print(json.dumps({"scene": scene.name, "seed": options.seed, **as_object(found)}))
+        told = {"scene": scene.name, "seed": options.seed, "picture": picture}
+        print(json.dumps({**told, **as_object(found)}))
     else:
         print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(found)}\n")
-        print(f"picture: {found.picture}" if found.picture else "no picture")
+        print(f"picture: {picture}" if picture else "no picture")
         if not found.complete:
             print("interrupted: the tables end where the work ended")
     return 0 if found.complete else INTERRUPTED

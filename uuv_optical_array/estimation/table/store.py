@@ -233,4 +233,4 @@ class TableStore:
 def _on_disk(path: Path, scene: Scene) -> ChunkedRows:
     """Return where the rows of a scene's table lie."""
     rows = GridPoses(grid_axes(scene.table)).shape[0]
-    return ChunkedRows(path, (rows, 5), CHUNK_ROWS, "table", "uuv_array table")
+    return ChunkedRows(path, (rows, 5), CHUNK_ROWS)

@@ -15,20 +15,22 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.accuracy import HIGH, LOW, MIN_PEAK_COUNTS, within_volume
-from uuv_optical_array.studies.eren2016.figures import (
-    RANGES_M,
+from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
+    WANTED,
     Conditions,
     Motion,
     angles_deg,
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.studies.tradeoff.measurement import position_and_angle
+from uuv_optical_array.studies.shared.working_volume import (
+    MIN_PEAK_COUNTS,
+    RANGES_M,
+    known_volume_std,
+)
 
-# What the specification wants told apart: m and deg, to either side.
-MOVES: dict[Motion, tuple[float, float]] = {"shift": (0.2, -0.2), "yaw": (10.0, -10.0)}
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
@@ -52,9 +54,9 @@ class Score:
         aligned array there; inf where noise moves nothing.
     position_m, angle_deg
         Root mean square bound over the working volume, that volume known: see
-        `accuracy.within_volume`. Never more than what is known without any light.
+        `working_volume.known_volume_std`. Never more than what is known without any light.
     lit
-        Share of the volume where the image peaks above `accuracy.MIN_PEAK_COUNTS`.
+        Share of the volume where the image peaks above `working_volume.MIN_PEAK_COUNTS`.
     lit_position_m, lit_angle_deg
         Root mean square Cramer-Rao bound of the image alone over that share; nan where it is
         nothing, inf where a pose in it is unobservable.
@@ -76,19 +78,24 @@ class Score:
     lit_angle_deg: float
 
     @property
-    def told_near(self) -> bool:
+    def resolved_at_4m(self) -> bool:
         """Whether both moves reach the paper's threshold at 4 m, which is where it decides."""
         return min(self.shift_near_deg, self.yaw_near_deg) >= THRESHOLD_DEG
 
     @property
-    def told(self) -> bool:
+    def resolved_4_to_8m(self) -> bool:
         """Whether they do from 4 to 8 m, which is what it claims."""
         return min(self.shift_deg, self.yaw_deg) >= THRESHOLD_DEG
 
+    @property
+    def resolved(self) -> str:
+        """Say where both moves reach the threshold."""
+        return "4 to 8 m" if self.resolved_4_to_8m else "4 m" if self.resolved_at_4m else "none"
 
-def volume_poses(count: int, rng: np.random.Generator) -> Array:
-    """Draw poses uniformly from the working volume, m and rad, shape ``(count, 5)``."""
-    return rng.uniform(LOW, HIGH, (count, 5))
+    @property
+    def sigmas(self) -> float:
+        """The lesser of `shift_sigmas` and `yaw_sigmas`."""
+        return min(self.shift_sigmas, self.yaw_sigmas)
 
 
 def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
@@ -109,7 +116,7 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
         Its scores.
     """
     model = ForwardModel(scene)
-    shift, yaw = (separations(scene, motion) for motion in MOVES)
+    shift, yaw = (separations(scene, motion) for motion in WANTED)
     noise = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
     noise = np.where(noise > ROUNDING_DEG, noise, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -136,14 +143,27 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
 
 
 def separations(scene: Scene, motion: Motion) -> Array:
-    """Return the spectral angle of a move of `MOVES` at each of `RANGES_M`, deg, shape ``(5,)``."""
+    """Return the spectral angle of a wanted move, of either side the smaller one, deg.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    motion
+        The move, of the size `WANTED`.
+
+    Returns
+    -------
+    Array
+        At each of `RANGES_M`, shape ``(5,)``.
+    """
     array = scene.array
     return np.array(
         [
             angles_deg(
                 scene,
                 Conditions(array.shape, array.detectors_per_side, range_m, motion),
-                MOVES[motion],
+                [WANTED[motion], -WANTED[motion]],
             ).min()
             for range_m in RANGES_M
         ]
@@ -198,7 +218,7 @@ def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, Array]:
     for start in range(0, len(poses), step):
         part = slice(start, start + step)
         bound = cramer_rao_bound(model, poses[part])
-        known[part], alone[part] = within_volume(bound.information), bound.std
+        known[part], alone[part] = known_volume_std(bound.information), bound.std
         lit[part] = model.expected(poses[part]).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
     return known, alone, lit
 

@@ -3,10 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from uuv_optical_array.core import files
 from uuv_optical_array.estimation.estimator import METHODS
-from uuv_optical_array.studies.pareto import MOST_WITHOUT_POSE, simplicity
-from uuv_optical_array.studies.tradeoff.results import Row
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, simplicity
+from uuv_optical_array.studies.tradeoff.plan import Group
+from uuv_optical_array.studies.tradeoff.results import Measurement, this_machine
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,7 @@ class Need:
 
     @property
     def limits(self) -> dict[str, float]:
-        """The largest value of each column of a `Row` that counts."""
+        """The largest value of each column of a `Measurement` that counts."""
         return {
             "position_m": self.position_m,
             "angle_deg": self.angle_deg,
@@ -48,17 +53,17 @@ class Advice:
         By how much it is beyond each limit that it does not keep; empty where it keeps all.
     """
 
-    row: Row
+    row: Measurement
     lacks: dict[str, float]
 
 
-def _shares(row: Row, need: Need) -> dict[str, float]:
+def _shares(row: Measurement, need: Need) -> dict[str, float]:
     """Return each measured value as a share of its limit; nan counts as infinite."""
     shares = {name: getattr(row, name) / limit for name, limit in need.limits.items()}
     return {name: math.inf if math.isnan(share) else share for name, share in shares.items()}
 
 
-def advise(rows: Sequence[Row], need: Need) -> Advice:
+def advise(rows: Sequence[Measurement], need: Need) -> Advice:
     """Choose the cheapest setting that meets a need, or the nearest to it.
 
     The cheapest has the fewest detectors, then the smallest table, then the least median time. The
@@ -95,3 +100,19 @@ def advise(rows: Sequence[Row], need: Need) -> Advice:
         name: getattr(row, name) - limit for name, limit in need.limits.items() if shares[name] > 1
     }
     return Advice(row, beyond)
+
+
+def cache_folder(scene: Scene) -> Path:
+    """Return the user's own folder of measurements in a scene on this machine."""
+    machine = "".join(letter if letter.isalnum() else "-" for letter in this_machine())
+    return files.cache_dir() / "tradeoff" / f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
+
+
+def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
+    """Return what to change for a setting: groups of the scene, and the node's parameter."""
+    group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
+    settings = group.scene(scene).settings()
+    return {
+        "scene": {"array": settings["array"], "table": settings["table"]},
+        "estimator_node": {"method": row.method},
+    }

@@ -1,21 +1,16 @@
-"""What `tradeoff` measured, as CSV: every line names its run, and a file is always whole."""
+"""What the trade-off measures, as lines of its two CSV files."""
 
-import csv
 import dataclasses
-import io
-import math
 import os
 import platform
 import statistics
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Generic, TypeVar
 
-from uuv_optical_array.core import files
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.studies.shared.results import Flat, differences
 
 Mode = typing.Literal["quick", "full"]
 SETTINGS_CSV, TABLES_CSV = "tradeoff.csv", "tables.csv"
@@ -71,12 +66,13 @@ class Origin:
 
     def same_place(self, scene: Scene) -> bool:
         """Say whether this is the scene and this machine."""
-        return (self.fingerprint, self.machine) == (scene.fingerprint, this_machine())
+        here = dataclasses.replace(self, fingerprint=scene.fingerprint, machine=this_machine())
+        return not differences(self, here)
 
 
 @dataclass(frozen=True)
-class Row:
-    """One setting and what was measured of it: a line of the CSV.
+class Measurement(Flat):
+    """One setting and what was measured of it.
 
     Parameters
     ----------
@@ -96,7 +92,7 @@ class Row:
     median_ms, p99_ms
         From image to pose.
     model_ms
-        One forward model with Jacobian of `accuracy.MODEL_POSES` poses, of the scene's own array,
+        One forward model with Jacobian of `errors.MODEL_POSES` poses, of the scene's own array,
         timed between the frames, median.
     models
         `median_ms` over `model_ms`: a time that hardly depends on how busy the machine is.
@@ -125,13 +121,6 @@ class Row:
     build_s: float
     load_average: float
 
-    def as_object(self) -> dict[str, Any]:
-        """Return plain values; None is not known."""
-        return {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in vars(self).items()
-        }
-
     @property
     def label(self) -> str:
         """The setting in words."""
@@ -140,7 +129,7 @@ class Row:
         return f"{self.method}, {self.shape} {side} x {side}{table}"
 
 
-def at_one_speed(rows: Sequence[Row]) -> list[Row]:
+def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
     """Return rows with times as if the machine had been as fast for all as for the median one."""
     model_ms = statistics.median([row.model_ms for row in rows]) if rows else 0.0
     return [
@@ -155,8 +144,8 @@ def at_one_speed(rows: Sequence[Row]) -> list[Row]:
 
 
 @dataclass(frozen=True)
-class TableCost:
-    """What a table costs where it is used: a line of the second CSV.
+class TableCost(Flat):
+    """What a table costs where it is used.
 
     Parameters
     ----------
@@ -182,108 +171,3 @@ class TableCost:
     memory_mb: float
     peak_mb: float
     load_average: float
-
-
-R = TypeVar("R", bound="Row | TableCost")
-
-
-def _read(kind: type[Any], line: dict[str, str]) -> Any:
-    hints = typing.get_type_hints(kind)
-    return kind(
-        **{
-            field.name: hints[field.name](line[field.name])
-            if hints[field.name] in (int, float)
-            else line[field.name]
-            for field in dataclasses.fields(kind)
-        }
-    )
-
-
-def read_csv(path: Path, kind: type[R]) -> tuple[Origin | None, list[R]]:
-    """Read a file of measurements.
-
-    Parameters
-    ----------
-    path
-        The file; one that is not there holds nothing.
-    kind
-        `Row` or `TableCost`.
-
-    Returns
-    -------
-    origin : Origin or None
-        Of all lines; None where there are none.
-    rows : list
-        The lines.
-
-    Raises
-    ------
-    ValueError
-        For a line that is damaged, or of another origin than the first.
-    """
-    if not path.exists():
-        return None, []
-    origins: list[Origin] = []
-    rows: list[R] = []
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            for number, line in enumerate(csv.DictReader(file, strict=True), start=2):
-                try:
-                    origins.append(_read(Origin, line))
-                    rows.append(_read(kind, line))
-                except (KeyError, TypeError, ValueError):
-                    raise ValueError(f"line {number} is no measurement") from None
-                if origins[-1] != origins[0]:
-                    raise ValueError(f"line {number} is of another run than the first")
-    except (csv.Error, ValueError) as error:
-        raise ValueError(f"{path}: {error}; remove the file or name another --output") from None
-    return (origins[0] if origins else None), rows
-
-
-class Ledger(Generic[R]):
-    """A CSV that grows, written anew as a whole each time.
-
-    Parameters
-    ----------
-    path
-        The file; where it exists, its rows are taken over.
-    kind
-        `Row` or `TableCost`.
-    origin
-        Of this run.
-
-    Raises
-    ------
-    ValueError
-        For a file of another run, or a damaged one.
-    """
-
-    def __init__(self, path: Path, kind: type[R], origin: Origin) -> None:
-        there, rows = read_csv(path, kind)
-        self.rows: list[R] = rows
-        if there is not None:
-            differ = [
-                f"{field.name} {getattr(there, field.name)}, not {getattr(origin, field.name)}"
-                for field in dataclasses.fields(Origin)
-                if field.name != "scene"
-                and getattr(there, field.name) != getattr(origin, field.name)
-            ]
-            if differ:
-                raise ValueError(
-                    f"{path}: holds measurements of another run ({'; '.join(differ)}); "
-                    "remove the file or name another --output"
-                )
-        self.path, self.origin = path, origin
-        self.kind: type[R] = kind
-
-    def append(self, rows: Iterable[R]) -> None:
-        """Add rows, all or none of them."""
-        together = [*self.rows, *rows]
-        text = io.StringIO()
-        names = [field.name for kind in (Origin, self.kind) for field in dataclasses.fields(kind)]
-        writer = csv.DictWriter(text, names, lineterminator="\n")
-        writer.writeheader()
-        for row in together:
-            writer.writerow({**vars(self.origin), **vars(row)})
-        files.write_text(self.path, text.getvalue())
-        self.rows = together

@@ -1,15 +1,17 @@
-"""The designs that none beats: few detectors against what they allow to be known."""
+"""The Pareto-optimal designs: few detectors against small bounds on position and angle."""
 
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from uuv_optical_array.studies.design.designs import Design
-from uuv_optical_array.studies.design.store import Row, Study
-from uuv_optical_array.studies.pareto import STEP
+from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
+from uuv_optical_array.studies.shared.pareto import thinned_front
 
 
-def front(rows: Sequence[Row]) -> list[Row]:
+def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
     """Find the designs worth their detectors.
 
     A design is left out for one that has no more detectors and bounds on position and angle that
@@ -25,23 +27,14 @@ def front(rows: Sequence[Row]) -> list[Row]:
     list
         Those that remain, fewest detectors first; none of them stands for another.
     """
-    # A later design stands for an earlier one never: that would need a smaller product.
-    ordered = sorted(
-        rows, key=lambda row: (row.design.detectors, row.score.position_m * row.score.angle_deg)
-    )
-    kept: list[Row] = []
-    for row in ordered:
-        if not any(
-            other.score.position_m <= STEP * row.score.position_m
-            and other.score.angle_deg <= STEP * row.score.angle_deg
-            for other in kept
-        ):
-            kept.append(row)
+    bounds = [(row.score.position_m, row.score.angle_deg) for row in rows]
+    detectors = [row.design.detectors for row in rows]
+    kept = [rows[i] for i in thinned_front(detectors, np.reshape(bounds, (-1, 2)))]
     return sorted(kept, key=lambda row: (row.design.detectors, row.score.position_m))
 
 
-def fronts(study: Study, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Find the fronts that are told: of which designs, and those on it.
+def fronts(study: DesignStudy, rows: Sequence[ScoredDesign]) -> dict[str, list[ScoredDesign]]:
+    """Find the Pareto-optimal designs among three sets of them.
 
     Parameters
     ----------
@@ -51,13 +44,13 @@ def fronts(study: Study, rows: Sequence[Row]) -> dict[str, list[Row]]:
     Returns
     -------
     dict
-        ``fits``: no wider than the scene's array; ``told``: of these, the paper's criterion met
-        at 4 m; ``any``: of any width.
+        ``fits``: no wider than the scene's array; ``resolved``: of these, the paper's criterion
+        met at 4 m; ``any``: of any width.
     """
     fits = [row for row in rows if row.design.width_m <= study.scene.array.width_m]
     return {
         "fits": front(fits),
-        "told": front([row for row in fits if row.score.told_near]),
+        "resolved": front([row for row in fits if row.score.resolved_at_4m]),
         "any": front(rows),
     }
 
@@ -71,27 +64,29 @@ PAPER: dict[str, Any] = {
 }
 
 
-def of_the_paper(design: Design) -> bool:
+def is_papers_array(design: Design) -> bool:
     """Say whether a design has the array that the paper chooses, whatever its lamp."""
     return design == dataclasses.replace(design, **PAPER)
 
 
-def numbered(study: Study, rows: Sequence[Row]) -> list[Row]:
-    """Return every design that is told, once: the fronts in turn, then the paper's array.
+def numbered(study: DesignStudy, rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
+    """Return every design that is listed, once: the fronts in turn, then the paper's array.
 
     The last is the one with the scene's lamp, where it is swept.
     """
     own = study.scene.lamp.beam_sigma_deg
-    paper = [row for row in rows if of_the_paper(row.design) and row.design.beam_sigma_deg == own]
+    paper = [
+        row for row in rows if is_papers_array(row.design) and row.design.beam_sigma_deg == own
+    ]
     listed = [row for found in fronts(study, rows).values() for row in found]
     return list(dict.fromkeys([*listed, *paper]))
 
 
-def standing(study: Study, rows: Sequence[Row]) -> list[str]:
+def standing(study: DesignStudy, rows: Sequence[ScoredDesign]) -> list[str]:
     """Return for each of `numbered` on which fronts it is, and whether it is the paper's array."""
     on = fronts(study, rows)
     return [
         ", ".join([name for name, found in on.items() if row in found] or ["none"])
-        + ("; the paper's array" if of_the_paper(row.design) else "")
+        + ("; the paper's array" if is_papers_array(row.design) else "")
         for row in numbered(study, rows)
     ]

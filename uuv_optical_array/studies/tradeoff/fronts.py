@@ -1,49 +1,21 @@
-"""The settings that no other setting beats."""
+"""The Pareto-optimal settings: nothing measured is both faster and better by 10 %."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.studies.tradeoff.measurement import guess
-from uuv_optical_array.studies.tradeoff.results import Row
+from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
+from uuv_optical_array.studies.shared.results import for_json
+from uuv_optical_array.studies.shared.working_volume import volume_spread
+from uuv_optical_array.studies.tradeoff.results import Measurement
 
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
-# Times and errors are compared in steps of 10 %: closer ones are noise.
-STEP = 1.1
 
 
-def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
-    """Find the points that no other point beats.
-
-    A point is beaten by one that costs no more in anything and less in something; equal points
-    do not beat each other.
-
-    Parameters
-    ----------
-    costs
-        Less is better, shape ``(n, k)``; a point with a nan or an infinity is on no front.
-
-    Returns
-    -------
-    ndarray of bool
-        Which points are on the front, shape ``(n,)``.
-    """
-    costs = np.asarray(costs, dtype=float)
-    front = np.isfinite(costs).all(axis=1)
-    points = np.unique(costs[front], axis=0)  # sorted: only an earlier one can beat a point
-    kept: list[Array] = []
-    for point in points:
-        if not any((other <= point).all() for other in kept):
-            kept.append(point)
-    if kept:
-        front &= (costs[:, None] == np.array(kept)).all(axis=2).any(axis=1)
-    return front
-
-
-def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
+def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
     """Find the settings on each front: of median time, in models, and one of the two errors.
 
     The middle of the volume can be had for nothing, so a setting has to be better than that. Time
@@ -61,9 +33,8 @@ def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
         Which rows are on the front, shape ``(n,)``, by ``position`` and ``angle``.
     """
     found = {}
-    for name, column, free in zip(
-        ("position", "angle"), ("position_m", "angle_deg"), guess(), strict=True
-    ):
+    columns = {"position": "position_m", "angle": "angle_deg"}
+    for (name, column), free in zip(columns.items(), volume_spread(), strict=True):
         costs = [
             (row.models, getattr(row, column))
             if row.without_pose <= MOST_WITHOUT_POSE
@@ -81,12 +52,23 @@ def fronts(rows: Sequence[Row]) -> dict[str, NDArray[np.bool_]]:
     return found
 
 
-def simplicity(row: Row) -> tuple[float, ...]:
+def simplicity(row: Measurement) -> tuple[float, ...]:
     """Order settings by what they ask for: fewest detectors, smallest table, least time."""
     return row.detectors_per_side, row.table_rows, row.median_ms
 
 
-def numbered(rows: Sequence[Row]) -> list[int]:
+def numbered(rows: Sequence[Measurement]) -> list[int]:
     """Return the places in `rows` of the settings on any front, the fastest first."""
     on = np.any(list(fronts(rows).values()), axis=0)
     return sorted(on.nonzero()[0].tolist(), key=lambda i: rows[i].models)
+
+
+def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
+    """Return settings as plain values, and which are on a front."""
+    return {
+        "settings": [for_json(row.columns()) for row in rows],
+        "fronts": {
+            name: [rows[i].label for i in front.nonzero()[0]]
+            for name, front in fronts(rows).items()
+        },
+    }

@@ -1,0 +1,71 @@
+"""Errors of methods that take turns, as a distance and an angle."""
+
+import math
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.estimator import NoPose
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.shared.errors import frame_errors, position_and_angle
+from uuv_optical_array.studies.shared.working_volume import uniform_poses
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ForwardModel(load_scene("reference"))
+
+
+def test_errors_are_distance_and_angle():
+    errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
+    assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
+    assert np.isnan(position_and_angle(np.empty((0, 5)))).all()
+
+
+def test_methods_take_turns_on_every_image(model):
+    poses = uniform_poses(4, np.random.default_rng(0))
+    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
+    heard = []
+
+    def answer(name, offset):
+        def pose(image):
+            i = int(image[0, 0])
+            heard.append((name, i))
+            if name == "b" and i == 2:
+                raise NoPose("none")
+            return poses[i] + offset, (i + 1) * np.eye(5)
+
+        return pose
+
+    found = frame_errors({"a": answer("a", 1.0), "b": answer("b", -2.0)}, model, poses, images)
+    assert heard[2:] == [(n, i) for i in range(4) for n in ("ab" if i % 2 == 0 else "ba")]
+    np.testing.assert_allclose(found["a"].errors, 1.0)
+    np.testing.assert_allclose(found["b"].errors[[0, 1, 3]], -2.0)
+    assert found["b"].posed.tolist() == [True, True, False, True]
+    np.testing.assert_allclose(found["a"].covariances[:, 2, 2], [1, 2, 3, 4])
+    assert (found["a"].frame_s > 0).all()
+    assert found["a"].frame_ms[0] <= found["a"].frame_ms[1]
+    assert found["a"].model_ms > 0
+
+
+@pytest.mark.parametrize("fatal", [("a", 2), ("b", 2)])
+def test_an_interrupt_keeps_the_frames_that_every_method_answered(model, fatal):
+    poses = uniform_poses(4, np.random.default_rng(0))
+    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
+
+    def answer(name):
+        def pose(image):
+            if (name, int(image[0, 0])) == fatal:
+                raise KeyboardInterrupt
+            return poses[int(image[0, 0])], np.nan
+
+        return pose
+
+    answers = {"a": answer("a"), "b": answer("b")}
+    for found in frame_errors(answers, model, poses, images).values():
+        np.testing.assert_array_equal(found.errors, np.zeros((2, 5)))
+        assert np.isnan(found.covariances).all()
+        assert len(found.frame_s) == 2
+    with pytest.raises(KeyboardInterrupt):
+        frame_errors(answers, model, poses[2:], images[2:])

@@ -1,0 +1,51 @@
+"""No study imports another: what they have in common is in `studies/shared`."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import uuv_optical_array
+
+STUDIES = Path(uuv_optical_array.__file__).parent / "studies"
+PREFIX = "uuv_optical_array.studies."
+
+
+def study_of(path):
+    """Name the study that a module belongs to."""
+    return path.relative_to(STUDIES).with_suffix("").parts[0]
+
+
+def studies_imported(source):
+    """Name the studies that a module imports, shared or not."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PREFIX[:-1]):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        found |= {name[len(PREFIX) :].split(".")[0] for name in names if name.startswith(PREFIX)}
+    return found
+
+
+MODULES = sorted(STUDIES.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=[str(path.relative_to(STUDIES)) for path in MODULES])
+def test_a_study_imports_itself_and_what_is_shared(path):
+    assert studies_imported(path.read_text(encoding="utf-8")) <= {study_of(path), "shared"}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from uuv_optical_array.studies.accuracy import measure",
+        "from uuv_optical_array.studies import accuracy",
+        "import uuv_optical_array.studies.accuracy as a",
+        "def late():\n    from uuv_optical_array.studies.accuracy import measure",
+    ],
+)
+def test_the_guard_sees_every_way_to_import_a_study(source):
+    assert studies_imported(source) == {"accuracy"}

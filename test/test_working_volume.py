@@ -1,0 +1,68 @@
+"""The working volume: poses drawn from it, its spread, and what it adds to a bound."""
+
+import math
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.table.signature_table import grid_axes
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.working_volume import (
+    HIGH,
+    LOW,
+    known_volume_std,
+    lit_poses,
+    volume_spread,
+    volume_table,
+)
+
+
+def test_poses_fill_the_volume_where_there_is_light(scene):
+    model = ForwardModel(scene)
+    poses = lit_poses(model, 2000, np.random.default_rng(5))
+    assert poses.shape == (2000, 5)
+    assert (poses >= LOW).all()
+    assert (poses <= HIGH).all()
+    assert model.expected(poses).max(axis=(1, 2)).min() > 20
+    np.testing.assert_allclose(LOW, [-8, -0.9, -0.9, *np.radians([-20, -20])])
+    spread = poses[:, [0, 3, 4]].std(axis=0) * np.sqrt(12)
+    np.testing.assert_allclose(spread, (HIGH - LOW)[[0, 3, 4]], rtol=0.08)
+
+
+def test_a_scene_too_dark_for_the_study_is_refused(scene):
+    settings = scene.settings()
+    settings["lamp"]["reference_counts"] = 5.0
+    with pytest.raises(ValueError, match=r"scene dark: none of .* peaks above 20 counts"):
+        lit_poses(ForwardModel(scene_from_settings(settings, "dark")), 5, np.random.default_rng())
+
+
+def test_a_guess_errs_by_the_spread_of_the_volume():
+    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200_000, 5))
+    middle = (np.array(LOW) + HIGH) / 2
+    assert position_and_angle(poses - middle) == pytest.approx(volume_spread(), rel=0.01)
+
+
+def test_known_volume_joins_image_and_spread():
+    information = np.array([0.0, 3.0, 300.0, 30.0, 1e6])
+    spread = np.array([4.0, 1.8, 1.8, math.radians(40), math.radians(40)]) / math.sqrt(12)
+    wanted = 1 / np.sqrt(information + 1 / spread**2)
+    np.testing.assert_allclose(known_volume_std(np.diag(information)), wanted, rtol=1e-12)
+
+
+def test_bound_with_the_volume_is_never_above_either():
+    model = ForwardModel(load_scene("reference").with_shape("planar"))
+    poses = np.random.default_rng(0).uniform(LOW, HIGH, (200, 5))
+    bound = cramer_rao_bound(model, poses)
+    found = known_volume_std(bound.information)
+    assert (found <= (HIGH - LOW) / math.sqrt(12) * (1 + 1e-9)).all()
+    assert (found <= bound.std * (1 + 1e-9)).all()
+
+
+def test_tables_span_the_volume_of_the_study():
+    axes = grid_axes(volume_table(6))
+    np.testing.assert_allclose([axis[0] for axis in axes], LOW, atol=1e-12)
+    np.testing.assert_allclose([axis[-1] for axis in axes], HIGH, atol=1e-12)
+    assert [len(axis) for axis in axes] == [6] * 5

@@ -1,0 +1,111 @@
+"""The picture of a scene: what its array reads, as a sheet of images and profiles."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.plots.style import save
+from uuv_optical_array.studies.shared.working_volume import RANGES_M
+
+COLUMNS = (  # title, degree of freedom, m or deg
+    ("aligned", "x", 0.0),
+    ("y 0.3 m", "y", 0.3),
+    ("y 0.6 m", "y", 0.6),
+    ("yaw 10 deg", "yaw", 10.0),
+    ("yaw 20 deg", "yaw", 20.0),
+    ("pitch 10 deg", "pitch", 10.0),
+    ("pitch 20 deg", "pitch", 20.0),
+)
+PROFILED = (0, 2, 3, 5)  # columns whose profiles are drawn
+
+
+def sheet_poses() -> Array:
+    """Return the poses of the sheet, m and rad, shape ``(ranges, columns, 5)``."""
+    sheet = np.zeros((len(RANGES_M), len(COLUMNS), 5))
+    sheet[..., 0] = -np.array(RANGES_M)[:, None]
+    for column, (_, name, value) in enumerate(COLUMNS):
+        value = np.radians(value) if name in ("pitch", "yaw") else value
+        sheet[:, column, DOF_NAMES.index(name)] += value
+    return sheet
+
+
+def _sheet(figure: Any, images: Array) -> None:
+    grid = figure.subplots(len(RANGES_M), len(COLUMNS))
+    for range_m, row, axes_row in zip(RANGES_M, images, grid, strict=True):
+        # A row has one scale, from darkness to its own peak.
+        low, high = min(0.0, row.min()), row.max()
+        for (title, _, _), image, axes in zip(COLUMNS, row, axes_row, strict=True):
+            axes.imshow(image, cmap="inferno", vmin=low, vmax=high)
+            axes.set(xticks=[], yticks=[])
+            axes.set_xlabel(f"{image.min():.0f} to {image.max():.0f}", fontsize=9, labelpad=2)
+            if range_m == RANGES_M[0]:
+                axes.set_title(title, fontsize=11)
+        axes_row[0].set_ylabel(f"{range_m:g} m", fontsize=11)
+
+
+def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
+    side = images.shape[-1]
+    colours = colormaps["viridis"](np.linspace(0, 0.85, len(RANGES_M)))
+    grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
+    detectors = np.arange(side) - (side - 1) / 2
+    peaks = key_parameters(images, full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
+    at = np.rint(peaks).astype(int)
+    for place, column in enumerate(PROFILED):
+        for across, axes in ((True, grid[:, 2 * place]), (False, grid[:, 2 * place + 1])):
+            for row, range_m in enumerate(RANGES_M):
+                image, (peak_column, peak_row) = images[row, column], at[row, column]
+                profile = image[peak_row] if across else image[:, peak_column]
+                shown = {
+                    "color": colours[row],
+                    "lw": 1.6,
+                    "marker": "o",
+                    "ms": 3 if side < 9 else 0,
+                }
+                axes[0].plot(detectors, profile, label=f"{range_m:g} m", **shown)
+                axes[1].plot(detectors, np.gradient(profile), **shown)
+            way = "horizontal" if across else "vertical"
+            axes[0].set_title(f"{COLUMNS[column][0]}\n{way}", fontsize=10)
+            axes[1].set_xlabel(
+                "detector,\nto starboard" if across else "detector,\ndownwards", fontsize=9
+            )
+    for row, name in zip(grid, ("profile (counts)", "gradient\n(counts a detector)"), strict=True):
+        low = min(axes.get_ylim()[0] for axes in row)
+        high = max(axes.get_ylim()[1] for axes in row)
+        for axes in row:
+            axes.set_ylim(low, high)
+            axes.grid(alpha=0.3)
+            axes.tick_params(labelsize=8, labelleft=axes is row[0])
+        row[0].set_ylabel(name, fontsize=10)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right center", fontsize=10, title="behind the lamp")
+
+
+def draw_scene(scene: Scene, images: Array, path: Path) -> None:
+    """Draw images and profiles of a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    images
+        What its array reads at `sheet_poses`, counts, shape ``(ranges, columns, side, side)``.
+    path
+        PNG file, written whole or not at all.
+    """
+    figure = Figure(figsize=(13, 15), layout="constrained")
+    parts: Any = figure.subfigures(2, 1, height_ratios=[2.3, 1])
+    _sheet(parts[0], images)
+    _profiles(parts[1], images, scene.full_scale_counts)
+    side = scene.array.detectors_per_side
+    figure.suptitle(
+        f"Scene {scene.name}: readings of the {side} x {side} array, each row of images on "
+        "one scale\nrows: base_link behind the lamp; under each image its least and largest count",
+        fontsize=12,
+    )
+    save(figure, path)

@@ -1,0 +1,153 @@
+"""Errors of estimators on the same frames: measured in turns, and as a distance and an angle."""
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.table.signature_table import Progress
+from uuv_optical_array.forward.model import ForwardModel
+
+# From an image to a pose and its covariance, nan where it has none; raises `NoPose`.
+Answer: TypeAlias = Callable[[Array], tuple[Array, Array | float]]
+
+# The forward model that a frame's time is compared with: this many poses, timed every so often.
+MODEL_POSES = 4
+MODEL_EVERY = 16
+
+
+@dataclass(frozen=True)
+class FrameErrors:
+    """What an estimator made of n frames.
+
+    Parameters
+    ----------
+    errors
+        Estimate less truth, m and rad, shape ``(n, 5)``; nan where there was no pose.
+    covariances
+        The estimates' own, shape ``(n, 5, 5)``; nan where there is none.
+    frame_s
+        Time from each image to its estimate, s, shape ``(n,)``.
+    model_s
+        Times of one forward model with Jacobian for `MODEL_POSES` poses, s, shape ``(k,)``.
+    """
+
+    errors: Array
+    covariances: Array
+    frame_s: Array
+    model_s: Array
+
+    @property
+    def posed(self) -> NDArray[np.bool_]:
+        """Which frames got a pose, shape ``(n,)``."""
+        return ~np.isnan(self.errors[:, 0])
+
+    @property
+    def frame_ms(self) -> tuple[float, float]:
+        """Median and 99th percentile of the time of a frame, ms."""
+        median, slow = 1e3 * np.percentile(self.frame_s, [50, 99])
+        return float(median), float(slow)
+
+    @property
+    def model_ms(self) -> float:
+        """Median time of the forward model, ms."""
+        return 1e3 * float(np.median(self.model_s))
+
+
+def answer_of(estimator: Estimator) -> Answer:
+    """Return an estimator's answer to an image."""
+    scene = estimator.table.scene
+
+    def answer(image: Array) -> tuple[Array, Array]:
+        parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+        estimate = estimator.estimate(parameters, image)
+        return estimate.pose, estimate.covariance
+
+    return answer
+
+
+def frame_errors(
+    answers: Mapping[str, Answer],
+    yardstick: ForwardModel,
+    poses: Array,
+    images: Array,
+    progress: Progress = iter,
+) -> dict[str, FrameErrors]:
+    """Estimate frame after frame, by each method in turn.
+
+    An interrupt ends it with the frames that every method has answered.
+
+    Parameters
+    ----------
+    answers
+        By the method's name.
+    yardstick
+        The model whose time is taken between frames, to tell how fast the machine is just then.
+    poses
+        True poses, m and rad, shape ``(n, 5)``, n >= 1.
+    images
+        What the array read there, counts, shape ``(n, side, side)``.
+    progress
+        Wraps the loop over frames, such as ``tqdm.tqdm``.
+
+    Returns
+    -------
+    dict
+        Of each method.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Before the first frame was done.
+    """
+    count, names = len(poses), list(answers)
+    errors = {name: np.full((count, 5), np.nan) for name in names}
+    covariances = {name: np.full((count, 5, 5), np.nan) for name in names}
+    frame_s = {name: np.empty(count) for name in names}
+    model_s: list[float] = []
+    done = 0
+    try:
+        for answer in answers.values():  # the first call is slower
+            with suppress(NoPose):
+                answer(images[0])
+        for i in progress(range(count)):
+            # So that a busy machine is as busy for each of them.
+            first = i % len(names)
+            for name in names[first:] + names[:first]:
+                began = time.perf_counter()
+                with suppress(NoPose):
+                    pose, covariances[name][i] = answers[name](images[i])
+                    errors[name][i] = pose - poses[i]
+                frame_s[name][i] = time.perf_counter() - began
+            if i % MODEL_EVERY == 0:
+                began = time.perf_counter()
+                yardstick.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
+                model_s.append(time.perf_counter() - began)
+            done = i + 1
+    except KeyboardInterrupt:
+        if not done:
+            raise
+    return {
+        name: FrameErrors(
+            errors[name][:done],
+            covariances[name][:done],
+            frame_s[name][:done],
+            np.array(model_s),
+        )
+        for name in names
+    }
+
+
+def position_and_angle(errors: Array) -> tuple[float, float]:
+    """Root mean square of distance, m, and of angle, deg, of errors ``(n, 5)`` in m and rad."""
+    if not len(errors):
+        return float("nan"), float("nan")
+    position, angle = (np.sqrt((part**2).sum(axis=1).mean()) for part in np.split(errors, [3], 1))
+    return float(position), float(np.degrees(angle))

@@ -1,0 +1,173 @@
+"""Results on disk: a CSV that grows, always whole, each line with what it depends on."""
+
+import csv
+import dataclasses
+import io
+import math
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
+
+T = TypeVar("T")
+
+
+class Line(Protocol):
+    """What a line of the file holds beside its run."""
+
+    def columns(self) -> dict[str, Any]:
+        """Return the values by column."""
+
+    @classmethod
+    def from_columns(cls: type[T], columns: Mapping[str, str]) -> T:
+        """Return it again; KeyError, TypeError or ValueError where a column is damaged."""
+
+
+class Flat:
+    """A dataclass that is a `Line`, a field a column."""
+
+    def columns(self) -> dict[str, Any]:
+        """Return the values by column."""
+        return dict(vars(self))
+
+    @classmethod
+    def from_columns(cls: type[T], columns: Mapping[str, str]) -> T:
+        """Return it again from the texts of a line."""
+        return read_fields(cls, columns)
+
+
+RunT = TypeVar("RunT")
+LineT = TypeVar("LineT", bound=Line)
+
+
+def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
+    """Make a dataclass of the texts of a line; an empty text is None.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        For a column that is missing, cut off, or no number where one belongs.
+    """
+    values: dict[str, Any] = {}
+    for name, hint in typing.get_type_hints(kind).items():
+        kinds = {hint, *typing.get_args(hint)}
+        text = columns[name]
+        if text is None:
+            raise TypeError(f"{name} is cut off")
+        if text == "" and type(None) in kinds:
+            values[name] = None
+        else:
+            values[name] = next((number for number in (int, float) if number in kinds), str)(text)
+    return kind(**values)
+
+
+def read(path: Path, run: type[RunT], line: type[LineT]) -> tuple[RunT | None, list[LineT]]:
+    """Read a file of results.
+
+    Parameters
+    ----------
+    path
+        The file; one that is not there holds nothing.
+    run, line
+        Dataclass of the columns that are the same on all lines, and what the others make.
+
+    Returns
+    -------
+    run : RunT or None
+        Of all lines; None where there are none.
+    lines : list
+        In the order of the file.
+
+    Raises
+    ------
+    ValueError
+        For a line that is damaged, or of another run than the first.
+    """
+    if not path.exists():
+        return None, []
+    runs: list[RunT] = []
+    lines: list[LineT] = []
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            for number, columns in enumerate(csv.DictReader(file, strict=True), start=2):
+                try:
+                    runs.append(read_fields(run, columns))
+                    lines.append(line.from_columns(columns))
+                except (KeyError, TypeError, ValueError):
+                    raise ValueError(f"line {number} is damaged") from None
+                if runs[-1] != runs[0]:
+                    raise ValueError(f"line {number} is of another run than the first")
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"{path}: {error}; remove the file or name another") from None
+    return (runs[0] if runs else None), lines
+
+
+def differences(there: Any, here: Any) -> list[str]:
+    """List what tells two runs apart, in words; a scene is told by its fingerprint, not its name.
+
+    Parameters
+    ----------
+    there, here
+        Two dataclasses of one kind.
+    """
+    return [
+        f"{field.name} is {getattr(there, field.name)} there and {getattr(here, field.name)} here"
+        for field in dataclasses.fields(here)
+        if field.name != "scene" and getattr(there, field.name) != getattr(here, field.name)
+    ]
+
+
+class Results(Generic[RunT, LineT]):
+    """The results of one run, on disk.
+
+    Parameters
+    ----------
+    path
+        The file; where it exists, its lines are taken over.
+    line
+        What a line is.
+    run
+        What all lines depend on.
+
+    Raises
+    ------
+    ValueError
+        For a file of another run, or a damaged one.
+    """
+
+    def __init__(self, path: Path, line: type[LineT], run: RunT) -> None:
+        there, self.lines = read(path, type(run), line)
+        if there is not None and (differ := differences(there, run)):
+            raise ValueError(
+                f"{path}: holds results of another run: {'; '.join(differ)}; "
+                "remove the file or name another"
+            )
+        self.path, self.run = path, run
+
+    def append(self, lines: Iterable[LineT]) -> None:
+        """Add lines, all or none of them."""
+        together = [*self.lines, *lines]
+        rows = [{**vars(self.run), **line.columns()} for line in together]
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        files.write_text(self.path, text.getvalue())
+        self.lines = together
+
+
+def for_json(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with None in place of what is not finite, which JSON cannot hold."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in values.items()
+    }
+
+
+def by_column(values: Iterable[float]) -> dict[str, float | None]:
+    """Name values of the five degrees of freedom in m and deg, None where not finite."""
+    names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
+    return for_json(dict(zip(names, map(float, values), strict=True)))

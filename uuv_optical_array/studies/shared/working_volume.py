@@ -1,0 +1,92 @@
+"""The working volume of Eren et al. (2016), what it asks for there, and poses drawn from it."""
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import IN_DEGREES, Array
+from uuv_optical_array.core.settings import Span
+from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import TableSettings
+from uuv_optical_array.studies.shared.errors import position_and_angle
+
+RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)  # behind the lamp
+# Largest errors in x, y, z, m, and in pitch and yaw, deg.
+SPECIFICATION = np.array([0.2, 0.2, 0.2, 10.0, 10.0])
+# Corners of the volume, m and rad: 4 to 8 m, 0.9 m to each side, 20 deg.
+HIGH = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
+LOW = np.array([-8.0, *-HIGH[1:]])
+# Variance of a pose that is uniform in the volume.
+VARIANCE = (HIGH - LOW) ** 2 / 12
+MIN_PEAK_COUNTS = 20.0
+
+
+def uniform_poses(count: int, rng: np.random.Generator) -> Array:
+    """Draw poses uniformly from the volume, m and rad, shape ``(count, 5)``."""
+    return rng.uniform(LOW, HIGH, (count, 5))
+
+
+def lit_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> Array:
+    """Draw poses uniformly from the part of the volume where there is light.
+
+    Parameters
+    ----------
+    model
+        Forward model of the scene.
+    count
+        How many, >= 1.
+    rng
+        Where they come from.
+
+    Returns
+    -------
+    Array
+        Poses whose noiseless image peaks above `MIN_PEAK_COUNTS`, m and rad,
+        shape ``(count, 5)``.
+
+    Raises
+    ------
+    ValueError
+        Where a whole block of poses has no such peak.
+    """
+    poses = np.empty((0, 5))
+    while len(poses) < count:
+        block = uniform_poses(BLOCK_POSES, rng)
+        lit = model.expected(block).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
+        if not lit.any():
+            raise ValueError(
+                f"scene {model.scene.name}: none of {BLOCK_POSES} poses in 4 to 8 m peaks above "
+                f"{MIN_PEAK_COUNTS:g} counts; strengthen the lamp"
+            )
+        poses = np.concatenate([poses, block[lit]])
+    return poses[:count]
+
+
+def known_volume_std(information: Array) -> Array:
+    """Bound the errors of an image whose pose is known to lie in the volume.
+
+    The volume counts as a Gaussian of its variance. Where the image tells more than that, this is
+    the Cramer-Rao bound; where it tells nothing, it is the volume's own spread, and never more.
+
+    Parameters
+    ----------
+    information
+        Fisher information of the image, as in `cramer_rao.Bound`, shape ``(..., 5, 5)``.
+
+    Returns
+    -------
+    Array
+        Standard deviations, m and rad, shape ``(..., 5)``.
+    """
+    covariance = np.linalg.inv(information + np.diag(1 / VARIANCE))
+    return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+
+
+def volume_spread() -> tuple[float, float]:
+    """Return the RMS errors of always guessing the middle of the volume, m and deg."""
+    return position_and_angle(np.sqrt(VARIANCE)[None])
+
+
+def volume_table(steps: int) -> TableSettings:
+    """Return a grid over the volume with `steps` values along each axis."""
+    low, high = ((corner * IN_DEGREES).round(9) for corner in (LOW, HIGH))
+    return TableSettings(*(Span(float(a), float(b), steps) for a, b in zip(low, high, strict=True)))

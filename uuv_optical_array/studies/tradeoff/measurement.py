@@ -118,14 +118,20 @@ def plan(scene: Scene, mode: Mode) -> list[Group]:
 
 def _ours(table: SignatureTable, methods: Iterable[str]) -> dict[str, Answer]:
     """Return the answers of an estimator, with the default parameters of its node."""
-    estimator, scene = Estimator(table), table.scene
+    scene = table.scene
 
-    def pose(image: Array, method: str) -> Array:
-        estimator.method = method  # type: ignore[assignment]  # of METHODS
+    def pose(image: Array, estimator: Estimator) -> Array:
         parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
         return estimator.estimate(parameters, image).pose
 
-    return {method: functools.partial(pose, method=method) for method in methods}
+    estimators = {
+        method: Estimator(table, method)  # type: ignore[arg-type]  # of METHODS
+        for method in methods
+    }
+    return {
+        method: functools.partial(pose, estimator=estimator)
+        for method, estimator in estimators.items()
+    }
 
 
 def _moments(scene: Scene, rng: np.random.Generator) -> Answer:

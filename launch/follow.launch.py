@@ -1,7 +1,9 @@
 """Follow a leader by light: sensor nodes, formation control and, unless told not to, the demo."""
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -9,78 +11,91 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = "uuv_optical_array"
+# Empty means: not given, so that neither a file's value nor a node's default is replaced.
+ARGUMENTS = {
+    "scene": ("", "ready scene's name or a YAML file: lamp, water, array, electronics"),
+    "params_file": ("", "your parameters; what they leave out keeps its default"),
+    "namespace": ("", "of the follower's nodes"),
+    "leader_odometry": (
+        "leader/odometry",
+        "topic of the leader's odometry, for followers that share a leader",
+    ),
+    "demo": ("true", "whether the two demo vehicles run"),
+    "rviz": ("false", "whether RViz opens"),
+    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
+    "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
+}
 
 
 def generate_launch_description():
-    share = FindPackageShare(PACKAGE)
-    arguments = [
-        DeclareLaunchArgument(
-            "scene",
-            default_value="follow",
-            description="ready scene's name or a YAML file: lamp, water, array, electronics",
-        ),
-        DeclareLaunchArgument(
-            "params_file",
-            default_value=PathJoinSubstitution([share, "config", "follow.yaml"]),
-            description="parameters of every node",
-        ),
-        DeclareLaunchArgument("namespace", default_value="", description="of the follower's nodes"),
-        DeclareLaunchArgument(
-            "leader_odometry",
-            default_value="leader/odometry",
-            description="topic of the leader's odometry, for followers that share a leader",
-        ),
-        DeclareLaunchArgument(
-            "demo", default_value="true", description="whether the two demo vehicles run"
-        ),
-        DeclareLaunchArgument("rviz", default_value="false", description="whether RViz opens"),
-        DeclareLaunchArgument(
-            "publish_tf",
-            default_value=LaunchConfiguration("rviz"),
-            description="whether the poses go to /tf too, as RViz needs them",
-        ),
-        DeclareLaunchArgument(
-            "use_sim_time", default_value="false", description="whether /clock is the time"
-        ),
-    ]
-    rviz = LaunchConfiguration("rviz")
-    given = {
-        "scene": ParameterValue(LaunchConfiguration("scene"), value_type=str),
-        "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
-        "publish_tf": ParameterValue(LaunchConfiguration("publish_tf"), value_type=bool),
-    }
-
-    def node(executable, **options):
-        return Node(
-            package=PACKAGE,
-            executable=executable,
-            name=executable,
-            namespace=LaunchConfiguration("namespace"),
-            parameters=[LaunchConfiguration("params_file"), given],
-            remappings=[("leader/odometry", LaunchConfiguration("leader_odometry"))],
-            output="screen",
-            **options,
-        )
-
     return LaunchDescription(
         [
-            *arguments,
-            node("simulator_node"),
-            node("feature_node"),
-            node("estimator_node"),
-            node("formation_node"),
-            node("vehicles_node", condition=IfCondition(LaunchConfiguration("demo"))),
-            Node(
-                package="tf2_ros",
-                executable="static_transform_publisher",
-                arguments=["--frame-id", "leader/base_link", "--child-frame-id", "leader/beacon"],
-                condition=IfCondition(rviz),
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=description)
+                for name, (default, description) in ARGUMENTS.items()
             ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                arguments=["-d", PathJoinSubstitution([share, "rviz", "follow.rviz"])],
-                condition=IfCondition(rviz),
-            ),
+            OpaqueFunction(function=nodes),
         ]
     )
+
+
+def nodes(context):
+    """Return the nodes; whatever is wrong with the arguments ends the launch before one runs."""
+
+    def given(name):
+        return LaunchConfiguration(name).perform(context)
+
+    def switched_on(name):
+        return IfCondition(LaunchConfiguration(name)).evaluate(context)
+
+    share = FindPackageShare(PACKAGE)
+    parameters = [PathJoinSubstitution([share, "config", "follow.yaml"])]
+    if given("params_file"):
+        if not Path(given("params_file")).is_file():
+            raise FileNotFoundError(f"params_file {given('params_file')}: no such file")
+        parameters.append(given("params_file"))
+    arguments = {}
+    if given("scene"):
+        arguments["scene"] = ParameterValue(given("scene"), value_type=str)
+    if given("use_sim_time"):
+        arguments["use_sim_time"] = switched_on("use_sim_time")
+    if given("publish_tf"):
+        arguments["publish_tf"] = switched_on("publish_tf")
+    elif switched_on("rviz"):
+        arguments["publish_tf"] = True
+    if arguments:
+        parameters.append(arguments)
+    names = ["simulator_node", "feature_node", "estimator_node", "formation_node"]
+    if switched_on("demo"):
+        names.append("vehicles_node")
+    # RViz and what it needs may be missing, so they come first.
+    return [
+        *(viewers(share) if switched_on("rviz") else ()),
+        *(
+            Node(
+                package=PACKAGE,
+                executable=name,
+                name=name,
+                namespace=given("namespace"),
+                parameters=parameters,
+                remappings=[("leader/odometry", given("leader_odometry"))],
+                output="screen",
+            )
+            for name in names
+        ),
+    ]
+
+
+def viewers(share):
+    return [
+        Node(
+            package="tf2_ros",
+            executable="static_transform_publisher",
+            arguments=["--frame-id", "leader/base_link", "--child-frame-id", "leader/beacon"],
+        ),
+        Node(
+            package="rviz2",
+            executable="rviz2",
+            arguments=["-d", PathJoinSubstitution([share, "rviz", "follow.rviz"])],
+        ),
+    ]

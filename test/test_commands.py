@@ -13,7 +13,6 @@ from command_line import PROGRAM, assert_picture, run
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from uuv_optical_array.core import files
 from uuv_optical_array.estimation.table.signature_table import load_table
 
 
@@ -36,8 +35,7 @@ def follow(*words):
 
 
 def changed_parameters(path, node, **changes):
-    document = yaml.safe_load(files.shared_file("config/follow.yaml").read_text("utf-8"))
-    document[f"/**/{node}"]["ros__parameters"].update(changes)
+    document = {f"/**/{node}": {"ros__parameters": changes}}
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     return path
 

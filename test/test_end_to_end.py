@@ -24,8 +24,7 @@ NODES = ("simulator_node", "feature_node", "estimator_node")
 def start(node, cache, log):
     program = f"from uuv_optical_array.nodes.{node} import main; main()"
     arguments = ["--ros-args", "-p", "scene:=reference"]
-    if node == "simulator_node":
-        arguments += ["-p", "simulator_node:seed:=7"]
+    arguments += ["-p", "simulator_node:seed:=7", "-p", "estimator_node:method:=sam"]
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
     return subprocess.Popen(
         [sys.executable, "-c", program, *arguments], env=environment, stderr=log, stdout=log
@@ -127,7 +126,7 @@ def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes)
     errors, normalised = [], []
     for stamp, (x, y, z, pitch, yaw) in zip(stamps, poses, strict=True):
         message = fleet.answers[stamp]
-        assert message.header.frame_id == "beacon"
+        assert message.header.frame_id == "leader/beacon"
         place, attitude = message.pose.pose.position, message.pose.pose.orientation
         turned = Rotation.from_quat([attitude.x, attitude.y, attitude.z, attitude.w])
         found_yaw, found_pitch, found_roll = turned.as_euler("ZYX")

@@ -28,12 +28,12 @@ FLAT = {"z_m": [0.0, 0.0, 1], "pitch_deg": [0.0, 0.0, 1]}
 
 @pytest.fixture(scope="module")
 def small():
-    return Estimator(build_table(grid_scene()))
+    return Estimator(build_table(grid_scene()), "sam")
 
 
 @pytest.fixture(scope="module")
 def flat():
-    return Estimator(build_table(grid_scene(9, **FLAT)))
+    return Estimator(build_table(grid_scene(9, **FLAT)), "sam")
 
 
 def signatures(scene, images):
@@ -59,7 +59,7 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
     values = small.table.scene.settings()
     values["signature"]["lift"] = lift
     scene = scene_from_settings(values, "lift")
-    estimator = Estimator(SignatureTable(scene, small.table.poses, small.table.parameters))
+    estimator = Estimator(SignatureTable(scene, small.table.poses, small.table.parameters), "sam")
     vectors = lifted(small.table.parameters, scene.signature, 5)
     rng = np.random.default_rng(29)
     for row in rng.choice(len(vectors), 50, replace=False):
@@ -101,18 +101,17 @@ def test_the_angle_that_is_refused_is_the_callers(small):
     parameters = small.table.parameters[123] + np.array([0, 0.2, 0, 0, 0])
     angle = small.estimate(parameters).angle_rad
     assert 0 < angle < 0.25
-    assert (
-        Estimator(small.table, max_angle_rad=angle * 1.001).estimate(parameters).angle_rad == angle
-    )
+    wider = Estimator(small.table, "sam", max_angle_rad=angle * 1.001)
+    assert wider.estimate(parameters).angle_rad == angle
     with pytest.raises(NoPose, match="no match"):
-        Estimator(small.table, max_angle_rad=angle * 0.999).estimate(parameters)
+        Estimator(small.table, "sam", max_angle_rad=angle * 0.999).estimate(parameters)
 
 
 def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
     table = small.table
     with pytest.raises(ValueError, match="1 row"):
         Estimator(SignatureTable(table.scene, table.poses[:1], table.parameters[:1]))
-    two = Estimator(SignatureTable(table.scene, table.poses[:2], table.parameters[:2]))
+    two = Estimator(SignatureTable(table.scene, table.poses[:2], table.parameters[:2]), "sam")
     answer = two.estimate(table.parameters[1])
     np.testing.assert_array_equal(answer.pose, table.poses[1])
     np.testing.assert_array_equal(answer.runner_up_pose, table.poses[0])
@@ -121,7 +120,7 @@ def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
 @pytest.mark.parametrize("neighbours", [0, 1])
 def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbours):
     try:
-        estimator = Estimator(small.table, neighbours=neighbours)
+        estimator = Estimator(small.table, "sam", neighbours=neighbours)
     except ValueError:
         return
     assert estimator.estimate(small.table.parameters[7]).runner_up_angle_rad >= 0
@@ -143,7 +142,7 @@ def test_every_covariance_is_symmetric_and_positive_definite(small, flat, which,
     np.testing.assert_array_equal(answer.covariance, answer.covariance.T)
     assert np.linalg.eigvalsh(answer.covariance).min() > 1e-9
     assert answer.angle_rad <= answer.runner_up_angle_rad
-    assert answer.angle_rad <= estimator.max_angle_rad
+    assert answer.angle_rad <= estimator.settings.max_angle_rad
 
 
 def test_the_covariance_is_the_neighbours_spread_and_the_grids_cell(small, flat):
@@ -170,7 +169,7 @@ def test_the_covariance_is_the_neighbours_spread_and_the_grids_cell(small, flat)
 def test_a_peak_of_noisy_images_is_matched_within_the_reference_accuracy():
     """2,000 random poses of the reference scene: the accuracy that five numbers can give."""
     scene = load_scene("reference")
-    estimator = Estimator(build_table(scene))
+    estimator = Estimator(build_table(scene), "sam")
     rng = np.random.default_rng(2016)
     high = np.array([-4.0, 0.6, 0.6, *np.radians([20.0, 20.0])])
     low = np.array([-8.0, *-high[1:]])

@@ -10,15 +10,17 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rcl_interfaces.msg import Log
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import covariance_6x6
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import load_table, save_table
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -41,6 +43,7 @@ class Asker:
 
     def __init__(self, lab, scene_file, **parameters):
         self.lab = lab
+        parameters = {"method": "sam", **parameters}
         given = {f"estimator_node:{name}": value for name, value in parameters.items()}
         lab.begin({"scene": scene_file, **given})
         self.node = lab.start(EstimatorNode)
@@ -93,10 +96,10 @@ def asker(lab, scene_file, table_folder):
 
 
 def test_each_signature_is_answered_with_the_cores_pose_and_covariance(asker, signatures, table):
-    estimator = Estimator(table)
+    estimator = Estimator(table, "sam")
     for i, signature in enumerate(signatures, start=1):
         message = asker.ask(signature, i)
-        assert message.header.frame_id == "beacon"
+        assert message.header.frame_id == "leader/beacon"
         assert_is(message, estimator.estimate(signature))
     assert len({tuple(place_of(pose)[0]) for pose in asker.poses}) > 3
     status = asker.lab.report(asker.node, OK)
@@ -110,7 +113,7 @@ def test_without_a_table_parameter_the_table_is_built_in_the_cache(
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     asker = Asker(lab, scene_file)
-    assert_is(asker.ask(signatures[0], 1), Estimator(table).estimate(signatures[0]))
+    assert_is(asker.ask(signatures[0], 1), Estimator(table, "sam").estimate(signatures[0]))
     (folder,) = (tmp_path / "uuv_optical_array").iterdir()
     np.testing.assert_array_equal(load_table(folder, scene).parameters, table.parameters)
 
@@ -147,7 +150,7 @@ def test_a_bad_signature_gives_no_pose_but_is_told_and_the_next_good_one_is_answ
     bad = asker.message(signatures[1], 11)
     spoil(bad)
     asker.clouds.publish(bad)
-    assert_is(asker.ask(signatures[2], 12), Estimator(table).estimate(signatures[2]))
+    assert_is(asker.ask(signatures[2], 12), Estimator(table, "sam").estimate(signatures[2]))
     assert asker.seconds_answered() == [10, 12]
     asker.lab.report(asker.node, WARN, *words)
     asker.ask(signatures[3], 13)
@@ -182,7 +185,7 @@ def test_a_bad_table_at_the_start_is_an_error_that_a_good_one_mends_at_run_time(
     )
     result = lab.set(asker.node, "table", table_folder)
     assert result.successful, result.reason
-    assert_is(asker.ask(signatures[1], 2), Estimator(table).estimate(signatures[1]))
+    assert_is(asker.ask(signatures[1], 2), Estimator(table, "sam").estimate(signatures[1]))
     assert asker.seconds_answered() == [2]
     lab.statuses.clear()
     asker.ask(signatures[2], 3)
@@ -198,7 +201,7 @@ def test_a_bad_table_is_refused_at_run_time_with_the_reason_and_the_old_one_work
     for word in (path, *words):
         assert word in result.reason
     assert asker.node.get_parameter("table").value == table_folder
-    assert_is(asker.ask(signatures[0], 1), Estimator(table).estimate(signatures[0]))
+    assert_is(asker.ask(signatures[0], 1), Estimator(table, "sam").estimate(signatures[0]))
     asker.lab.report(asker.node, OK)
 
 
@@ -211,19 +214,19 @@ def test_a_table_that_the_system_cannot_read_is_refused_too(asker, tmp_path, sig
 
 
 def test_another_table_of_the_scene_can_take_over_at_run_time(asker, table, signatures, tmp_path):
-    estimate = Estimator(table).estimate(signatures[0])
+    estimate = Estimator(table, "sam").estimate(signatures[0])
     assert_is(asker.ask(signatures[0], 1), estimate)
     keep = (table.poses != estimate.pose).any(axis=1)
     thinner = type(table)(table.scene, table.poses[keep], table.parameters[keep])
     save_table(thinner, tmp_path / "thinner")
     assert asker.lab.set(asker.node, "table", str(tmp_path / "thinner")).successful
     message = asker.ask(signatures[0], 2)
-    assert_is(message, Estimator(thinner).estimate(signatures[0]))
+    assert_is(message, Estimator(thinner, "sam").estimate(signatures[0]))
     np.testing.assert_array_equal(place_of(message)[0], estimate.runner_up_pose[:3])
 
 
 def test_the_largest_angle_decides_whether_a_signature_is_answered(asker, table, signatures):
-    angle = Estimator(table).estimate(signatures[0]).angle_rad
+    angle = Estimator(table, "sam").estimate(signatures[0]).angle_rad
     assert asker.lab.set(asker.node, "max_angle_rad", angle * 0.999).successful
     asker.clouds.publish(asker.message(signatures[0], 1))
     asker.lab.report(asker.node, WARN, "no match", f"{angle:.3f} rad")
@@ -238,7 +241,7 @@ def test_neighbours_and_roll_change_the_covariance_and_not_the_pose(asker, table
         assert asker.lab.set(asker.node, "neighbours", neighbours).successful
         assert asker.lab.set(asker.node, "roll_std_rad", roll_std_rad).successful
         message = asker.ask(signatures[0], i)
-        estimate = Estimator(table, neighbours=neighbours).estimate(signatures[0])
+        estimate = Estimator(table, "sam", neighbours=neighbours).estimate(signatures[0])
         assert_is(message, estimate, roll_std_rad)
         covariances.append(np.reshape(message.pose.covariance, (6, 6)))
     assert len({tuple(place_of(pose)[0]) for pose in asker.poses}) == 1
@@ -253,13 +256,13 @@ def test_the_pose_goes_to_tf_too_where_it_is_wanted(lab, scene_file, table_folde
         scene_file,
         table=table_folder,
         publish_tf=True,
-        beacon_frame="leader/beacon",
+        beacon_frame="dock/beacon",
         tf_child_frame="rov/base_link_by_light",
     )
     heard = lab.listen(tf2_msgs.TFMessage, "/tf")
     lab.connect()
     pose = asker.ask(signatures[0], 5)
-    assert pose.header.frame_id == "leader/beacon"
+    assert pose.header.frame_id == "dock/beacon"
     lab.until(lambda: heard, "a transform")
     (transform,) = heard[0].transforms
     assert transform.header == pose.header
@@ -287,7 +290,7 @@ def test_without_tf2_msgs_the_node_warns_and_works(
 
 
 def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, scene, table):
-    lab.begin({"scene": scene_file})
+    lab.begin({"scene": scene_file, "method": "sam"})
     model, sides = ForwardModel(scene), {}
     for name, y in (("/a", 0.5), ("/b", -0.5)):
         for node_type in (FeatureNode, EstimatorNode):
@@ -306,7 +309,7 @@ def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, 
             images.publish(image_to_message(image, Header(stamp=stamp)))
             message = lab.answer(poses, stamp, "a pose")
             signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-            assert_is(message, Estimator(table).estimate(signature))
+            assert_is(message, Estimator(table, "sam").estimate(signature))
     ys = [[pose.pose.pose.position.y for pose in poses] for _, poses, _ in sides.values()]
     assert [len(y) for y in ys] == [3, 3]
     assert min(ys[0]) > 0 > max(ys[1])
@@ -393,7 +396,7 @@ def test_the_method_can_change_while_the_node_runs(shower, images, table):
     shower.show(images[0], 1)
     assert shower.lab.set(shower.node, "method", "sam").successful
     signature = shower.signature(images[1])
-    assert_is(shower.ask(signature, 2), Estimator(table).estimate(signature))
+    assert_is(shower.ask(signature, 2), Estimator(table, "sam").estimate(signature))
     answer = shower.lab.set(shower.node, "method", "magic")
     assert not answer.successful
     assert "choose sam or sam_interpolated or least_squares" in answer.reason
@@ -466,3 +469,45 @@ def test_a_late_frame_enters_the_track_and_an_outlier_does_not(tracked, scene):
     tracked.lab.report(tracked.node, WARN, "outlier", "standard deviations off")
     tracked.show(model.expose(pose, rng), 6)
     assert tracked.seconds_answered() == [1, 2, 4, 6]
+
+
+@pytest.mark.parametrize(
+    ("refused", "reason"),
+    [(("table", "/nowhere"), "no table there"), (("method", "magic"), "magic")],
+)
+def test_an_atomic_set_that_is_refused_leaves_track_estimator_and_parameters(
+    tracked, scene, table, refused, reason
+):
+    pose, rng = np.array([-6.0, 0.1, 0.1, 0.02, 0.03]), np.random.default_rng(8)
+    images = ForwardModel(scene).expose(np.tile(pose, (4, 1)), rng)
+    for seconds, image in enumerate(images[:3], start=1):
+        tracked.show(image, seconds)
+    changes = {"velocity_walk_m_per_s": 5.0, "max_misfit": 1.0, "candidates": 1}
+    before = {name: tracked.node.get_parameter(name).value for name in changes}
+    result = tracked.node.set_parameters_atomically(
+        [Parameter(name, value=value) for name, value in [*changes.items(), refused]]
+    )
+    assert not result.successful
+    assert reason in result.reason
+    for name, value in before.items():
+        assert tracked.node.get_parameter(name).value == value
+    assert tracked.node.estimator.settings == EstimatorSettings()
+    # The next frame joins the track of the first three, as one that was never disturbed.
+    estimator, tracker = Estimator(table), Tracker(TrackerSettings())
+    for seconds, image in enumerate(images, start=1):
+        found = estimator.estimate(tracked.signature(image), image)
+        track = tracker.update(seconds * 10**9 + 9, found.pose, found.covariance)
+    assert_is(tracked.show(images[3], 4), track)
+
+
+def test_an_atomic_set_that_is_good_is_taken_whole(asker, table, signatures, tmp_path):
+    keep = np.arange(len(table.poses)) % 2 == 0
+    thinner = type(table)(table.scene, table.poses[keep], table.parameters[keep])
+    save_table(thinner, tmp_path / "thinner")
+    changes = {"table": str(tmp_path / "thinner"), "method": "sam_interpolated", "neighbours": 9}
+    result = asker.node.set_parameters_atomically(
+        [Parameter(name, value=value) for name, value in changes.items()]
+    )
+    assert result.successful, result.reason
+    expected = Estimator(thinner, "sam_interpolated", neighbours=9).estimate(signatures[0])
+    assert_is(asker.ask(signatures[0], 1), expected)

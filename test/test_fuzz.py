@@ -163,7 +163,7 @@ def test_a_hundred_thousand_images_leave_features_and_match_whole(table, kind):
     assert (np.abs(parameters[:, 1:3]) <= (SIDE - 1) / 2).all()
     # No more than the skewness of one among n (n - 2) / sqrt(n - 1).
     assert (np.abs(parameters[:, 3:]) <= (SIDE - 2) / np.sqrt(SIDE - 1) + 1e-9).all()
-    matched = poses_of(Estimator(table), images, parameters, np.zeros(count))
+    matched = poses_of(Estimator(table, "sam"), images, parameters, np.zeros(count))
     if kind is exposed:
         assert matched > 0.5 * count
 

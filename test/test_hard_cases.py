@@ -73,8 +73,8 @@ def answer(estimator, parameters, image=None, roll=0.0):
     np.linalg.cholesky(found.covariance)
     assert 0 <= found.angle_rad <= found.runner_up_angle_rad <= np.pi
     assert set(found.unobservable) <= set(DOF_NAMES)
-    if estimator.method == "least_squares":
-        assert 0 <= found.misfit <= estimator.max_misfit
+    if estimator.settings.method == "least_squares":
+        assert 0 <= found.misfit <= estimator.settings.max_misfit
     return found
 
 

@@ -53,7 +53,6 @@ class TestGraph(unittest.TestCase):
         ]
         with WaitForTopics(topics, timeout=120.0) as awaited:
             pose = awaited.received_messages("/chaser/relative_pose")[0]
-        # config/follow.yaml reached the node inside the namespace.
         self.assertEqual(pose.header.frame_id, "leader/beacon")
         self.assertLess(abs(pose.pose.pose.position.x + 6.5), 2.0)
 

@@ -19,6 +19,7 @@ from uuv_optical_array.nodes import (
     simulator_node,
     vehicles_node,
 )
+from uuv_optical_array.nodes.shared import node as shared_node
 
 NODES = {
     "simulator_node": (simulator_node, simulator_node.SimulatorNode),
@@ -189,7 +190,7 @@ BAD_STARTS = [
 
 @pytest.mark.parametrize(("name", "given", "words"), BAD_STARTS)
 def test_a_bad_start_value_ends_the_node_with_one_line(monkeypatch, name, given, words):
-    monkeypatch.setattr(rclpy, "spin", lambda node: pytest.fail(f"{given} was accepted"))
+    monkeypatch.setattr(shared_node, "spin", lambda executor: pytest.fail(f"{given} was accepted"))
     with pytest.raises(SystemExit) as end:
         NODES[name][0].main(["--ros-args", "-p", given])
     line = end.value.code
@@ -209,7 +210,7 @@ def test_a_bad_start_value_ends_the_node_with_one_line(monkeypatch, name, given,
     ],
 )
 def test_a_bad_scene_file_ends_the_node_with_one_line(monkeypatch, tmp_path, text, words):
-    monkeypatch.setattr(rclpy, "spin", lambda node: pytest.fail("the scene was accepted"))
+    monkeypatch.setattr(shared_node, "spin", lambda executor: pytest.fail("the scene was accepted"))
     (tmp_path / "sea.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(SystemExit) as end:
         feature_node.main(["--ros-args", "-p", f"scene:={tmp_path / 'sea.yaml'}"])
@@ -218,25 +219,80 @@ def test_a_bad_scene_file_ends_the_node_with_one_line(monkeypatch, tmp_path, tex
     assert "\n" not in end.value.code.strip()
 
 
+def uncommented(text):
+    """Return the shipped file's text as it is when every value in it is in force."""
+    return re.sub(r"^#(?=/| {2})", "", text, flags=re.MULTILINE)
+
+
 def sections(text):
     """Return the values of a parameter file for every node: the common ones, then its own."""
     given = {path: section["ros__parameters"] for path, section in yaml.safe_load(text).items()}
     common = given.pop("/**")
     assert set(given) == {f"/**/{name}" for name in NODES}
-    return {name: {**common, **given[f"/**/{name}"]} for name in NODES}
+    assert set(common) == {"scene"}
+    return {
+        name: {**(common if "scene" in NODES[name][0].PARAMETERS else {}), **given[f"/**/{name}"]}
+        for name in NODES
+    }
+
+
+def test_the_shipped_parameter_file_changes_nothing():
+    assert yaml.safe_load(FOLLOW.read_text("utf-8")) is None
+
+
+@ALL
+def test_the_shipped_parameter_file_shows_every_parameter_with_its_default(name):
+    shown = sections(uncommented(FOLLOW.read_text("utf-8")))[name]
+    declared = NODES[name][0].PARAMETERS
+    assert shown == {key: parameter.default for key, parameter in declared.items()}
+    assert [type(shown[key]) for key in declared] == [type(p.default) for p in declared.values()]
+
+
+def comments(text):
+    """Yield the node, or `**` for all, each key and the comment above it."""
+    node = comment = ""
+    for line in uncommented(text).splitlines():
+        key, words = line.partition(":")[0].strip(), line.strip()
+        if words.startswith("#"):
+            comment += words[1:]
+        elif words.startswith("/"):
+            node, comment = key.rpartition("/")[2], ""
+        elif words and key != "ros__parameters":
+            yield node, key, comment
+            comment = ""
+
+
+def test_the_shipped_parameter_file_explains_every_parameter_in_its_unit():
+    explained = set()
+    for node, key, comment in comments(FOLLOW.read_text("utf-8")):
+        owners = NODES if node == "**" else [node]
+        for owner in owners:
+            parameter = NODES[owner][0].PARAMETERS.get(key)
+            if parameter is not None:
+                explained.add((owner, key))
+                assert len(comment.split()) >= 3, key
+                if unit := parameter.quantity.unit:
+                    assert re.search(rf"[ ,]{re.escape(unit)}[,.;: ]", f"{comment} "), key
+    assert explained == {(name, key) for name in NODES for key in NODES[name][0].PARAMETERS}
 
 
 @pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])
 @ALL
-def test_every_key_of_the_shipped_parameter_file_reaches_its_node(lab, name, namespace):
-    lab.begin({}, "--params-file", FOLLOW)
+def test_a_file_with_one_value_changes_that_value_and_nothing_else(lab, tmp_path, name, namespace):
+    declared = NODES[name][0].PARAMETERS
+    key, value = {
+        "simulator_node": ("max_gap_s", 0.25),
+        "feature_node": ("min_peak_counts", 7.0),
+        "estimator_node": ("neighbours", 32),
+        "formation_node": ("stand_off_m", 7.0),
+        "vehicles_node": ("command_timeout_s", 2.0),
+    }[name]
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(yaml.safe_dump({f"/**/{name}": {"ros__parameters": {key: value}}}))
+    lab.begin({}, "--params-file", FOLLOW, "--params-file", mine)
     node = lab.start(NODES[name][1], namespace)
-    declared = own_names(node)
-    for key, value in sections(FOLLOW.read_text("utf-8"))[name].items():
-        if key != "scene":  # the common one, for those that have a scene
-            assert key in declared
-        if key in declared:
-            assert node.get_parameter(key).value == value
+    present = {given: node.get_parameter(given).value for given in own_names(node)}
+    assert present == {**{given: p.default for given, p in declared.items()}, key: value}
 
 
 def another(node, key, value):
@@ -258,12 +314,11 @@ def another(node, key, value):
 
 @pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])
 @ALL
-def test_a_value_changed_in_a_copy_of_the_file_is_taken(lab, tmp_path, name, namespace):
-    text = FOLLOW.read_text("utf-8")
+def test_every_value_changed_in_a_copy_of_the_file_is_taken(lab, tmp_path, name, namespace):
+    text = uncommented(FOLLOW.read_text("utf-8"))
     lab.begin()
     model = lab.start(NODES[name][1])
-    keys = [key for key in sections(text)[name] if key in own_names(model)]
-    changed = {key: another(model, key, sections(text)[name][key]) for key in keys}
+    changed = {key: another(model, key, value) for key, value in sections(text)[name].items()}
     if "table" in changed:
         changed["table"] = str(tmp_path)  # no table there, of which the node will tell
     lab.end()

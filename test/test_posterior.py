@@ -82,7 +82,7 @@ def chain_moments(estimator, readings, roll):
 
 def estimator_rows(estimator, readings):
     parameters = signature(estimator.table.scene, readings.reshape(5, 5))
-    return estimator._index.nearest(estimator._vectors(parameters), 4)[1]
+    return estimator.table.index.nearest(estimator.table.vectors(parameters), 4)[1]
 
 
 def signature(scene, images):

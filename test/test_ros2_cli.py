@@ -1,5 +1,6 @@
 """``ros2 launch`` and ``ros2 run`` as a user types them, and Ctrl-C."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -10,7 +11,11 @@ import pytest
 import rclpy
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_sensor_data
+
+from uuv_optical_array.nodes import estimator_node, feature_node, formation_node, simulator_node
 
 
 def why_not():
@@ -35,33 +40,84 @@ def group_is_gone(group):
     return False
 
 
-def test_ctrl_c_leaves_no_process_of_ros2_launch(tmp_path):
-    with (tmp_path / "log").open("w") as log:
-        launched = subprocess.Popen(
-            ["ros2", "launch", "uuv_optical_array", "follow.launch.py", "scene:=reference"],
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
+LAUNCH = ["ros2", "launch", "uuv_optical_array", "follow.launch.py"]
+
+
+@contextlib.contextmanager
+def launched(folder, *arguments):
+    """Launch the file and yield a node beside it; end both, and require that nothing is left."""
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(
+            [*LAUNCH, *arguments], stdout=log, stderr=log, start_new_session=True
         )
     rclpy.init()
     try:
-        node, poses = rclpy.create_node("onlooker"), []
-        node.create_subscription(
-            PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
-        )
-        deadline = time.monotonic() + PATIENCE_S
-        while not poses and time.monotonic() < deadline:
-            rclpy.spin_once(node, timeout_sec=0.2)
+        yield rclpy.create_node("onlooker")
     finally:
         rclpy.try_shutdown()
         # A terminal sends Ctrl-C to the whole group.
-        os.killpg(launched.pid, signal.SIGINT)
-        code = launched.wait(timeout=PATIENCE_S)
-    text = (tmp_path / "log").read_text()
-    assert poses, text
-    assert code == 0, text
+        os.killpg(process.pid, signal.SIGINT)
+        code = process.wait(timeout=PATIENCE_S)
+        text = (folder / "log").read_text()
+        print(text)
+    assert code == 0
     assert "Traceback" not in text
-    assert group_is_gone(launched.pid), text
+    assert group_is_gone(process.pid)
+
+
+def spin_until(node, condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        rclpy.spin_once(node, timeout_sec=0.2)
+
+
+def parameters_of(node, name, wanted):
+    """Return the present values of another node's parameters."""
+    client = node.create_client(GetParameters, f"{name}/get_parameters")
+    spin_until(node, client.service_is_ready)
+    answer = client.call_async(GetParameters.Request(names=list(wanted)))
+    spin_until(node, answer.done)
+    return dict(zip(wanted, map(parameter_value_to_python, answer.result().values), strict=True))
+
+
+def test_ctrl_c_leaves_no_process_of_ros2_launch(tmp_path):
+    with launched(tmp_path, "scene:=reference") as node:
+        poses = []
+        node.create_subscription(
+            PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
+        )
+        spin_until(node, lambda: poses)
+
+
+def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**:\n  ros__parameters:\n    scene: reference\n")
+    declared = {
+        "simulator_node": simulator_node.PARAMETERS,
+        "feature_node": feature_node.PARAMETERS,
+        "estimator_node": estimator_node.PARAMETERS,
+        "formation_node": formation_node.PARAMETERS,
+    }
+    with launched(tmp_path, f"params_file:={mine}", "demo:=false") as node:
+        for name, parameters in declared.items():
+            expected = {key: parameter.default for key, parameter in parameters.items()}
+            if "scene" in expected:
+                expected["scene"] = "reference"
+            assert parameters_of(node, name, expected) == expected
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [("params_file:=/nowhere/p.yaml", "/nowhere/p.yaml: no such file"), ("demo:=maybe", "maybe")],
+)
+def test_a_bad_argument_ends_the_launch_before_a_node_runs(argument, words):
+    ran = subprocess.run(
+        [*LAUNCH, argument], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert ran.returncode != 0
+    assert words in ran.stdout + ran.stderr
+    assert "process started" not in ran.stdout + ran.stderr
 
 
 @pytest.mark.parametrize("node", ["simulator", "feature", "estimator", "formation", "vehicles"])

@@ -15,8 +15,8 @@ from uuv_optical_array.core import files
 DESCRIPTION = """\
 A leader runs straight, turns, and changes depth; a follower keeps station behind it by the light
 of the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this
-one process, on real ROS 2 topics, with the parameter file of follow.launch.py. At the end a summary
-is printed and a picture is written."""
+one process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
+printed and a picture is written."""
 
 EPILOG = """\
 examples:
@@ -45,7 +45,9 @@ def add_parser(subparsers: Subparsers) -> None:
         "--seed", type=int, help="seed of the noise (default: the parameter file's, a new one)"
     )
     parser.add_argument(
-        "--params-file", type=Path, help="ROS parameter file (default: config/follow.yaml)"
+        "--params-file",
+        type=Path,
+        help="ROS parameters; what the file leaves out keeps its default (default: none)",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
@@ -80,10 +82,11 @@ def run(options: argparse.Namespace) -> int:
     # ROS is needed by this command only, and only now.
     from uuv_optical_array.nodes.demo import follow
 
-    params_file = options.params_file or files.shared_file("config/follow.yaml")
-    if not params_file.exists():
-        raise ValueError(f"--params-file {params_file}: no such file")
-    ros_args = ["--params-file", str(params_file)]
+    ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
+    if options.params_file is not None:
+        if not options.params_file.is_file():
+            raise ValueError(f"--params-file {options.params_file}: no such file")
+        ros_args += ["--params-file", str(options.params_file)]
     if options.scene is not None:
         ros_args += ["-p", f"scene:={options.scene}"]
     if options.seed is not None:

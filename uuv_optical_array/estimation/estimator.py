@@ -5,20 +5,20 @@
 - ``least_squares``: the nearest entries, each refined on the whole image, and the best kept.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
-from uuv_optical_array.estimation.features import lifted
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
 from uuv_optical_array.estimation.least_squares.posterior import Posterior, rivalling
 from uuv_optical_array.estimation.least_squares.solver import DISTINCT, Fit, ImageFit, Prior
-from uuv_optical_array.estimation.spectral_angle import SpectralIndex
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -37,6 +37,25 @@ MOST_STARTS = 64
 FEW_LIT = 10
 # Share of honest images whose best fit is taken for a missed pose, and looked into farther.
 IMPLAUSIBLE = 0.01
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """How poses are found and which are refused; parameters of `Estimator` and of its node."""
+
+    method: Annotated[Method, Quantity("how the pose is found")] = "least_squares"
+    max_angle_rad: Annotated[
+        float, Quantity("spectral angle beyond which a match is no pose", "rad", 0, math.pi)
+    ] = 0.25
+    neighbours: Annotated[
+        int, Quantity("nearest table rows that the sam methods average", "rows", 2, 10_000)
+    ] = 64
+    candidates: Annotated[
+        int, Quantity("nearest table rows that least_squares starts from", "rows", 1, MOST_STARTS)
+    ] = 4
+    max_misfit: Annotated[
+        float, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
+    ] = 4.0
 
 
 class NoPose(Exception):
@@ -83,6 +102,9 @@ class Estimate:
 class Estimator:
     """Estimate poses in the scene of a signature table.
 
+    Its settings are fixed; another estimator on the same table takes milliseconds to make, because
+    the table keeps its index.
+
     Parameters
     ----------
     table
@@ -113,11 +135,11 @@ class Estimator:
     def __init__(
         self,
         table: SignatureTable,
-        method: Method = "sam",
-        max_angle_rad: float = 0.25,
-        neighbours: int = 64,
-        candidates: int = 4,
-        max_misfit: float = 4.0,
+        method: Method = EstimatorSettings.method,
+        max_angle_rad: float = EstimatorSettings.max_angle_rad,
+        neighbours: int = EstimatorSettings.neighbours,
+        candidates: int = EstimatorSettings.candidates,
+        max_misfit: float = EstimatorSettings.max_misfit,
         compiled: bool | None = None,
     ) -> None:
         if method not in METHODS:
@@ -127,12 +149,8 @@ class Estimator:
         if neighbours < 2:
             raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
         self.table = table
-        self.method = method
-        self.max_angle_rad = max_angle_rad
-        self.neighbours = neighbours
-        self.candidates = candidates
-        self.max_misfit = max_misfit
-        self._index = SpectralIndex(self._vectors(table.parameters))
+        self.settings = EstimatorSettings(method, max_angle_rad, neighbours, candidates, max_misfit)
+        self._index = table.index
         axes = grid_axes(table.scene.table)
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
@@ -140,15 +158,9 @@ class Estimator:
         readings = table.scene.array.detectors_per_side**2
         self._plausible_misfit = chi2.isf(IMPLAUSIBLE, max(readings - 5, 1)) / readings
         self._compiled = compiled
-        self.prepare()
-
-    def prepare(self) -> None:
-        """Make what the method needs, so that the first frame takes no longer than the next.
-
-        To be called after `method` has changed. Compiling the fit takes some ten seconds, once a
-        machine.
-        """
-        if self.method == "least_squares":
+        if method == "least_squares":
+            # So that the first frame takes no longer than the next; compiling the fit takes some
+            # ten seconds, once a machine.
             _ = self._posterior
 
     @cached_property
@@ -165,10 +177,6 @@ class Estimator:
     def _posterior(self) -> Posterior:
         # The same numbers in every run: an image has one answer.
         return Posterior(self._fit, np.random.default_rng(0))
-
-    def _vectors(self, parameters: ArrayLike) -> Array:
-        scene = self.table.scene
-        return lifted(parameters, scene.signature, scene.array.detectors_per_side)
 
     def estimate(
         self, parameters: ArrayLike, image: ArrayLike | None = None, roll: float = 0.0
@@ -201,22 +209,23 @@ class Estimator:
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
-        if self.method == "least_squares":
+        if self.settings.method == "least_squares":
             return self._least_squares(parameters, image, roll)
-        vector, count = self._vectors(parameters), self.neighbours
+        vector, count = self.table.vectors(parameters), self.settings.neighbours
         angles, rows = self._index.nearest(vector, count)
         # Rows that look exactly alike are all possible, however many there are.
         while angles[-1] == angles[0] and count < len(self.table.poses):
             count *= 4
             angles, rows = self._index.nearest(vector, count)
-        if angles[0] > self.max_angle_rad:
+        if angles[0] > self.settings.max_angle_rad:
             raise NoPose(
                 f"no match: the nearest signature is {angles[0]:.3f} rad away, "
-                f"more than {self.max_angle_rad:g}; the pose lies outside the table "
+                f"more than {self.settings.max_angle_rad:g}; the pose lies outside the table "
                 "or the scene differs from the sea"
             )
         poses = turned_about_beam(self.table.poses[rows], roll)
-        pose = poses.mean(axis=0) if self.method == "sam_interpolated" else np.array(poses[0])
+        mean = self.settings.method == "sam_interpolated"
+        pose = poses.mean(axis=0) if mean else np.array(poses[0])
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
         return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
@@ -228,17 +237,17 @@ class Estimator:
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
         readings = readings.ravel()
-        vector = self._vectors(parameters)
-        count = MOST_STARTS if self._fit.lit(readings) < FEW_LIT else self.candidates
+        vector = self.table.vectors(parameters)
+        count = MOST_STARTS if self._fit.lit(readings) < FEW_LIT else self.settings.candidates
         angles, rows = self._index.nearest(vector, POOL * count)
         try:
             minima, misfit = self._minima(readings, vector, rows, count, roll)
             if not minima:
                 raise NoPose("no fit: no start led to a finite likelihood")
-            if not misfit <= self.max_misfit:
+            if not misfit <= self.settings.max_misfit:
                 raise NoPose(
                     f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
-                    f"{self.max_misfit:g}; the image is not of this scene"
+                    f"{self.settings.max_misfit:g}; the image is not of this scene"
                 )
             pose, covariance = self._posterior.moments(readings, minima, roll)
         except np.linalg.LinAlgError:

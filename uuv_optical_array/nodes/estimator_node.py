@@ -1,7 +1,7 @@
 """From key parameters, and the image, to the follower's pose in the leader's beacon frame."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
@@ -11,8 +11,12 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import DOF_NAMES, covariance_6x6
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
-from uuv_optical_array.estimation.table.signature_table import cached_table, load_table
+from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, NoPose
+from uuv_optical_array.estimation.table.signature_table import (
+    SignatureTable,
+    cached_table,
+    load_table,
+)
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
@@ -31,22 +35,10 @@ from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Paramete
 
 PARAMETERS = {
     "scene": SCENE,
-    "method": Parameter("sam", Quantity("how the pose is found"), choices=METHODS),
     "table": Parameter(
         "", Quantity("folder of the signature table; empty: the cache, built at the first start")
     ),
-    "max_angle_rad": Parameter(
-        0.25, Quantity("spectral angle beyond which a match is no pose", "rad", 0, math.pi)
-    ),
-    "neighbours": Parameter(
-        64, Quantity("nearest table rows that the sam methods average", "rows", 2, 10_000)
-    ),
-    "candidates": Parameter(
-        4, Quantity("nearest table rows that least_squares starts from", "rows", 1, 64)
-    ),
-    "max_misfit": Parameter(
-        4.0, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
-    ),
+    **parameters_of(EstimatorSettings),
     "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu")),
     "max_imu_age_s": Parameter(
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
@@ -57,7 +49,7 @@ PARAMETERS = {
     ),
     "tracking": Parameter(False, Quantity("whether the poses of many frames are filtered")),
     **parameters_of(TrackerSettings),
-    "beacon_frame": Parameter("beacon", Quantity("frame of the pose: the lamp's"), True),
+    "beacon_frame": Parameter("leader/beacon", Quantity("frame of the pose: the lamp's"), True),
     "publish_tf": Parameter(
         False, Quantity("whether the pose goes to /tf too, where tf2_msgs is installed"), True
     ),
@@ -65,7 +57,9 @@ PARAMETERS = {
         "base_link_by_light", Quantity("frame that the pose places on /tf"), True
     ),
 }
-ESTIMATOR_SETTINGS = ("method", "max_angle_rad", "neighbours", "candidates", "max_misfit")
+# What needs a new estimator, and what a new track.
+OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
+OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
 
 
 class EstimatorNode(Node):
@@ -78,8 +72,9 @@ class EstimatorNode(Node):
         self.order = StampOrder()
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
-        self.tracker = Tracker(self.tracker_settings({}))
+        self.tracker = Tracker(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
+        self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
         try:
             self.on_change({"table": self.parameters["table"]})
@@ -91,25 +86,22 @@ class EstimatorNode(Node):
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Imu, "imu", self.on_imu)
 
-    def tracker_settings(self, changes: dict[str, Any]) -> TrackerSettings:
-        """Return the tracker's settings as the parameters have them, with changes."""
-        names = parameters_of(TrackerSettings)
-        return TrackerSettings(**{n: changes.get(n, self.parameters[n]) for n in names})
-
     def on_change(self, changes: dict[str, Any]) -> None:
-        """Take over parameters; a ValueError leaves the present ones."""
-        if changes.keys() & {"tracking", *parameters_of(TrackerSettings)}:
-            self.tracker = Tracker(self.tracker_settings(changes))
+        """Take over parameters; a ValueError leaves everything as it was."""
+        tracker, table, estimator = self.tracker, self.table, self.estimator
+        if changes.keys() & OF_TRACKER:
+            tracker = Tracker(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else cached_table(self.scene)
-            self.estimator = Estimator(table)
+        if table is not None and changes.keys() & OF_ESTIMATOR:
+            settings = self.parameters.settings(EstimatorSettings, changes)
+            estimator = Estimator(table, **asdict(settings))
+        # Nothing is refused from here on.
+        self.tracker, self.table, self.estimator = tracker, table, estimator
+        if table is not None and "table" in changes:
             self.diagnostics.fail("")
             self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
-        if self.estimator is not None:
-            for name in ESTIMATOR_SETTINGS:
-                setattr(self.estimator, name, changes.get(name, self.parameters[name]))
-            self.estimator.prepare()
 
     def on_features(self, message: PointCloud2) -> None:
         """Answer a signature, at once or when its image is there."""

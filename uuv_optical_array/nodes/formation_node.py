@@ -1,6 +1,5 @@
 """From the relative pose to the velocity command that keeps station behind the leader."""
 
-from dataclasses import asdict
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
@@ -24,7 +23,9 @@ from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, par
 PARAMETERS = {
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
-    "base_frame": Parameter("base_link", Quantity("frame of the command: the follower's"), True),
+    "base_frame": Parameter(
+        "follower/base_link", Quantity("frame of the command: the follower's"), True
+    ),
 }
 
 
@@ -34,22 +35,15 @@ class FormationNode(Node):
     def __init__(self) -> None:
         super().__init__("formation_node")
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.controller = FormationController(self.settings())
+        self.controller = FormationController(self.parameters.settings(FormationSettings))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
         subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
-    def settings(self, **changes: Any) -> FormationSettings:
-        """Return the controller's settings as the parameters have them, with changes."""
-        names = asdict(FormationSettings())
-        present = {name: self.parameters[name] for name in names}
-        changes = {name: value for name, value in changes.items() if name in names}
-        return FormationSettings(**{**present, **changes})
-
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
-        self.controller.configure(self.settings(**changes))
+        self.controller.configure(self.parameters.settings(FormationSettings, changes))
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Tell the controller where the follower is."""

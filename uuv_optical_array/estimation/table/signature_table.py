@@ -9,16 +9,18 @@ import math
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.features import key_parameters, lifted
+from uuv_optical_array.estimation.spectral_angle import SpectralIndex
 from uuv_optical_array.forward.light_batch import worthwhile
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
@@ -87,6 +89,15 @@ class SignatureTable:
     scene: Scene
     poses: Array | GridPoses
     parameters: Array
+
+    def vectors(self, parameters: ArrayLike) -> Array:
+        """Return what is matched, shape ``(..., 6)``, of key parameters, shape ``(..., 5)``."""
+        return lifted(parameters, self.scene.signature, self.scene.array.detectors_per_side)
+
+    @cached_property
+    def index(self) -> SpectralIndex:
+        """The search for the nearest rows, built when it is first asked for."""
+        return SpectralIndex(self.vectors(self.parameters))
 
 
 def grid_axes(settings: TableSettings) -> list[Array]:

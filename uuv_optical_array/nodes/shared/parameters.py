@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -15,6 +15,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.core.settings import Quantity, check
+
+Settings = TypeVar("Settings")
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Parameters:
         Declaration by name.
     apply
         Called with the new values of a change before it takes effect; a ValueError refuses the
-        change and its text reaches who asked for it.
+        whole change, so it must come before anything is taken over. Its text reaches who asked.
 
     Raises
     ------
@@ -110,6 +112,14 @@ class Parameters:
     def __getitem__(self, name: str) -> Any:
         """Return the present value of a parameter."""
         return self._node.get_parameter(name).value
+
+    def settings(
+        self, declared: type[Settings], changes: Mapping[str, Any] | None = None
+    ) -> Settings:
+        """Return a dataclass of settings that are parameters, with the values of a change."""
+        present = {name: self[name] for name in parameters_of(declared)}
+        new = {name: value for name, value in (changes or {}).items() if name in present}
+        return declared(**{**present, **new})
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in self._declared}
@@ -142,7 +152,9 @@ SCENE = Parameter("follow", Quantity("a ready scene's name or a YAML file"), rea
 def parameters_of(settings: type) -> dict[str, Parameter]:
     """Return the parameters for a dataclass of settings, each field with its default."""
     hints = get_type_hints(settings, include_extras=True)
-    return {
-        field.name: Parameter(field.default, get_args(hints[field.name])[1])
-        for field in fields(settings)
-    }
+    parameters = {}
+    for field in fields(settings):
+        kind, quantity = get_args(hints[field.name])
+        choices = get_args(kind) if get_origin(kind) is Literal else ()
+        parameters[field.name] = Parameter(field.default, quantity, choices=choices)
+    return parameters

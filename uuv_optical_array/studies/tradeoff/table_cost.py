@@ -51,7 +51,7 @@ def get_ready(folder: Path) -> dict[str, float]:
     about = yaml.safe_load((folder / "table.yaml").read_text(encoding="utf-8"))
     scene = scene_from_settings(about["scene"], about["name"])
     before_mb, began = _resident_mb(), time.perf_counter()
-    estimator = Estimator(load_table(folder, scene))
+    estimator = Estimator(load_table(folder, scene), "sam")
     load_s = time.perf_counter() - began
     memory_mb = _resident_mb() - before_mb
     del estimator

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.estimation.features import lifted
 from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
@@ -37,10 +38,6 @@ MOST_STARTS = 64
 FEW_LIT = 10
 # Share of honest images whose best fit is taken for a missed pose, and looked into farther.
 IMPLAUSIBLE = 0.01
-
-
-class NoPose(Exception):
-    """There is no honest pose for this image; the message says why, its kind before the colon."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ from tracks import (
     whitened,
 )
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.tracker import (
     RATE_STD,
     Outlier,

@@ -5,15 +5,17 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.vehicles import Limits, Vehicle, leader_twist, start_behind
+from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array, relative_pose
 
 # So quick that a commanded velocity is reached in the first step.
-FREE = Limits(speed=(10.0,) * 5, acceleration=(1e6,) * 5, pitch=1.5)
+FREE = VehicleLimits(speed=(10.0,) * 5, acceleration=(1e6,) * 5, pitch=1.5)
 DT = 0.02
 
 
-def under_way(linear: Array, angular: Array, limits: Limits = FREE, **attitude: float) -> Vehicle:
+def under_way(
+    linear: Array, angular: Array, limits: VehicleLimits = FREE, **attitude: float
+) -> Vehicle:
     """Return a vehicle at the origin that already moves as commanded."""
     vehicle = Vehicle(np.zeros(3), limits=limits, **attitude)
     vehicle.step(linear, angular, 1e-3)
@@ -88,7 +90,7 @@ def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
 def test_velocity_ramps_at_the_limit_of_acceleration_and_stops_at_that_of_speed(
     axis: int, sign: float
 ) -> None:
-    limits = Limits(
+    limits = VehicleLimits(
         speed=(1.0, 0.9, 0.8, 0.3, 0.35), acceleration=(0.25, 0.15, 0.1, 0.05, 0.07), pitch=1.5
     )
     vehicle = Vehicle(np.zeros(3), limits=limits)
@@ -107,7 +109,7 @@ def test_velocity_ramps_at_the_limit_of_acceleration_and_stops_at_that_of_speed(
 
 
 def test_distance_of_a_ramp() -> None:
-    vehicle = Vehicle(np.zeros(3), limits=Limits(acceleration=(0.25,) * 5))
+    vehicle = Vehicle(np.zeros(3), limits=VehicleLimits(acceleration=(0.25,) * 5))
     run(vehicle, np.array([0.5, 0, 0]), np.zeros(3), 100)
     assert vehicle.position == pytest.approx([0.5**2 / (2 * 0.25), 0, 0])
 
@@ -119,7 +121,7 @@ def test_distance_of_a_ramp() -> None:
 )
 @settings(deadline=None)
 def test_limits_are_obeyed(commands: list[tuple[float, ...]]) -> None:
-    vehicle, limits = Vehicle(np.zeros(3)), Limits()
+    vehicle, limits = Vehicle(np.zeros(3)), VehicleLimits()
     for *command, dt in commands:
         before = np.concatenate([vehicle.linear, vehicle.angular[1:]])
         vehicle.step(command[:3], command[3:], dt)
@@ -136,10 +138,10 @@ def test_limits_are_obeyed(commands: list[tuple[float, ...]]) -> None:
 def test_pitch_stops_at_its_limit_and_comes_back() -> None:
     vehicle = Vehicle(np.zeros(3))
     run(vehicle, np.zeros(3), np.array([0, 1.0, 0]), 1000)
-    assert vehicle.pitch == Limits().pitch
+    assert vehicle.pitch == VehicleLimits().pitch
     assert vehicle.angular[1] == 0.0
     vehicle.step(np.zeros(3), np.array([0, -1.0, 0]), DT)
-    assert vehicle.pitch < Limits().pitch
+    assert vehicle.pitch < VehicleLimits().pitch
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ BOW_UP = (48.0, 10.0, -np.radians(2.0))
 
 
 @dataclass(frozen=True)
-class Limits:
+class VehicleLimits:
     """What a vehicle can do: surge, sway, heave, pitch rate and yaw rate.
 
     Parameters
@@ -52,12 +52,12 @@ class Vehicle:
         position: ArrayLike,
         pitch: float = 0.0,
         yaw: float = 0.0,
-        limits: Limits | None = None,
+        limits: VehicleLimits | None = None,
     ) -> None:
         self.position = np.array(position, dtype=float)
         self.pitch = float(pitch)
         self.yaw = float(yaw)
-        self.limits = limits or Limits()
+        self.limits = limits or VehicleLimits()
         self._rate = np.zeros(5)  # surge, sway, heave, pitch rate, yaw rate
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
@@ -56,10 +57,6 @@ class EstimatorSettings:
     max_misfit: Annotated[
         float, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
     ] = 4.0
-
-
-class NoPose(Exception):
-    """There is no honest pose for this image; the message says why, its kind before the colon."""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, solve_triangular
 from scipy.special import chdtri
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import YAW, Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.estimator import NoPose
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13

@@ -12,7 +12,7 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow tradeoff test format bench clean
+.PHONY: help follow tradeoff test format bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
@@ -37,6 +37,9 @@ format: $(INSTALLED)  ## bring the code into the house style
 
 bench: $(INSTALLED)  ## measure speed and accuracy
 	$(BIN)/pytest benchmarks
+
+peers: $(INSTALLED)  ## compare search and simulation with other libraries; options by ARGS='...'
+	@PYTHONPATH=benchmarks $(BIN)/python -m peers $(ARGS)
 
 clean:  ## remove .venv and all that can be made again
 	rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info

@@ -52,7 +52,7 @@ setup(
         "cluster": CLUSTER,
         # Reading recorded bags, for uuv_array calibrate; rosdep has no key for it.
         "bags": BAGS,
-        # What uuv_array peers measures us against.
+        # What `make peers` measures us against; see benchmarks/peers.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # colcon test runs pytest because this extra names it.
         "test": [

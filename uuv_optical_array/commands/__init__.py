@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import calibrate, follow, peers, render, table
+from uuv_optical_array.commands import calibrate, follow, render, table
 from uuv_optical_array.commands.parser import INTERRUPTED
 from uuv_optical_array.commands.studies import (
     accuracy,
@@ -27,7 +27,6 @@ COMMANDS = (
     design,
     approach,
     paper,
-    peers,
 )
 
 

@@ -1,0 +1,1 @@
+"""Search and simulation measured against other libraries: ``make peers``."""

@@ -25,9 +25,3 @@ def test_every_ready_scene_and_every_command_is_named():
     assert all(f"| `{scene}` |" in README for scene in scenes)
     commands = [module.__name__.rpartition(".")[2] for module in COMMANDS]
     assert all(f"uuv_array {command}" in README for command in commands)
-
-
-def test_pictures_and_documents_it_links_are_there():
-    for link in ("docs/follow.png", "docs/design.md"):
-        assert f"({link})" in README
-        assert (ROOT / link).is_file()

@@ -1,0 +1,87 @@
+"""What the documents point to is there: files, sections, commands, options, make's targets."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from uuv_optical_array.commands import build_parser
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "uuv_optical_array"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+# Options of other programs that a page names by themselves.
+FOREIGN = {"--memory-limit"}
+
+
+def without_blocks(text):
+    """Return the prose of a page: no fenced block, no indented one."""
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"^ {4}.*$", "", text, flags=re.MULTILINE)
+
+
+def code(page):
+    """Return the pieces of code of a page: each line of a block, and each span in the prose."""
+    text = page.read_text(encoding="utf-8")
+    fenced = re.findall(r"^```\w*\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    blocks = "\n".join(fenced).replace("\\\n", " ").splitlines()
+    blocks += re.findall(r"^ {4}(.*)$", text, flags=re.MULTILINE)
+    spans = re.findall(r"`([^`]+)`", without_blocks(text))
+    return [line.partition(" #")[0] for line in blocks] + [" ".join(s.split()) for s in spans]
+
+
+def anchors(page):
+    """Return the anchors that GitHub gives to the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", without_blocks(page.read_text("utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def options_of_commands():
+    """Return the options of each command of ``uuv_array``, by its name."""
+    (commands,) = build_parser()._subparsers._group_actions
+    return {name: set(parser._option_string_actions) for name, parser in commands.choices.items()}
+
+
+@each_page
+def test_every_link_leads_to_a_file_and_a_section_that_are_there(page):
+    links = re.findall(r"\]\(([^)\s]+)\)", without_blocks(page.read_text(encoding="utf-8")))
+    for link in links:
+        if re.match(r"https?://", link):
+            continue
+        name, _, section = link.partition("#")
+        target = page.parent / name if name else page
+        assert target.is_file(), link
+        assert not section or section in anchors(target), link
+
+
+@each_page
+def test_every_path_in_code_is_there(page):
+    folders = {path.name for path in (*ROOT.iterdir(), *PACKAGE.iterdir()) if path.is_dir()}
+    placeholder = re.compile(r"[<>*=]|[A-Z]{3}")
+    for word in " ".join(code(page)).split():
+        path = word.partition("::")[0].strip(",.:;'")
+        folder, slash, _ = path.partition("/")
+        if slash and folder in folders and not placeholder.search(path):
+            assert (ROOT / path).exists() or (PACKAGE / path).exists(), path
+
+
+@each_page
+def test_every_command_and_each_of_its_options_is_there(page):
+    known = options_of_commands()
+    every = set.union(*known.values())
+    for piece in code(page):
+        for command, rest in re.findall(r"uuv_array ([a-z]+)(.*)", piece):
+            assert command in known, piece
+            used = set(re.findall(r"(?<=[ \[])--?[a-z][a-z-]*", rest))
+            assert used <= known[command], piece
+        if piece.startswith("--"):
+            assert piece.split()[0] in every | FOREIGN, piece
+
+
+@each_page
+def test_every_target_of_make_is_there(page):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
+    for piece in code(page):
+        assert set(re.findall(r"^make ([a-z]+)", piece)) <= targets, piece

@@ -9,7 +9,7 @@ from uuv_optical_array.core.geometry import DOF_NAMES, Array
 
 @dataclass
 class FollowRecord:
-    """A run as it was seen on the topics; stamps are in seconds from the first odometry.
+    """A run as it was seen on the topics; stamps are in seconds from the leader's start.
 
     Parameters
     ----------

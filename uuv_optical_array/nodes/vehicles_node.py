@@ -1,4 +1,7 @@
-"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``."""
+"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
+
+The leader sets off at the first command: the formation control sends none before it has a pose.
+"""
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped, TwistStamped
@@ -38,10 +41,12 @@ class VehiclesNode(Node):
         self.parameters = Parameters(self, PARAMETERS)
         self.leader = Vehicle(np.zeros(3))
         self.follower = start_behind(self.leader, self.parameters["stand_off_m"])
-        self.started: Time | None = None
-        self.moved = self.commanded = self.get_clock().now()
+        self.path_s: float | None = None  # time on the leader's path, once it has set off
+        self.moved: Time | None = None
+        self.commanded = self.get_clock().now()
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.diagnostics = Diagnostics(self)
+        self.diagnostics.warn("leader waits: no cmd_vel has come yet")
         self.odometry = {
             name: publish(self, Odometry, f"{name}/odometry") for name in ("leader", "follower")
         }
@@ -57,20 +62,24 @@ class VehiclesNode(Node):
             self.diagnostics.refuse(f"cmd_vel, {reason}")
             return
         self.commanded = self.get_clock().now()
+        if self.path_s is None:
+            self.path_s = 0.0
+            self.diagnostics.warn("")
         self.diagnostics.answer()
 
     def on_timer(self) -> None:
         """Move both vehicles to the present and publish their odometry."""
         now = self.get_clock().now()
-        if self.started is None or now < self.moved:
+        if self.moved is None or now < self.moved:
             # The first tick, or a clock that was set back: begin here.
-            self.started = self.moved = self.commanded = now
+            self.moved = self.commanded = now
         step_s = (now - self.moved).nanoseconds * 1e-9
-        path_s = (self.moved - self.started).nanoseconds * 1e-9
         self.moved = now
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
-        self.leader.step(*leader_twist(path_s + step_s / 2), step_s)
+        if self.path_s is not None:
+            self.leader.step(*leader_twist(self.path_s + step_s / 2), step_s)
+            self.path_s += step_s
         self.follower.step(*self.command, step_s)
         self.publish_odometry("leader", self.leader, now)
         self.publish_odometry("follower", self.follower, now)

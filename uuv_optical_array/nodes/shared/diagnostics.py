@@ -46,7 +46,7 @@ class Diagnostics:
     def warn(self, reason: str) -> None:
         """Note what lasts and makes the answers worse; an empty text is its end."""
         if reason and reason != self._warning:
-            self._node.get_logger().warning(reason)
+            self._node.get_logger().info(reason)
         self._warning = reason
 
     def fail(self, reason: str) -> None:

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
@@ -111,7 +111,7 @@ class EstimatorNode(Node):
             path = changes["table"]
             table = load_table(path, self.scene) if path else cached_table(self.scene)
         if table is not None and changes.keys() & OF_ESTIMATOR:
-            estimator = self.made(table, settings)
+            estimator = self.estimator_for(table, settings)
         # Nothing is refused from here on.
         self.tracker, self.table, self.estimator = tracker, table, estimator
         if table is not None and "table" in changes:
@@ -119,18 +119,18 @@ class EstimatorNode(Node):
             self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
         self.tell(settings)
 
-    def made(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
-        """Return an estimator; until the fit is compiled, one that does without."""
+    def estimator_for(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
+        """Return an estimator with settings; until the fit is compiled, one that does without."""
         if settings.method == FIT and not self.compiler.done:
             settings = replace(settings, method=MEANWHILE)
         compiled = False if self.compiler.failure else None
         return Estimator(table, **asdict(settings), compiled=compiled)
 
     def on_compiled(self) -> None:
-        """Let the fit take over, compiled where that could be done."""
+        """Let the fit take over; where it could not be compiled, the plain one."""
         settings = self.parameters.settings(EstimatorSettings)
         if self.table is not None and settings.method == FIT:
-            self.estimator = self.made(self.table, settings)
+            self.estimator = self.estimator_for(self.table, settings)
         self.tell(settings)
         self.get_logger().info(f"{FIT}: {self.fit}")
 
@@ -181,7 +181,7 @@ class EstimatorNode(Node):
         age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
         if age_s > self.parameters["max_imu_age_s"]:
             raise Refused(
-                f"no roll: the nearest imu message is {age_s:.3g} s from the image, more than "
+                f"no roll: the last imu message is {age_s:.3g} s from the image, more than "
                 f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s"
             )
         return self.roll_rad
@@ -219,21 +219,10 @@ class EstimatorNode(Node):
             roll,
         )
         self.poses.publish(pose)
-        self.send_transform(self.transform(pose))
+        self.send_transform(header, self.parameters["tf_child_frame"], pose.pose.pose)
         method = self.estimator.settings.method
         shown = {"method": method, **({"fit": self.fit} if method == FIT else {})}
         self.diagnostics.answer(**shown, **figures(estimate))
-
-    def transform(self, pose: PoseWithCovarianceStamped) -> TransformStamped:
-        """Return the pose as a transform."""
-        transform = TransformStamped(
-            header=pose.header, child_frame_id=self.parameters["tf_child_frame"]
-        )
-        position = pose.pose.pose.position
-        translation = transform.transform.translation
-        translation.x, translation.y, translation.z = position.x, position.y, position.z
-        transform.transform.rotation = pose.pose.pose.orientation
-        return transform
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -4,7 +4,7 @@ The leader sets off at the first command: the formation control sends none befor
 """
 
 import numpy as np
-from geometry_msgs.msg import TransformStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
@@ -12,9 +12,13 @@ from rclpy.time import Time
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import Refused, twist_from_message
+from uuv_optical_array.nodes.shared.messages import (
+    Refused,
+    twist_from_message,
+    write_pose,
+    write_twist,
+)
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters
 
@@ -89,20 +93,10 @@ class VehiclesNode(Node):
         message = Odometry(child_frame_id=f"{name}/base_link")
         message.header.stamp = now.to_msg()
         message.header.frame_id = self.parameters["world_frame"]
-        position, attitude = message.pose.pose.position, message.pose.pose.orientation
-        position.x, position.y, position.z = map(float, vehicle.position)
-        attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(
-            0.0, vehicle.pitch, vehicle.yaw
-        )
-        twist = message.twist.twist
-        twist.linear.x, twist.linear.y, twist.linear.z = map(float, vehicle.linear)
-        twist.angular.x, twist.angular.y, twist.angular.z = map(float, vehicle.angular)
+        write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw)
+        write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
         self.odometry[name].publish(message)
-        transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
-        place = transform.transform.translation
-        place.x, place.y, place.z = position.x, position.y, position.z
-        transform.transform.rotation = attitude
-        self.send_transform(transform)
+        self.send_transform(message.header, message.child_frame_id, message.pose.pose)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -316,6 +316,15 @@ def table(scene):
 
 
 @pytest.fixture(scope="session")
+def compiled_fit():
+    """The fit compiled in this process, where Numba is installed, so that no node waits for it."""
+    from uuv_optical_array.nodes.shared import fit_compiler
+
+    with contextlib.suppress(ImportError):
+        fit_compiler.load()
+
+
+@pytest.fixture(scope="session")
 def murky_scene_file(tmp_path_factory):
     """The small scene in water that attenuates twice as much."""
     change = ("effects", "attenuation", "k_per_m", 0.2)

@@ -1,10 +1,13 @@
-"""What all nodes share: a signal ends them between two callbacks, never within one."""
+"""What all nodes share: a lean import, and an end by signal between two callbacks."""
 
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 import rclpy
+from conftest import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -57,3 +60,33 @@ def test_a_shutdown_from_elsewhere_ends_the_spin(executor):
     executor.add_node(node)
     spin(executor)
     assert not rclpy.ok()
+
+
+# Each takes a good part of a second to import, and no node needs it before its first frame.
+HEAVY = ("matplotlib", "numba", "scipy.stats")
+NODES = [
+    "simulator",
+    "feature",
+    pytest.param(
+        "estimator",
+        marks=pytest.mark.xfail(reason="estimator and posterior import scipy.stats", strict=True),
+    ),
+    "formation",
+    "vehicles",
+]
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_importing_a_node_imports_nothing_heavy(node):
+    program = (
+        f"import sys, uuv_optical_array.nodes.{node}_node\n"
+        f"print(*(name for name in {HEAVY} if name in sys.modules))"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=True,
+    )
+    assert ran.stdout.split() == []

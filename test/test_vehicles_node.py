@@ -84,7 +84,28 @@ def test_the_follower_starts_at_rest_behind_the_leader(lab, stand_off_m):
     assert follower.twist.twist == type(follower.twist.twist)()
 
 
+def test_the_leader_waits_for_the_first_command_and_then_for_none(basin):
+    start = position(basin.tick()[0])
+    for _ in range(5):
+        leader, _ = basin.tick()
+        np.testing.assert_array_equal(position(leader), start)
+    basin.order(surge=np.nan)
+    basin.lab.report(basin.node, DiagnosticStatus.WARN, "leader waits", "not finite")
+    np.testing.assert_array_equal(position(basin.tick()[0]), start)
+    basin.order()
+    basin.lab.report(basin.node, DiagnosticStatus.OK)
+    # It speeds up from the beginning of its path; no other command has to come.
+    for step in range(1, 31):
+        leader, _ = basin.tick()
+        assert leader.twist.twist.linear.x == pytest.approx(min(ACCELERATION * step / 10, 0.5))
+    assert (rotation(leader).inv() * rotation(basin.tick()[0])).magnitude() < 1e-12
+    way = 0.5 * 3.0 - 0.5**2 / 2 / ACCELERATION
+    assert position(leader)[0] - start[0] == pytest.approx(way, abs=1e-3)
+
+
 def test_the_leader_swims_ahead_by_what_its_odometry_says(basin):
+    basin.tick()
+    basin.order()
     messages = [basin.tick()[0] for _ in range(250)]  # into the turn, which begins at 12 s
     moved = position(messages[-1]) - position(messages[0])
     assert moved[0] > 8.0

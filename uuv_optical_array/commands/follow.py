@@ -13,10 +13,10 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core import files
 
 DESCRIPTION = """\
-A leader runs straight, turns, and changes depth; a follower keeps station behind it by the light
-of the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this
-one process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
-printed and a picture is written."""
+A leader waits until its follower sees it, runs straight, turns, and changes depth; the follower
+keeps station behind it by the light of the leader's lamp alone. Simulator, feature, estimator,
+formation and vehicles node run in this one process, on real ROS 2 topics, with the parameters of
+follow.launch.py. At the end a summary is printed and a picture is written."""
 
 EPILOG = """\
 examples:
@@ -38,7 +38,11 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     parser.add_argument(
-        "--duration", type=positive, default=60.0, metavar="S", help="length in s (default: 60)"
+        "--duration",
+        type=positive,
+        default=60.0,
+        metavar="S",
+        help="length in s, from the leader's start (default: 60)",
     )
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
     parser.add_argument(

@@ -9,7 +9,7 @@ from uuv_optical_array.core.geometry import DOF_NAMES, Array
 
 @dataclass
 class FollowRecord:
-    """A run as it was seen on the topics; stamps are in seconds from the first odometry.
+    """A run as it was seen on the topics; stamps are in seconds from the leader's start.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class FollowRecord:
         return np.array(list(self.truth)), np.reshape(errors, (-1, 5))
 
     def longest_dark_s(self) -> float:
-        """Return the longest time without a pose, from the first odometry to the last, s."""
+        """Return the longest time without a pose, from the start to the last odometry, s."""
         if not self.truth:
             return np.inf
         stamps = sorted({min(self.truth), max(self.truth), *self.estimates})

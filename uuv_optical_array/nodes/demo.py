@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -26,36 +26,41 @@ from uuv_optical_array.nodes.shared.node import spin, start, subscribe
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
+START_S = 15.0  # how long the leader may wait for the follower to see it
+
 
 class RecorderNode(Node):
-    """Listen to what the other nodes publish and keep it."""
+    """Keep what the other nodes publish, from the moment when the leader sets off."""
 
     def __init__(self, record: FollowRecord, side: int) -> None:
         super().__init__("recorder_node")
         self.record, self.side = record, side
-        self.first_ns: int | None = None
+        self.started_ns: int | None = None
         self.leaders: dict[float, Odometry] = {}
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
 
-    def seconds(self, message) -> float:
-        """Return a message's stamp, from the first one seen, s."""
+    def seconds(self, message) -> float | None:
+        """Return a message's time since the leader set off, s; nothing before."""
         stamp = stamp_ns(message.header)
-        if self.first_ns is None:
-            self.first_ns = stamp
-        return (stamp - self.first_ns) * 1e-9
+        if self.started_ns is None or stamp < self.started_ns:
+            return None
+        return (stamp - self.started_ns) * 1e-9
 
     def on_leader(self, message: Odometry) -> None:
         """Keep the leader's position."""
-        stamp = self.seconds(message)
-        self.leaders[stamp] = message
-        self.record.leader_path[stamp] = odometry_pose(message)[0]
+        if self.started_ns is None and message.twist.twist != Twist():
+            self.started_ns = stamp_ns(message.header)
+        if (stamp := self.seconds(message)) is not None:
+            self.leaders[stamp] = message
+            self.record.leader_path[stamp] = odometry_pose(message)[0]
 
     def on_follower(self, message: Odometry) -> None:
         """Keep the follower's position and, where the leader's is known, the true pose."""
-        stamp = self.seconds(message)
+        if (stamp := self.seconds(message)) is None:
+            return
         position, quaternion = odometry_pose(message)
         self.record.follower_path[stamp] = position
         leader = self.leaders.pop(stamp, None)
@@ -70,11 +75,13 @@ class RecorderNode(Node):
 
     def on_image(self, message: Image) -> None:
         """Keep the image."""
-        self.record.images[self.seconds(message)] = image_from_message(message, self.side)
+        if (stamp := self.seconds(message)) is not None:
+            self.record.images[stamp] = image_from_message(message, self.side)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Keep the estimate."""
-        self.record.estimates[self.seconds(message)] = pose_from_message(message)
+        if (stamp := self.seconds(message)) is not None:
+            self.record.estimates[stamp] = pose_from_message(message)
 
 
 def follow(
@@ -87,7 +94,7 @@ def follow(
     ros_args
         ROS arguments for every node, such as a parameter file.
     duration_s
-        Length of the run, s.
+        Length of the run, s, from the moment when the leader sets off.
     on_tick
         Called five times a second with the record so far and the elapsed time, s.
 
@@ -109,7 +116,6 @@ def follow(
         record = FollowRecord(formation.parameters["stand_off_m"])
         recorder = RecorderNode(record, simulator.model.array.side)
         executor = SingleThreadedExecutor()
-        # The vehicles come last: nothing moves before the table is ready.
         for node in (
             recorder,
             formation,
@@ -120,13 +126,18 @@ def follow(
         ):
             executor.add_node(node)
         clock = recorder.get_clock()
-        started = clock.now()
+        ready_ns = clock.now().nanoseconds
 
-        def elapsed_s() -> float:
-            return (clock.now() - started).nanoseconds * 1e-9
+        def elapsed_s(since_ns: int | None) -> float:
+            return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
 
-        recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s()))
-        spin(executor, lambda: elapsed_s() < duration_s)
+        def goes_on() -> bool:
+            if recorder.started_ns is None:
+                return elapsed_s(ready_ns) < START_S
+            return elapsed_s(recorder.started_ns) < duration_s
+
+        recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s(recorder.started_ns)))
+        spin(executor, goes_on)
         return record, formation.parameters["light_timeout_s"]
     except ParameterException as error:
         raise ValueError(str(error)) from None

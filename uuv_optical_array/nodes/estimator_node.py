@@ -4,14 +4,20 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import DOF_NAMES, covariance_6x6
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, NoPose
+from uuv_optical_array.estimation.estimator import (
+    Estimate,
+    Estimator,
+    EstimatorSettings,
+    Method,
+    NoPose,
+)
 from uuv_optical_array.estimation.table.signature_table import (
     SignatureTable,
     cached_table,
@@ -20,6 +26,7 @@ from uuv_optical_array.estimation.table.signature_table import (
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
@@ -60,6 +67,9 @@ PARAMETERS = {
 # What needs a new estimator, and what a new track.
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
+FIT: Method = "least_squares"
+MEANWHILE: Method = "sam_interpolated"  # the best that answers until the fit is compiled
+WAITING = f"compiling {FIT}, once on a machine: until then {MEANWHILE} answers"
 
 
 class EstimatorNode(Node):
@@ -76,6 +86,9 @@ class EstimatorNode(Node):
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
+        compiled = self.create_guard_condition(self.on_compiled)
+        self.compiler = FitCompiler(compiled.trigger)
+        self.context.on_shutdown(self.compiler.stop)
         try:
             self.on_change({"table": self.parameters["table"]})
         except ValueError as reason:
@@ -89,30 +102,59 @@ class EstimatorNode(Node):
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
         tracker, table, estimator = self.tracker, self.table, self.estimator
+        settings = self.parameters.settings(EstimatorSettings, changes)
+        if settings.method == FIT:
+            self.compiler.start()
         if changes.keys() & OF_TRACKER:
             tracker = Tracker(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else cached_table(self.scene)
         if table is not None and changes.keys() & OF_ESTIMATOR:
-            settings = self.parameters.settings(EstimatorSettings, changes)
-            estimator = Estimator(table, **asdict(settings))
+            estimator = self.estimator_for(table, settings)
         # Nothing is refused from here on.
         self.tracker, self.table, self.estimator = tracker, table, estimator
         if table is not None and "table" in changes:
             self.diagnostics.fail("")
             self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
+        self.tell(settings)
+
+    def estimator_for(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
+        """Return an estimator with settings; until the fit is compiled, one that does without."""
+        if settings.method == FIT and not self.compiler.done:
+            settings = replace(settings, method=MEANWHILE)
+        compiled = False if self.compiler.failure else None
+        return Estimator(table, **asdict(settings), compiled=compiled)
+
+    def on_compiled(self) -> None:
+        """Let the fit take over; where it could not be compiled, the plain one."""
+        settings = self.parameters.settings(EstimatorSettings)
+        if self.table is not None and settings.method == FIT:
+            self.estimator = self.estimator_for(self.table, settings)
+        self.tell(settings)
+        self.get_logger().info(f"{FIT}: {self.fit}")
+
+    @property
+    def fit(self) -> str:
+        """Whether the fit is compiled, and why not."""
+        return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
+
+    def tell(self, settings: EstimatorSettings) -> None:
+        """Warn while another method answers than the one that is asked for."""
+        waiting = settings.method == FIT and not self.compiler.done
+        self.diagnostics.warn(WAITING if waiting else "")
 
     def on_features(self, message: PointCloud2) -> None:
         """Answer a signature, at once or when its image is there."""
-        if self.parameters["method"] != "least_squares":
+        if self.parameters["method"] != FIT:
             self.answer(message, None)
         else:
             self.join(message.header, features=message)
 
     def on_image(self, message: Image) -> None:
         """Keep an image for its signature, where the method asks for it."""
-        if self.parameters["method"] == "least_squares":
+        # So it does while another one answers for it: when it takes over, no image is missing.
+        if self.parameters["method"] == FIT:
             self.join(message.header, image=message)
 
     def join(self, header: Header, **message: Any) -> None:
@@ -139,7 +181,7 @@ class EstimatorNode(Node):
         age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
         if age_s > self.parameters["max_imu_age_s"]:
             raise Refused(
-                f"no roll: the nearest imu message is {age_s:.3g} s from the image, more than "
+                f"no roll: the last imu message is {age_s:.3g} s from the image, more than "
                 f"max_imu_age_s of {self.parameters['max_imu_age_s']:g} s"
             )
         return self.roll_rad
@@ -177,19 +219,10 @@ class EstimatorNode(Node):
             roll,
         )
         self.poses.publish(pose)
-        self.send_transform(self.transform(pose))
-        self.diagnostics.answer(**figures(estimate))
-
-    def transform(self, pose: PoseWithCovarianceStamped) -> TransformStamped:
-        """Return the pose as a transform."""
-        transform = TransformStamped(
-            header=pose.header, child_frame_id=self.parameters["tf_child_frame"]
-        )
-        position = pose.pose.pose.position
-        translation = transform.transform.translation
-        translation.x, translation.y, translation.z = position.x, position.y, position.z
-        transform.transform.rotation = pose.pose.pose.orientation
-        return transform
+        self.send_transform(header, self.parameters["tf_child_frame"], pose.pose.pose)
+        method = self.estimator.settings.method
+        shown = {"method": method, **({"fit": self.fit} if method == FIT else {})}
+        self.diagnostics.answer(**shown, **figures(estimate))
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -1,7 +1,10 @@
-"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``."""
+"""The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
+
+The leader sets off at the first command: the formation control sends none before it has a pose.
+"""
 
 import numpy as np
-from geometry_msgs.msg import TransformStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
@@ -9,9 +12,13 @@ from rclpy.time import Time
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import Refused, twist_from_message
+from uuv_optical_array.nodes.shared.messages import (
+    Refused,
+    twist_from_message,
+    write_pose,
+    write_twist,
+)
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters
 
@@ -38,10 +45,12 @@ class VehiclesNode(Node):
         self.parameters = Parameters(self, PARAMETERS)
         self.leader = Vehicle(np.zeros(3))
         self.follower = start_behind(self.leader, self.parameters["stand_off_m"])
-        self.started: Time | None = None
-        self.moved = self.commanded = self.get_clock().now()
+        self.path_s: float | None = None  # time on the leader's path, once it has set off
+        self.moved: Time | None = None
+        self.commanded = self.get_clock().now()
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.diagnostics = Diagnostics(self)
+        self.diagnostics.warn("leader waits: no cmd_vel has come yet")
         self.odometry = {
             name: publish(self, Odometry, f"{name}/odometry") for name in ("leader", "follower")
         }
@@ -57,20 +66,24 @@ class VehiclesNode(Node):
             self.diagnostics.refuse(f"cmd_vel, {reason}")
             return
         self.commanded = self.get_clock().now()
+        if self.path_s is None:
+            self.path_s = 0.0
+            self.diagnostics.warn("")
         self.diagnostics.answer()
 
     def on_timer(self) -> None:
         """Move both vehicles to the present and publish their odometry."""
         now = self.get_clock().now()
-        if self.started is None or now < self.moved:
+        if self.moved is None or now < self.moved:
             # The first tick, or a clock that was set back: begin here.
-            self.started = self.moved = self.commanded = now
+            self.moved = self.commanded = now
         step_s = (now - self.moved).nanoseconds * 1e-9
-        path_s = (self.moved - self.started).nanoseconds * 1e-9
         self.moved = now
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
-        self.leader.step(*leader_twist(path_s + step_s / 2), step_s)
+        if self.path_s is not None:
+            self.leader.step(*leader_twist(self.path_s + step_s / 2), step_s)
+            self.path_s += step_s
         self.follower.step(*self.command, step_s)
         self.publish_odometry("leader", self.leader, now)
         self.publish_odometry("follower", self.follower, now)
@@ -80,20 +93,10 @@ class VehiclesNode(Node):
         message = Odometry(child_frame_id=f"{name}/base_link")
         message.header.stamp = now.to_msg()
         message.header.frame_id = self.parameters["world_frame"]
-        position, attitude = message.pose.pose.position, message.pose.pose.orientation
-        position.x, position.y, position.z = map(float, vehicle.position)
-        attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(
-            0.0, vehicle.pitch, vehicle.yaw
-        )
-        twist = message.twist.twist
-        twist.linear.x, twist.linear.y, twist.linear.z = map(float, vehicle.linear)
-        twist.angular.x, twist.angular.y, twist.angular.z = map(float, vehicle.angular)
+        write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw)
+        write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
         self.odometry[name].publish(message)
-        transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
-        place = transform.transform.translation
-        place.x, place.y, place.z = position.x, position.y, position.z
-        transform.transform.rotation = attitude
-        self.send_transform(transform)
+        self.send_transform(message.header, message.child_frame_id, message.pose.pose)
 
 
 def main(args: list[str] | None = None) -> None:

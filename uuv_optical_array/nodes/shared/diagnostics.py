@@ -10,7 +10,8 @@ class Diagnostics:
     """Count what a node answered and what it refused, and publish both at 1 Hz.
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
-    reason of each kind. STALE: neither. ERROR: the node cannot work until its set-up changes.
+    reason of each kind, or a lasting warning. STALE: neither. ERROR: the node cannot work until its
+    set-up changes.
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ class Diagnostics:
         self._answered = 0
         self._refusals: dict[str, tuple[int, str]] = {}
         self._values: dict[str, str] = {}
-        self._failure = ""
+        self._failure = self._warning = ""
         self._timer = node.create_timer(1.0, self.publish)
 
     def answer(self, **values: str) -> None:
@@ -42,6 +43,12 @@ class Diagnostics:
         self._totals["refused"] += 1
         self._node.get_logger().warning(reason, throttle_duration_sec=5.0)
 
+    def warn(self, reason: str) -> None:
+        """Note what lasts and makes the answers worse; an empty text is its end."""
+        if reason and reason != self._warning:
+            self._node.get_logger().info(reason)
+        self._warning = reason
+
     def fail(self, reason: str) -> None:
         """Note what keeps the node from working at all; an empty text is a recovery."""
         self._failure = reason
@@ -52,9 +59,10 @@ class Diagnostics:
         """Publish the last period and begin the next."""
         if self._failure:
             level, text = DiagnosticStatus.ERROR, self._failure
-        elif self._refusals:
+        elif self._refusals or self._warning:
             level = DiagnosticStatus.WARN
-            text = "; ".join(reason for _, reason in self._refusals.values())
+            reasons = [self._warning, *(reason for _, reason in self._refusals.values())]
+            text = "; ".join(filter(None, reasons))
         elif self._answered:
             level, text = DiagnosticStatus.OK, f"{self._answered} answered"
         else:

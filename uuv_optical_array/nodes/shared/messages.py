@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, Twist, TwistStamped
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.messages import Refused as Refused
 from uuv_optical_array.core.messages import checked_pose, checked_quaternion
 from uuv_optical_array.core.messages import image_from_message as image_from_message
@@ -130,14 +130,25 @@ def features_from_message(message: PointCloud2) -> Array | None:
     return values.astype(float)
 
 
+def write_pose(message: Pose, position: Array, pitch: float, yaw: float, roll: float = 0.0) -> None:
+    """Write a position, m, shape ``(3,)``, and an attitude, rad, into a message."""
+    place, attitude = message.position, message.orientation
+    place.x, place.y, place.z = map(float, position)
+    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(roll, pitch, yaw)
+
+
+def write_twist(message: Twist, linear: Array, angular: Array) -> None:
+    """Write velocities, m/s and rad/s, shape ``(3,)`` each, into a message."""
+    message.linear.x, message.linear.y, message.linear.z = map(float, linear)
+    message.angular.x, message.angular.y, message.angular.z = map(float, angular)
+
+
 def pose_to_message(
     pose: Array, covariance: Array, header: Header, roll: float = 0.0
 ) -> PoseWithCovarianceStamped:
     """Pack a pose ``(x, y, z, pitch, yaw)``, its roll, and its 6x6 covariance."""
     message = PoseWithCovarianceStamped(header=header)
-    position, attitude = message.pose.pose.position, message.pose.pose.orientation
-    position.x, position.y, position.z = map(float, pose[:3])
-    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_xyzw(roll, pose[3], pose[4])
+    write_pose(message.pose.pose, pose[:3], pose[PITCH], pose[YAW], roll)
     message.pose.covariance = covariance.ravel()
     return message
 
@@ -168,9 +179,7 @@ def imu_roll(message: Imu) -> float:
 def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:
     """Pack a twist in m/s and rad/s, each of shape ``(3,)``."""
     message = TwistStamped(header=header)
-    twist = message.twist
-    twist.linear.x, twist.linear.y, twist.linear.z = map(float, linear)
-    twist.angular.x, twist.angular.y, twist.angular.z = map(float, angular)
+    write_twist(message.twist, linear, angular)
     return message
 
 

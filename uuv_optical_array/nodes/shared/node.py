@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from geometry_msgs.msg import Pose, TransformStamped
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -13,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Header
 
 
 def publish(node: Node, message_type: type, topic: str) -> Publisher:
@@ -36,17 +38,32 @@ def subscribe(node: Node, message_type: type, topic: str, callback: Callable[[An
     )
 
 
-def transform_publisher(node: Node, wanted: bool) -> Callable[[Any], None]:
-    """Return a function that publishes a TransformStamped on ``/tf``, or one that does nothing."""
+def transform_publisher(node: Node, wanted: bool) -> Callable[[Header, str, Pose], None]:
+    """Return a function that places a frame on ``/tf``, or one that does nothing.
+
+    It takes stamp and parent frame, the child frame, and the child's pose in the parent.
+    """
+
+    def nothing(header: Header, child_frame: str, pose: Pose) -> None:
+        pass
+
     if not wanted:
-        return lambda transform: None
+        return nothing
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
-        return lambda transform: None
+        return nothing
     publisher = node.create_publisher(TFMessage, "/tf", 100)
-    return lambda transform: publisher.publish(TFMessage(transforms=[transform]))
+
+    def send(header: Header, child_frame: str, pose: Pose) -> None:
+        message = TransformStamped(header=header, child_frame_id=child_frame)
+        place, position = message.transform.translation, pose.position
+        place.x, place.y, place.z = position.x, position.y, position.z
+        message.transform.rotation = pose.orientation
+        publisher.publish(TFMessage(transforms=[message]))
+
+    return send
 
 
 def start(args: list[str] | None) -> None:

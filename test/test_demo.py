@@ -1,0 +1,52 @@
+"""The record of the demonstration: it begins when the leader sets off."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
+
+from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.nodes.demo import RecorderNode
+from uuv_optical_array.nodes.shared.messages import image_to_message
+
+
+def odometry(tenths, x, surge):
+    message = Odometry(header=Header(stamp=Time(nanosec=tenths * 10**8)))
+    message.pose.pose.position.x, message.pose.pose.orientation.w = x, 1.0
+    message.twist.twist.linear.x = surge
+    return message
+
+
+def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
+    lab.begin()
+    record = FollowRecord(6.0)
+    recorder = RecorderNode(record, 2)
+    lab.nodes.append(recorder)
+
+    def take(tenths):
+        header = Header(stamp=Time(nanosec=tenths * 10**8))
+        pose = PoseWithCovarianceStamped(header=header)
+        pose.pose.pose.orientation.w = 1.0
+        recorder.on_follower(odometry(tenths, -6.0, 0.0))
+        recorder.on_image(image_to_message(np.full((2, 2), tenths), header))
+        recorder.on_pose(pose)
+
+    for tenths in range(1, 7):
+        # The leader sets off at 0.3 s; what was taken before then comes later.
+        surge = 0.5 if tenths >= 3 else 0.0
+        recorder.on_leader(odometry(tenths, surge * (tenths - 3) / 10, surge))
+        if tenths == 3:
+            take(2)
+        take(tenths)
+    for part in (
+        record.leader_path,
+        record.follower_path,
+        record.truth,
+        record.estimates,
+        record.images,
+    ):
+        assert list(part) == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert [image[0, 0] for image in record.images.values()] == [3, 4, 5, 6]
+    assert [pose[0] for pose in record.truth.values()] == pytest.approx([-6.0, -6.05, -6.1, -6.15])

@@ -1,0 +1,288 @@
+"""The start: frames are answered while the fit is compiled beside the node, and none is lost."""
+
+import importlib.util
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from asker import Shower, assert_is, figures
+from conftest import PATIENCE_S
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.nodes.shared import fit_compiler
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+NUMBA = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="numba is not installed: nothing to compile"
+)
+
+
+@pytest.fixture
+def nothing_loaded(monkeypatch):
+    """Let this process look as one that has loaded no compiled fit."""
+    monkeypatch.setattr(fit_compiler, "LOADED", threading.Event())
+
+
+@pytest.fixture
+def gate(tmp_path, monkeypatch, nothing_loaded):
+    """A compiler that works until the returned function is called."""
+    path = tmp_path / "gate"
+    os.mkfifo(path)
+    monkeypatch.setattr(fit_compiler, "CODE", f"open({str(path)!r}).read()")
+    # Opened for both, so that neither side waits for the other to open it.
+    end = os.open(path, os.O_RDWR)
+    opened = threading.Event()
+
+    def open_gate():
+        if not opened.is_set():
+            opened.set()
+            os.close(end)
+
+    with open(path, "rb", buffering=0):
+        yield open_gate
+        open_gate()
+
+
+@pytest.fixture(scope="module")
+def images(scene):
+    rng = np.random.default_rng(9)
+    poses = rng.uniform([-7.5, -0.4, -0.4, -0.2, -0.2], [-4.5, 0.4, 0.4, 0.2, 0.2], (4, 5))
+    return ForwardModel(scene).expose(poses, rng)
+
+
+def begun(lab, scene_file, scene, table_folder):
+    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares")
+
+
+@NUMBA
+@pytest.mark.usefixtures("compiled_fit")
+def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
+    gate, lab, scene_file, scene, table_folder, table, images
+):
+    shower = begun(lab, scene_file, scene, table_folder)
+    meanwhile, fit = Estimator(table, "sam_interpolated"), Estimator(table, "least_squares")
+
+    def expected(estimator, image):
+        return estimator.estimate(shower.signature(image), image)
+
+    assert_is(shower.show(images[0], 1), expected(meanwhile, images[0]))
+    assert_is(shower.show(images[1], 2), expected(meanwhile, images[1]))
+    values = dict(figures(lab.report(shower.node, WARN, "compiling", "sam_interpolated")))
+    assert values["method"] == "sam_interpolated"
+    # One image is there when the fit takes over, and its signature comes after.
+    shower.images.publish(shower.picture(images[2], 3))
+    lab.until(lambda: 3 * 10**9 + 9 in shower.node.pairs.waiting, "the image")
+    gate()
+    lab.until(lambda: shower.node.estimator.settings.method == "least_squares", "the fit")
+    message = shower.ask(shower.signature(images[2]), 3)
+    assert_is(message, expected(fit, images[2]))
+    assert_is(shower.show(images[3], 4), expected(fit, images[3]))
+    assert shower.seconds_answered() == [1, 2, 3, 4]
+    lab.statuses.clear()
+    shower.show(images[0], 5)
+    values = dict(figures(lab.report(shower.node, OK)))
+    assert (values["method"], values["fit"]) == ("least_squares", "compiled")
+
+
+@NUMBA
+def test_other_methods_compile_nothing_until_the_fit_is_asked_for(
+    gate, lab, scene_file, scene, table_folder, images
+):
+    shower = Shower(lab, scene_file, scene, table=table_folder, method="sam")
+    shower.show(images[0], 1)
+    lab.report(shower.node, OK)
+    assert shower.node.compiler._process is None
+    assert lab.set(shower.node, "method", "least_squares").successful
+    shower.show(images[1], 2)
+    lab.report(shower.node, WARN, "compiling")
+    assert lab.set(shower.node, "method", "sam").successful
+    shower.show(images[2], 3)
+    lab.statuses.clear()
+    lab.report(shower.node, OK)
+
+
+def plain(lab, shower, table, images, reason):
+    """Require the fit without the compiler, and the reason in the diagnostics."""
+    lab.until(lambda: shower.node.estimator.settings.method == "least_squares", "the fit")
+    estimator = Estimator(table, "least_squares", compiled=False)
+    for seconds, image in enumerate(images[:2], start=1):
+        answer = estimator.estimate(shower.signature(image), image)
+        assert_is(shower.show(image, seconds), answer)
+    lab.statuses.clear()
+    shower.show(images[2], 3)
+    values = dict(figures(lab.report(shower.node, OK)))
+    assert values["fit"] == f"not compiled: {reason}"
+
+
+@NUMBA
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("raise OSError('disk full')", "OSError: disk full"),
+        ("import os; os._exit(3)", "exit code 3"),
+    ],
+)
+@pytest.mark.usefixtures("nothing_loaded")
+def test_where_the_compiler_fails_the_plain_fit_answers_and_the_reason_is_told(
+    lab, scene_file, scene, table_folder, table, images, monkeypatch, code, reason
+):
+    monkeypatch.setattr(fit_compiler, "CODE", code)
+    shower = begun(lab, scene_file, scene, table_folder)
+    plain(lab, shower, table, images, reason)
+
+
+@pytest.mark.usefixtures("nothing_loaded")
+def test_without_numba_the_plain_fit_answers_and_the_reason_is_told(
+    lab, scene_file, scene, table_folder, table, images, monkeypatch
+):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "numba" else find(name)
+    )
+    shower = begun(lab, scene_file, scene, table_folder)
+    plain(lab, shower, table, images, "Numba is not installed")
+
+
+def run(program, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+COMPILED = """
+import threading
+from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
+done = threading.Event()
+compiler = FitCompiler(done.set)
+compiler.start()
+done.wait()
+assert compiler.done and not compiler.failure, compiler.failure
+from uuv_optical_array.estimation.least_squares import fit_kernel
+stats = fit_kernel.descend.stats
+print(len(stats.cache_hits), len(stats.cache_misses))
+"""
+
+
+@NUMBA
+def test_the_process_fills_the_cache_from_which_the_node_loads():
+    ran = run(COMPILED)
+    assert ran.returncode == 0, ran.stderr
+    hits, misses = map(int, ran.stdout.split())
+    assert hits > 0
+    assert misses == 0
+
+
+@NUMBA
+def test_where_nothing_can_be_kept_the_process_says_so_with_the_cure():
+    config = pytest.importorskip("numba").config
+    if not hasattr(config, "CACHE_LOCATOR_CLASSES"):
+        pytest.skip("this Numba cannot be told to keep nothing")
+    # The one named here keeps the code of notebooks only.
+    ran = run(
+        "from uuv_optical_array.nodes.shared import fit_compiler; fit_compiler.load()",
+        NUMBA_CACHE_LOCATOR_CLASSES="IPythonCacheLocator",
+    )
+    assert ran.returncode == 1
+    assert "NUMBA_CACHE_DIR" in ran.stderr.splitlines()[-1]
+
+
+@NUMBA
+def test_the_process_finds_all_that_the_node_finds(monkeypatch, nothing_loaded, compiled_fit):
+    """ROS's own libraries too, which its wheels find by two variables of the environment."""
+    code = "import sys; sys.path[:] = {path!r}; import rclpy, {module}"
+    monkeypatch.setattr(fit_compiler, "CODE", code)
+    done = threading.Event()
+    compiler = fit_compiler.FitCompiler(done.set)
+    compiler.start()
+    assert done.wait(PATIENCE_S)
+    assert compiler.failure == ""
+
+
+# The compiler and the node, once it serves callbacks, each write a letter.
+NODE = """
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.shared import fit_compiler, node
+fit_compiler.CODE = (
+    "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "
+    "tell = open({fifo!r}, 'w'); tell.write('c'); tell.flush(); "
+    "module.load = threading.Event().wait; module.fill_cache()"
+)
+tell = open({fifo!r}, "w")
+
+class Told(EstimatorNode):
+    def __init__(self):
+        super().__init__()
+        self.once = self.create_timer(0.001, self.on_once)
+
+    def on_once(self):
+        self.once.cancel()
+        tell.write("n")
+        tell.flush()
+
+node.run(Told, ["--ros-args", "-p", "scene:={scene}"])
+"""
+
+
+@NUMBA
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_the_process_ends_with_the_node(tmp_path, scene_file, number):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    ear = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+
+    def heard():
+        """Wait for letters; none once both processes are gone."""
+        assert select.select([ear], [], [], PATIENCE_S)[0], "nothing is said, nobody has ended"
+        return os.read(ear, 100)
+
+    with (tmp_path / "log").open("w") as log:
+        node = subprocess.Popen(
+            [sys.executable, "-c", NODE.format(fifo=str(fifo), scene=scene_file)], stderr=log
+        )
+    try:
+        begun = b""
+        while set(begun) != set(b"cn"):
+            begun += heard()
+        node.send_signal(number)
+        code, errors = node.wait(PATIENCE_S), (tmp_path / "log").read_text()
+        assert code == (-number if number == signal.SIGKILL else 0), errors
+        assert "Traceback" not in errors
+        assert heard() == b""
+    finally:
+        node.kill()
+        node.wait()
+        os.close(ear)
+
+
+@NUMBA
+def test_the_process_ends_at_the_shutdown_of_a_program_that_goes_on(
+    gate, lab, scene_file, scene, table_folder
+):
+    process = begun(lab, scene_file, scene, table_folder).node.compiler._process
+    assert process.poll() is None
+    lab.end()
+    assert process.returncode == -signal.SIGKILL
+
+
+@NUMBA
+def test_a_stopped_compiler_calls_nothing(gate):
+    called = []
+    compiler = fit_compiler.FitCompiler(lambda: called.append(1))
+    compiler.start()
+    compiler.stop()
+    assert compiler._process.returncode == -signal.SIGKILL
+    gate()
+    assert not compiler.done
+    assert called == []

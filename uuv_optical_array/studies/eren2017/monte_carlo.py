@@ -30,7 +30,7 @@ from uuv_optical_array.studies.eren2017.approach import (
     expose,
 )
 from uuv_optical_array.studies.shared.published.moments import (
-    MomentsMethod,
+    MomentCalibration,
     calibrate,
     dead_reckoned,
     measure,
@@ -124,7 +124,7 @@ def simulate(
     """
     sea = believed(scene, case, choices)
     model = ForwardModel(sea)
-    moments = MomentsMethod(calibrate(model, rng))
+    moments = calibrate(model, rng)
     estimator = Estimator(cached_table(sea), "least_squares")
     batches: dict[str, list[Array]] = {method: [] for method in METHODS}
     try:
@@ -150,9 +150,8 @@ def simulate(
     )
 
 
-def by_moments(method: MomentsMethod, images: Array) -> Array:
+def by_moments(calibration: MomentCalibration, images: Array) -> Array:
     """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
-    calibration = method.calibration
     return dead_reckoned(calibration.poses(measure(images, calibration.spacing_m)))
 
 

@@ -47,22 +47,15 @@ def _published(pose: Callable[[Array], Array]) -> Answer:
 
 
 def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
-    """Return the moments' answer to single images: random poses are no path to reckon along."""
     try:
-        method = moments.MomentsMethod(moments.calibrate(ForwardModel(scene), rng))
+        return _published(moments.calibrate(ForwardModel(scene), rng).pose)
     except (np.linalg.LinAlgError, ValueError) as error:
         reason = f"no calibration: {error}"
 
-        def nothing(image: Array) -> Array:
-            raise NoPose(reason)
+    def nothing(image: Array) -> Array:
+        raise NoPose(reason)
 
-        return _published(nothing)
-
-    def pose(image: Array) -> Array:
-        method.reset()
-        return method.pose(image)
-
-    return _published(pose)
+    return _published(nothing)
 
 
 def measure(

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import skewness
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel

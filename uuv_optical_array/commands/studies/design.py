@@ -24,9 +24,14 @@ from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
 from uuv_optical_array.studies.design.designs import Mount, Power, Sweep, default_sweep
-from uuv_optical_array.studies.design.fronts import numbered, standing
+from uuv_optical_array.studies.design.fronts import (
+    CLEAR_SIGMAS,
+    as_object,
+    numbered,
+    resolved_counts,
+    standing,
+)
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
-from uuv_optical_array.studies.design.summary import CLEAR_SIGMAS, as_object, resolved_counts
 from uuv_optical_array.studies.shared.results import Results
 
 DESCRIPTION = """\

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.docking.motion import DockingSettings
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
@@ -29,13 +30,13 @@ from uuv_optical_array.studies.eren2017.approach import (
     draw_offsets,
     expose,
 )
+from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.published.moments import (
     MomentCalibration,
     calibrate,
     dead_reckoned,
     measure,
 )
-from uuv_optical_array.studies.shared.results import by_column
 
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.

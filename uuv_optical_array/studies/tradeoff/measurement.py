@@ -7,19 +7,16 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
+from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable, build_table
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.errors import (
-    Answer,
-    answer_of,
-    frame_errors,
-    position_and_angle,
-)
+from uuv_optical_array.studies.shared.frame_errors import Answer, answer_of, frame_errors
+from uuv_optical_array.studies.shared.pose_errors import position_and_angle
 from uuv_optical_array.studies.shared.published import lookup, moments
 from uuv_optical_array.studies.shared.working_volume import known_volume_std, lit_poses
 from uuv_optical_array.studies.tradeoff.plan import LOOK_UP, MOMENTS, SHAPES, STEPS, Group

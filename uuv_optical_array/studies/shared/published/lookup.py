@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 

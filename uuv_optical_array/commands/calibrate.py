@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
-from uuv_optical_array.calibration.calibrate import NAMES, Calibration, Parameter, calibrate
+from uuv_optical_array.calibration.calibrate import NAMES, Calibration, FittedParameter, calibrate
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
     Number,
@@ -117,7 +117,7 @@ def _digits(std: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if 0 < std < np.inf else 4
 
 
-def _row(parameter: Parameter) -> str:
+def _row(parameter: FittedParameter) -> str:
     digits = _digits(parameter.std)
     error = "-" if np.isnan(parameter.std) else f"{parameter.std:.{digits}f}"
     line = (

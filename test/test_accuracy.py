@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
 from uuv_optical_array.studies import accuracy
-from uuv_optical_array.studies.shared.results import by_column
+from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FRAMES = 2000

@@ -27,6 +27,7 @@ from uuv_optical_array.studies.eren2017.approach import (
 from uuv_optical_array.studies.eren2017.monte_carlo import (
     METHODS,
     ApproachErrors,
+    all_cases,
     as_object,
     simulate,
 )
@@ -304,6 +305,14 @@ def test_choices_are_compared(tank_file, capsys, monkeypatch):
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert len(rows) == 15
     assert rows[0]["methods"]["moments"]["end_95"]["x_m"] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(("runs", "cases"), [(1, list(CASES)[:1]), (2, list(CASES))])
+def test_a_case_that_was_cut_short_is_the_last(monkeypatch, runs, cases):
+    errors = {method: np.zeros((runs, FRAMES, 5)) for method in METHODS}
+    planted = ApproachErrors(errors, np.ones((FRAMES, 5)), np.ones((FRAMES, 5)))
+    monkeypatch.setattr(monte_carlo, "simulate", lambda *words: planted)
+    assert [name for name, _ in all_cases(None, Choices(), 2, 1)] == cases
 
 
 def test_bad_numbers_are_named():

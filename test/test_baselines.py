@@ -8,26 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import skewness
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.shared.published import lookup as lookup_module
 from uuv_optical_array.studies.shared.published.lookup import (
     GRID,
     LookUp,
     Weights,
     lookup_scene,
-    weights_by_trial,
 )
 from uuv_optical_array.studies.shared.published.moments import (
     ACROSS_M,
     DOWN_M,
     RANGES_M,
-    Calibration,
-    MomentsMethod,
+    MomentCalibration,
     calibrate,
     dead_reckoned,
     image_moments,
@@ -177,7 +174,7 @@ def test_without_noise_the_method_recovers_the_turns_of_its_calibration(clear, c
 def test_range_is_the_papers_exponential():
     # -log(peak / a1) / b1 with a1 = 4000 and b1 = 0.4.
     line = (np.log(4000) / 0.4, -1 / 0.4)
-    calibration = Calibration(SPACING_M, line, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
+    calibration = MomentCalibration(SPACING_M, line, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
     image = np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]) / 9 * 4000 * np.exp(-0.4 * 6)
     assert calibration.poses(measure(image, SPACING_M))[0] == pytest.approx(-6)
 
@@ -215,22 +212,11 @@ def test_a_vehicle_that_follows_its_heading_is_reckoned_where_it_is():
     np.testing.assert_allclose(dead_reckoned(said), path, atol=1e-12)
 
 
-def test_frame_after_frame_is_the_whole_path_at_once(clear, calibration):
-    path = np.array([pose(-8 + 0.4 * k, 0.1, -0.2, 3 - k, k) for k in range(6)])
-    images = clear.expected(path)
-    method = MomentsMethod(calibration)
-    first = [method.pose(image) for image in images]
-    whole = dead_reckoned(calibration.poses(measure(images, SPACING_M)))
-    np.testing.assert_allclose(first, whole, atol=1e-12)
-    # A frame without light changes nothing; a reset measures y and z anew.
-    last = method.pose(images[-1])
-    with pytest.raises(NoPose, match="no light"):
-        method.pose(np.zeros((5, 5)))
-    np.testing.assert_allclose(method.pose(images[-1]), last)
-    method.reset()
-    np.testing.assert_allclose(
-        method.pose(images[-1]), calibration.poses(measure(images[-1], SPACING_M))
-    )
+def test_a_single_image_has_the_pose_of_its_moments(clear, calibration):
+    for truth in (pose(-8, 0.1, -0.2, 3, 0), pose(-6, -0.3, 0.1, -5, 4)):
+        image = clear.expected(truth)
+        found = calibration.poses(measure(image, SPACING_M))
+        np.testing.assert_array_equal(calibration.pose(image), found)
 
 
 @pytest.mark.parametrize(
@@ -244,20 +230,20 @@ def test_frame_after_frame_is_the_whole_path_at_once(clear, calibration):
 )
 def test_an_image_that_says_nothing_has_no_pose(calibration, image, reason):
     with pytest.raises(NoPose, match=reason):
-        MomentsMethod(calibration).pose(image)
+        calibration.pose(image)
 
 
 def test_an_angle_that_no_heading_has_is_no_pose(calibration):
     wild = dataclasses.replace(calibration, yaw=(2.0, 0.0))
     with pytest.raises(NoPose, match=r"no heading: the moments say pitch .* yaw 115"):
-        MomentsMethod(wild).pose(np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]))
+        wild.pose(np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]))
 
 
 @settings(deadline=None)
 @given(images_5x5)
 def test_moments_answer_or_refuse_whatever_the_image(calibration, image):
     try:
-        found = MomentsMethod(calibration).pose(image)
+        found = calibration.pose(image)
     except NoPose:
         return
     assert found.shape == (5,)
@@ -344,7 +330,6 @@ def test_an_image_that_the_table_has_no_peak_for_has_no_pose(table):
     ):
         with pytest.raises(NoPose, match=reason):
             lookup.pose(image)
-    assert lookup.reset() is None
 
 
 def test_a_table_with_peaks_between_detectors_is_refused(table):
@@ -352,21 +337,3 @@ def test_a_table_with_peaks_between_detectors_is_refused(table):
     scene = dataclasses.replace(table.scene, signature=signature)
     with pytest.raises(ValueError, match="needs 'detector'"):
         LookUp(dataclasses.replace(table, scene=scene))
-
-
-def test_trial_chooses_the_weights_of_least_error(table, monkeypatch):
-    model, rng = ForwardModel(table.scene), np.random.default_rng(4)
-    poses = rng.uniform([-8, -0.3, -0.3, -0.3, -0.3], [-4, 0.3, 0.3, 0.3, 0.3], (40, 5))
-    images = model.expected(poses)
-    monkeypatch.setattr(
-        lookup_module, "TRIALS", (Weights(1, 1, 1), Weights(1, 1, 16), Weights(1, 1, 0))
-    )
-    chosen = weights_by_trial(table, poses, images)
-
-    def error(weights):
-        lookup = LookUp(table, weights)
-        off = np.array([lookup.pose(image) for image in images]) - poses
-        return np.mean((off / [2, 0.3, 0.3, np.pi / 6, np.pi / 6]) ** 2)
-
-    assert error(chosen) == min(map(error, lookup_module.TRIALS))
-    assert error(chosen) < max(map(error, lookup_module.TRIALS))

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -185,3 +186,14 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
     assert re.search(r"[1-9]\d* poses from [1-9]\d* positions", out)
     assert "followed the leader to the end" in out
     assert_picture(picture)
+
+
+def test_what_only_some_commands_need_is_not_loaded_for_the_others():
+    code = (
+        "import sys; from uuv_optical_array.commands import build_parser; build_parser();"
+        "print(*{'matplotlib', 'rclpy', 'numba', 'dask', 'zarr', 'rosbags'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    )
+    assert done.stdout.split() == []

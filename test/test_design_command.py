@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots.design import apart, draw_designs
+from uuv_optical_array.plots.design import draw_designs
+from uuv_optical_array.plots.style import apart
 from uuv_optical_array.studies.design import study as study_module
 from uuv_optical_array.studies.design.designs import Design, designed
 from uuv_optical_array.studies.design.fronts import (
@@ -26,6 +27,7 @@ from uuv_optical_array.studies.design.fronts import (
     fronts,
     is_papers_array,
     numbered,
+    resolved_counts,
     standing,
 )
 from uuv_optical_array.studies.design.score import Score
@@ -88,6 +90,16 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     other = ScoredDesign(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
     assert is_papers_array(other.design)
     assert other not in numbered(study, [*rows, other])
+
+
+def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
+    row, values = row_of(3, 0.1, 1.0), {"shift_near_deg": 15.0, "yaw_near_deg": 15.0}
+    near = dataclasses.replace(row.score, **values)
+    far = dataclasses.replace(near, shift_deg=15.0, yaw_deg=15.0, shift_sigmas=3.0, yaw_sigmas=2.9)
+    clear = dataclasses.replace(far, yaw_sigmas=3.0)
+    rows = [row, *(ScoredDesign(row.design, score) for score in (near, far, clear))]
+    assert resolved_counts(rows) == (3, 2, 1)
+    assert [row.score.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
 
 
 run = functools.partial(command_line.run, "design")
@@ -220,8 +232,8 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
         (["--side", "1"], "--side: 1 is out of bounds; it must be from 2 to 501"),
         (["--shapes", "curved", "--radius", "0.05"], "--radius: no design is left"),
         (["--poses", "0"], "--poses: 0 is out of bounds"),
-        (["--csv", "deep/d.csv"], "--csv deep/d.csv: no folder deep"),
-        (["--picture", "deep/d.png"], "--picture deep/d.png: no folder deep"),
+        (["--csv", "deep/d.csv", "--poses", "1"], "--csv deep/d.csv: no folder deep"),
+        (["--picture", "deep/d.png", "--poses", "1"], "--picture deep/d.png: no folder deep"),
     ],
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):

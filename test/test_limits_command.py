@@ -1,5 +1,6 @@
 """``uuv_array limits``: what it prints and draws."""
 
+import dataclasses
 import functools
 import re
 
@@ -13,6 +14,7 @@ from test_limits import SHAPES, make_scene, std_m_deg
 from uuv_optical_array.commands.studies import limits as command
 from uuv_optical_array.core import files
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import bound_map as picture
@@ -108,7 +110,9 @@ def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
 
 
 def test_the_volume_is_that_of_the_paper_seen_from_above():
-    scene = load_scene("follow").with_shape("planar")
+    # Detectors of different gain, so that port and starboard differ.
+    effects = load_scene("follow").effects | {"responsivity": {"spread": 0.3, "seed": 1}}
+    scene = dataclasses.replace(make_scene("planar"), effects=check_effects(effects))
     found = bound_map(scene)
     assert (found.behind_m[0], found.behind_m[-1]) == (4, 8)
     assert set(found.std) == set(SHAPES)

@@ -1,4 +1,4 @@
-"""Pareto fronts against their definition; the thinned one stands for all."""
+"""Pareto fronts against their definition."""
 
 import math
 

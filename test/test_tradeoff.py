@@ -164,16 +164,6 @@ def test_rows_hold_the_errors_of_the_estimators_own_study(scene):
         assert row.models == pytest.approx(row.median_ms / row.model_ms)
 
 
-def test_moments_answer_each_frame_by_itself(scene, monkeypatch):
-    monkeypatch.setattr(moments, "SAMPLES", 2)
-    inside = Group("curved", 5, 0, ("moments",)).scene(scene)
-    answer = measurement._moments(inside, np.random.default_rng(0))
-    images = ForwardModel(inside).expected([[-5.0, 0.1, 0.2, 0.1, 0], [-7.0, -0.2, 0, 0, 0.1]])
-    first, _ = answer(images[1])
-    answer(images[0])
-    np.testing.assert_array_equal(answer(images[1])[0], first)
-
-
 def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
     inside = Group("curved", 41, 3, METHODS).scene(scene)
     blocks = []

@@ -32,7 +32,7 @@ NOISE_ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FittedParameter:
     """One fitted number.
 
     Parameters
@@ -88,7 +88,7 @@ class Calibration:
     """
 
     scene: Scene
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FittedParameter, ...]
     start_gains: Array
     gains: Array
     gain_std: Array
@@ -178,7 +178,7 @@ def calibrate(
         sigma, error = fit.noise(sigma)
         scene = _changed(scene, "sensor_noise", sigma_counts=sigma)
         fit = CalibrationFit(likelihood.of(scene), known, on_step)
-    return _gathered(scene, fit, (Parameter(NOISE, "counts", start, sigma, error),))
+    return _gathered(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),))
 
 
 def _changed(scene: Scene, effect: str, **values: Any) -> Scene:
@@ -187,7 +187,7 @@ def _changed(scene: Scene, effect: str, **values: Any) -> Scene:
     return scene_from_settings(settings, scene.name)
 
 
-def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[Parameter, ...]) -> Calibration:
+def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ...]) -> Calibration:
     """Gather what is known."""
     likelihood, values, held = fit.likelihood, fit.state.parameters, fit.held()
     if POWER in fit.unknown:
@@ -211,11 +211,13 @@ def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[Parameter, ...]) ->
     reference, slope = _reference(scene, fit)
     reference_error = reference * float(np.sqrt(slope @ covariance @ slope))
     parameters = [
-        Parameter(name, unit, float(begun[i]), float(shown[i]), float(errors[i]), notes.get(i, ""))
+        FittedParameter(
+            name, unit, float(begun[i]), float(shown[i]), float(errors[i]), notes.get(i, "")
+        )
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
     ]
     parameters.append(
-        Parameter(
+        FittedParameter(
             "lamp.reference_counts",
             "counts",
             scene.lamp.reference_counts,

@@ -9,15 +9,18 @@ import numpy as np
 from tqdm import tqdm
 
 from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
-from uuv_optical_array.calibration.calibrate import NAMES, Calibration, Parameter, calibrate
+from uuv_optical_array.calibration.calibrate import NAMES, Calibration, FittedParameter, calibrate
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
     bar,
     file_to_write,
+    numbers_of,
 )
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
@@ -40,9 +43,17 @@ examples:
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
 BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
-GAP = Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10)
-POSITION = Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10)
-ATTITUDE = Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90)
+NUMBERS = {
+    "max-gap-s": Number(
+        Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), 0.5
+    ),
+    "position-std": Number(
+        Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10), 0.0
+    ),
+    "attitude-std-deg": Number(
+        Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90), 0.0
+    ),
+}
 LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
 
@@ -88,18 +99,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
     )
-    for option, quantity, default in (
-        ("--max-gap-s", GAP, 0.5),
-        ("--position-std", POSITION, 0.0),
-        ("--attitude-std-deg", ATTITUDE, 0.0),
-    ):
-        parser.add_argument(
-            option,
-            type=float,
-            default=default,
-            metavar=quantity.unit.upper(),
-            help=f"{quantity.text} (default: %(default)g)",
-        )
+    add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--hold",
         action="append",
@@ -117,7 +117,7 @@ def _digits(std: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if 0 < std < np.inf else 4
 
 
-def _row(parameter: Parameter) -> str:
+def _row(parameter: FittedParameter) -> str:
     digits = _digits(parameter.std)
     error = "-" if np.isnan(parameter.std) else f"{parameter.std:.{digits}f}"
     line = (
@@ -227,9 +227,7 @@ def run(options: argparse.Namespace) -> int:
     beacon = [
         check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position
     ]
-    gap = check(Annotated[float, GAP], options.max_gap_s, "--max-gap-s")
-    position = check(Annotated[float, POSITION], options.position_std, "--position-std")
-    attitude = check(Annotated[float, ATTITUDE], options.attitude_std_deg, "--attitude-std-deg")
+    gap, position, attitude = numbers_of(options, NUMBERS)
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)

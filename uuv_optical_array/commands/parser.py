@@ -1,17 +1,20 @@
 """What the parsers of the commands have in common."""
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias, TypeVar, get_args
+from typing import Annotated, Any, TypeAlias, TypeVar, get_args
 
 from tqdm import tqdm
 
 from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 INTERRUPTED = 130  # exit code after Ctrl-C
+SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 T = TypeVar("T")
 
@@ -34,6 +37,47 @@ def add_command(
     )
     parser.set_defaults(run=run)
     return parser
+
+
+@dataclass(frozen=True)
+class Number:
+    """An option that takes a number.
+
+    Parameters
+    ----------
+    quantity
+        Its meaning, unit and bounds.
+    default
+        A whole number where only such are taken.
+    """
+
+    quantity: Quantity
+    default: float
+
+
+def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
+    """Add options that take numbers, by their names, to a parser or a group of one."""
+    for name, number in numbers.items():
+        whole = isinstance(number.default, int)
+        parser.add_argument(
+            f"--{name}",
+            type=int if whole else float,
+            default=number.default,
+            metavar=number.quantity.unit.upper() or "N",
+            help=f"{number.quantity.text} (default: {number.default:{'d' if whole else 'g'}})",
+        )
+
+
+def numbers_of(options: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
+    """Return the values of such options in order; ValueError for one that is out of bounds."""
+    return [
+        check(
+            Annotated[type(number.default), number.quantity],
+            getattr(options, name.replace("-", "_")),
+            f"--{name}",
+        )
+        for name, number in numbers.items()
+    ]
 
 
 def add_scene(parser: argparse.ArgumentParser, default: str) -> None:

@@ -2,17 +2,20 @@
 
 import argparse
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
 from uuv_optical_array.commands.parser import (
+    SEED,
+    Number,
     Subparsers,
     add_command,
+    add_numbers,
     add_scene,
     file_to_write,
+    numbers_of,
 )
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.shared.working_volume import RANGES_M
@@ -28,8 +31,12 @@ examples:
   uuv_array render --scene harbour --output harbour.png
   uuv_array render --scene sea.yaml --seed 2     your own scene, another draw of its noise"""
 
-TIME_S = Quantity("moment of the images", "s", 0, 1e10)
-SEED = Quantity("seed of the noise", "", 0, 2**31 - 1)
+NUMBERS = {
+    "seed": Number(SEED, 0),
+    "time-s": Number(
+        Quantity("moment of the images, for a flicker, a drift or a plume", "s", 0, 1e10), 0.0
+    ),
+}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -43,16 +50,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "follow")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the noise (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--time-s",
-        type=float,
-        default=0.0,
-        metavar="S",
-        help="moment, for a flicker, a drift or a plume (default: %(default)g)",
-    )
+    add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--output", type=Path, default=Path("render.png"), help="picture (default: render.png)"
     )
@@ -60,8 +58,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
-    seed = check(Annotated[int, SEED], options.seed, "--seed")
-    time_s = check(Annotated[float, TIME_S], options.time_s, "--time-s")
+    seed, time_s = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     output = file_to_write(options.output, "--output")
     from uuv_optical_array.plots.scene import draw_scene, sheet_poses

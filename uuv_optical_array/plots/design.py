@@ -12,10 +12,11 @@ from matplotlib.ticker import NullLocator
 
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots.style import (
-    NUMBER_BOX,
     SHAPE_COLOURS,
     SPECIFIED,
+    apart,
     mark,
+    number_label,
     plain_log_ticks,
     save,
 )
@@ -121,33 +122,9 @@ def _all_designs(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign], n
         )
         heights = [(np.log(getattr(row.score, name)) - low) / (high - low) for row in of_side]
         for row, height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
-            axes.annotate(
-                str(named.index(row) + 1),
-                (place(row), getattr(row.score, name)),
-                xytext=((i + 0.5 + LANE) / len(sides), height),
-                textcoords="axes fraction",
-                ha="right",
-                va="center",
-                fontsize=9,
-                fontweight="bold",
-                zorder=5,
-                bbox={"boxstyle": "round,pad=0.15", **NUMBER_BOX},
-                arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
-            )
-
-
-def apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Move sorted heights apart by at least `gap`, with the least sum of squared moves."""
-    # Pool adjacent violators: a group that touches is moved as one, about its mean.
-    groups: list[tuple[float, int]] = []
-    for i, height in enumerate(heights):
-        mean, count = height - i * gap, 1
-        while groups and groups[-1][0] >= mean:
-            before, many = groups.pop()
-            mean, count = (before * many + mean * count) / (many + count), many + count
-        groups.append((mean, count))
-    level = [mean for mean, count in groups for _ in range(count)]
-    return [mean + i * gap for i, mean in enumerate(level)]
+            point = place(row), getattr(row.score, name)
+            at = (i + 0.5 + LANE) / len(sides), height
+            number_label(axes, named.index(row) + 1, point, at, ha="right")
 
 
 def _nearest(values: set[Any], wanted: float) -> Any:
@@ -270,7 +247,7 @@ def _legend(axes: Axes, width_m: float) -> None:
     axes.set_axis_off()
     handles = [
         *(
-            mark(f"{shape}; of a number of detectors wider to the right", color=colour)
+            mark(f"{shape}; wider arrays to the right", color=colour)
             for shape, colour in SHAPE_COLOURS.items()
         ),
         mark("0.2 m and 10 deg below 15 deg of spectral angle at 4 m", mfc="w"),

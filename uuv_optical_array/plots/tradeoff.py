@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.style import NUMBER_BOX, SPECIFIED, mark, plain_log_ticks, save
+from uuv_optical_array.plots.style import (
+    SPECIFIED,
+    apart,
+    mark,
+    number_label,
+    plain_log_ticks,
+    save,
+)
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
@@ -46,12 +53,9 @@ def _floors(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     }
     low, high = np.log(axes.get_ylim())
     items = sorted(bounds.items(), key=lambda item: item[1])
-    places: list[float] = []
-    for _, bound in items:
-        place = float((np.log(bound) - low) / (high - low))
-        places.append(max(place, places[-1] + FLOOR_GAP) if places else place)
-    for ((shape, side), bound), place in zip(items, places, strict=True):
-        at = float((np.log(bound) - low) / (high - low))
+    heights = [float((np.log(bound) - low) / (high - low)) for _, bound in items]
+    places = apart(heights, FLOOR_GAP)
+    for ((shape, side), _), at, place in zip(items, heights, places, strict=True):
         axes.plot(
             [0.965, 1.0, 1.03],
             [at, at, place],
@@ -164,19 +168,8 @@ def _front(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     for number, row in members:
         at = float((np.log(getattr(row, column)) - low) / (high - low))
         below = min(at - 0.3 * LABEL_GAP, below - LABEL_GAP)
-        axes.annotate(
-            str(number),
-            (row.median_ms, getattr(row, column)),
-            xytext=(_fraction(axes, row.median_ms) - 0.055, below),
-            textcoords="axes fraction",
-            ha="center",
-            va="center",
-            fontsize=9,
-            fontweight="bold",
-            zorder=5,
-            bbox={"boxstyle": "round,pad=0.2", **NUMBER_BOX},
-            arrowprops={"arrowstyle": "-", "lw": 0.7, "shrinkA": 0, "shrinkB": 0},
-        )
+        point = row.median_ms, getattr(row, column)
+        number_label(axes, number, point, (_fraction(axes, row.median_ms) - 0.055, below))
 
 
 def _fraction(axes: Axes, x: float) -> float:

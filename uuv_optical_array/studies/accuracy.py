@@ -18,8 +18,8 @@ from uuv_optical_array.estimation.table.signature_table import (
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, Scene
-from uuv_optical_array.studies.shared.errors import FrameErrors, answer_of, frame_errors
-from uuv_optical_array.studies.shared.results import by_column
+from uuv_optical_array.studies.shared.frame_errors import FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 BAND = 0.95

@@ -2,21 +2,25 @@
 
 import argparse
 import json
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    SEED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
     add_shape,
     bar,
+    numbers_of,
 )
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.forward.effects import MOVING
@@ -46,11 +50,11 @@ examples:
 Ctrl-C ends the study early and reports the frames it has."""
 
 NUMBERS = {
-    "poses": Quantity("how many random poses", "", 1, 1e7),
-    "seed": Quantity("seed of poses and noise", "", 0, 2**32 - 1),
-    "candidates": Quantity("table entries from which least_squares starts", "", 1, 1000),
+    "poses": Number(Quantity("how many random poses; 4000 with --nuisances", "", 1, 1e7), 20_000),
+    "seed": Number(SEED, 1),
+    "candidates": Number(Quantity("table entries from which least_squares starts", "", 1, 1000), 4),
 }
-POSES, NUISANCE_POSES = 20_000, 4_000
+NUISANCE_POSES = 4_000
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -68,16 +72,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
     )
-    defaults = {"poses": f"{POSES}, with --nuisances {NUISANCE_POSES}", "seed": 1, "candidates": 4}
-    for name, quantity in NUMBERS.items():
-        default = defaults[name]
-        parser.add_argument(
-            f"--{name}",
-            type=int,
-            default=default if isinstance(default, int) else None,
-            metavar="N",
-            help=f"{quantity.text} (default: {default})",
-        )
+    add_numbers(parser, NUMBERS)
+    parser.set_defaults(poses=None)
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
     )
@@ -161,9 +157,8 @@ def check_truth(options: argparse.Namespace, scene: Scene) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the study and print it."""
     if options.poses is None:
-        options.poses = NUISANCE_POSES if options.nuisances else POSES
-    for name, quantity in NUMBERS.items():
-        check(Annotated[int, quantity], getattr(options, name), f"--{name}")
+        options.poses = NUISANCE_POSES if options.nuisances else NUMBERS["poses"].default
+    count, seed, candidates = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
     check_truth(options, scene)
@@ -171,25 +166,23 @@ def run(options: argparse.Namespace) -> int:
         "scene": scene.name,
         "shape": scene.array.shape,
         "method": options.method,
-        "seed": options.seed,
+        "seed": seed,
         "drawn": options.drawn,
         "moving": options.moving,
     }
     try:
         if options.nuisances:
-            cases = compare_nuisances(scene, options.poses, options.seed, options.candidates, bar)
+            cases = compare_nuisances(scene, count, seed, candidates, bar)
             rows = [
                 {"off": off, "nuisances": nuisances, **as_object(found)}
                 for off, nuisances, found in cases
             ]
-            answer, text = {"poses": options.poses, "nuisances": rows}, comparison(rows)
+            answer, text = {"poses": count, "nuisances": rows}, comparison(rows)
         else:
-            estimator = Estimator(
-                cached_table(scene), options.method, candidates=options.candidates
-            )
-            rng, model = np.random.default_rng(options.seed), ForwardModel(scene)
-            poses = lit_poses(model, options.poses, rng)
-            images = exposed(model, poses, options.seed, options.drawn, options.moving, rng)
+            estimator = Estimator(cached_table(scene), options.method, candidates=candidates)
+            rng, model = np.random.default_rng(seed), ForwardModel(scene)
+            poses = lit_poses(model, count, rng)
+            images = exposed(model, poses, seed, options.drawn, options.moving, rng)
             answer = as_object(measure(estimator, poses, images, bar))
             text = report(answer)
     except KeyboardInterrupt:
@@ -198,7 +191,7 @@ def run(options: argparse.Namespace) -> int:
     about = (
         f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{answer['poses']} random poses, "
-        f"seed {options.seed}"
+        f"seed {seed}"
     )
     about += ", nuisances drawn" if options.drawn else ""
     about += ", at random moments" if options.moving else ""

@@ -5,20 +5,24 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
+    numbers_of,
 )
 from uuv_optical_array.commands.studies.tradeoff import measure_rest
 from uuv_optical_array.core import files
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.geometry import YAW, X
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.studies.shared.results import for_json, read
+from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 from uuv_optical_array.studies.tradeoff.advice import (
     Advice,
     Need,
@@ -46,12 +50,17 @@ examples:
   uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
 Ctrl-C while it measures keeps what there is; the next call goes on."""
 
+# The fields of `Need`.
 NEEDS = {
-    "rate": ("rate_hz", Quantity("frames a second", "Hz", 0.001, 1e6)),
-    "position": ("position_m", Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3)),
-    "angle": ("angle_deg", Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360)),
+    "rate": Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
+    "position": Number(
+        Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), float(SPECIFICATION[X])
+    ),
+    "angle": Number(
+        Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
+        float(SPECIFICATION[YAW]),
+    ),
 }
-DEFAULTS = {"rate": 10.0, "position": 0.2, "angle": 10.0}
 SEED = 1
 UNITS = {
     "position_m": ("position", "m"),
@@ -72,14 +81,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "reference")
-    for name, (_, quantity) in NEEDS.items():
-        parser.add_argument(
-            f"--{name}",
-            type=float,
-            default=DEFAULTS[name],
-            metavar=quantity.unit.upper(),
-            help=f"{quantity.text}, {quantity.unit} (default: %(default)g)",
-        )
+    add_numbers(parser, NEEDS)
     add_json(parser)
     parser.add_argument(
         "--output",
@@ -124,12 +126,7 @@ def report(scene: Scene, need: Need, found: Advice) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Find measurements or make them, and choose."""
-    need = Need(
-        **{
-            field: check(Annotated[float, quantity], getattr(options, name), f"--{name}")
-            for name, (field, quantity) in NEEDS.items()
-        }
-    )
+    need = Need(*numbers_of(options, NEEDS))
     scene = load_scene(options.scene)
     folder = files.user_path(options.output or f"{scene.name}.tradeoff")
     origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)

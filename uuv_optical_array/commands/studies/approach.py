@@ -3,20 +3,24 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Any, get_args
 
 from tqdm import tqdm
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    SEED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
     file_to_write,
+    numbers_of,
 )
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.studies.eren2017.approach import CASES, FRAMES, Choices, Noise
 from uuv_optical_array.studies.eren2017.monte_carlo import (
@@ -43,10 +47,9 @@ examples:
 Ctrl-C ends it early and reports the runs it has."""
 
 NUMBERS = {
-    "runs": Quantity("runs of each case", "", 1, 1e6),
-    "seed": Quantity("seed of offsets and noise", "", 0, 2**32 - 1),
+    "runs": Number(Quantity("runs of each case", "", 1, 1e6), 100),
+    "seed": Number(SEED, 1),
 }
-RUNS = 100
 OFFSETS = {"whole": 1.0, "half": 0.5}
 
 
@@ -61,14 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "eren2017_tank")
-    for name, default in (("runs", RUNS), ("seed", 1)):
-        parser.add_argument(
-            f"--{name}",
-            type=int,
-            default=default,
-            metavar="N",
-            help=f"{NUMBERS[name].text} (default: %(default)s)",
-        )
+    add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--noise",
         choices=get_args(Noise),
@@ -125,18 +121,18 @@ def report(name: str, told: dict[str, Any]) -> str:
     return "\n".join(parts)
 
 
-def compare(options: argparse.Namespace, scene: Scene) -> list[dict[str, Any]]:
+def compare(scene: Scene, runs: int, seed: int) -> list[dict[str, Any]]:
     """Run every choice in every case; an interrupt ends it with the rows it has."""
     rows: list[dict[str, Any]] = []
     plans = alternatives(scene)
-    with tqdm(total=options.runs * len(plans) * len(CASES), unit="run") as bar:
+    with tqdm(total=runs * len(plans) * len(CASES), unit="run") as bar:
         for choice, (tank, choices) in plans.items():
-            found = dict(all_cases(tank, choices, options.runs, options.seed, bar.update))
+            found = dict(all_cases(tank, choices, runs, seed, bar.update))
             rows += [
                 {"choice": choice, "case": name, **as_object(CASES[name], errors)}
                 for name, errors in found.items()
             ]
-            if len(found) < len(CASES) or rows[-1]["runs"] < options.runs:
+            if len(found) < len(CASES) or rows[-1]["runs"] < runs:
                 break
     return rows
 
@@ -160,26 +156,25 @@ def comparison(rows: list[dict[str, Any]]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    for name, quantity in NUMBERS.items():
-        check(Annotated[int, quantity], getattr(options, name), f"--{name}")
+    runs, seed = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     output = file_to_write(options.output, "--output")
-    told: dict[str, Any] = {"scene": scene.name, "seed": options.seed, "asked_runs": options.runs}
+    told: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
     if options.choices:
-        rows = compare(options, scene)
+        rows = compare(scene, runs, seed)
         if not rows:
             print("interrupted: nothing measured")
             return INTERRUPTED
         print(json.dumps({**told, "rows": rows}) if options.json else comparison(rows))
         return 0
     choices = Choices(options.noise, OFFSETS[options.offsets])
-    with tqdm(total=options.runs * len(CASES), unit="run") as bar:
-        found = dict(all_cases(scene, choices, options.runs, options.seed, bar.update))
+    with tqdm(total=runs * len(CASES), unit="run") as bar:
+        found = dict(all_cases(scene, choices, runs, seed, bar.update))
     if not found:
         print("interrupted: nothing measured")
         return INTERRUPTED
     cases = {name: as_object(CASES[name], errors) for name, errors in found.items()}
-    about = f"noise {options.noise}, offsets {options.offsets}, seed {options.seed}"
+    about = f"noise {options.noise}, offsets {options.offsets}, seed {seed}"
     from uuv_optical_array.plots.eren2017 import draw_approach
 
     draw_approach(found, about, output)

@@ -9,20 +9,29 @@ from typing import Annotated, get_args
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    SEED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
     bar,
     file_to_write,
+    numbers_of,
 )
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
 from uuv_optical_array.studies.design.designs import Mount, Power, Sweep, default_sweep
-from uuv_optical_array.studies.design.fronts import numbered, standing
+from uuv_optical_array.studies.design.fronts import (
+    CLEAR_SIGMAS,
+    as_object,
+    numbered,
+    resolved_counts,
+    standing,
+)
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
-from uuv_optical_array.studies.design.summary import CLEAR_SIGMAS, as_object, resolved_counts
 from uuv_optical_array.studies.shared.results import Results
 
 DESCRIPTION = """\
@@ -42,8 +51,10 @@ fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of th
 criterion at 4 m, `any` of all. A design is left out for one that has no more detectors and bounds
 no more than 10 % larger. Ctrl-C ends it early and draws what there is."""
 
-POSES = Quantity("poses at which the bound is taken", "", 1, 10_000_000)
-SEED = Quantity("seed of poses and noise", "", 0, 2**32 - 1)
+NUMBERS = {
+    "poses": Number(Quantity("poses at which the bound is taken", "", 1, 10_000_000), 1000),
+    "seed": Number(SEED, 1),
+}
 HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
 # Option and field of `Sweep`.
 LISTS: dict[str, tuple[str, type, str]] = {
@@ -92,14 +103,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help="what stays in its place: the foremost point, or the array's frame, which is the "
         "centre of a sphere as in the paper (default: %(default)s)",
     )
-    for option, quantity, default in (("poses", POSES, 1000), ("seed", SEED, 1)):
-        about.add_argument(
-            f"--{option}",
-            type=int,
-            default=default,
-            metavar="N",
-            help=f"{quantity.text} (default: %(default)s)",
-        )
+    add_numbers(about, NUMBERS)
     written = parser.add_argument_group("what is written")
     written.add_argument(
         "--csv",
@@ -170,12 +174,10 @@ def summary(rows: Sequence[ScoredDesign]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
-    check(Annotated[int, POSES], options.poses, "--poses")
-    check(Annotated[int, SEED], options.seed, "--seed")
+    poses, seed = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    study = DesignStudy(
-        scene, sweep_of(options, scene), options.power, options.mount, options.poses, options.seed
-    )
+    sweep = sweep_of(options, scene)
+    study = DesignStudy(scene, sweep, options.power, options.mount, poses, seed)
     csv = file_to_write(options.csv or f"{scene.name}.design.csv", "--csv")
     picture = file_to_write(options.picture or csv.with_suffix(".png"), "--picture")
     results = Results(csv, ScoredDesign, study.origin)

@@ -2,19 +2,21 @@
 
 import argparse
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
 from uuv_optical_array.commands.parser import (
+    Number,
     Subparsers,
     add_command,
+    add_numbers,
     add_scene,
     add_shape,
     file_to_write,
+    numbers_of,
 )
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -39,11 +41,11 @@ than another: the planar array can hardly tell being aside from being turned. An
 exceeds 180 deg is not known at all. Averaging n independent images divides a bound by sqrt(n)."""
 
 POSE = {
-    "x": Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000),
-    "y": Quantity("to port", "m", -1000, 1000),
-    "z": Quantity("up", "m", -1000, 1000),
-    "pitch-deg": Quantity("bow down", "deg", -90, 90),
-    "yaw-deg": Quantity("bow to port", "deg", -180, 180),
+    "x": Number(Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000), -6.0),
+    "y": Number(Quantity("to port", "m", -1000, 1000), 0.0),
+    "z": Number(Quantity("up", "m", -1000, 1000), 0.0),
+    "pitch-deg": Number(Quantity("bow down", "deg", -90, 90), 0.0),
+    "yaw-deg": Number(Quantity("bow to port", "deg", -180, 180), 0.0),
 }
 
 
@@ -58,14 +60,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "follow")
-    for name, quantity in POSE.items():
-        parser.add_argument(
-            f"--{name}",
-            type=float,
-            default=-6.0 if name == "x" else 0.0,
-            metavar=quantity.unit.upper(),
-            help=f"{quantity.text}, {quantity.unit} (default: %(default)g)",
-        )
+    add_numbers(parser, POSE)
     add_shape(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
@@ -106,12 +101,7 @@ def report(model: ForwardModel, pose: Array) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
-    pose = np.array(
-        [
-            check(Annotated[float, quantity], getattr(options, name.replace("-", "_")), f"--{name}")
-            for name, quantity in POSE.items()
-        ]
-    )
+    pose = np.array(numbers_of(options, POSE))
     scene = load_scene(options.scene)
     output = file_to_write(options.output, "--output")
     model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))

@@ -4,18 +4,20 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import Annotated
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    SEED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
     bar,
     file_to_write,
+    numbers_of,
 )
-from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -36,7 +38,7 @@ examples:
   uuv_array paper --scene sea.yaml             your own lamp, water and sphere
 Ctrl-C ends it early and reports what there is. docs/paper.md explains every figure."""
 
-SEED = Quantity("seed of the noise, where a choice has some", "", 0, 2**32 - 1)
+NUMBERS = {"seed": Number(SEED, 1)}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -50,9 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     add_scene(parser, "eren2016")
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help=f"{SEED.text} (default: %(default)s)"
-    )
+    add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--output", type=Path, default=Path("paper.png"), help="picture (default: paper.png)"
     )
@@ -111,12 +111,12 @@ def report(found: Reproduction) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Compute, print and draw."""
-    check(Annotated[int, SEED], options.seed, "--seed")
+    (seed,) = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     output = file_to_write(options.output, "--output")
     found = Reproduction()
     try:
-        found.compute(scene, options.seed, bar)
+        found.compute(scene, seed, bar)
     except KeyboardInterrupt:
         if not found.points:
             print("interrupted: nothing computed")
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
         picture = str(output)
         draw_paper(found.curves, scene.name, output)
     if options.json:
-        told = {"scene": scene.name, "seed": options.seed, "picture": picture}
+        told = {"scene": scene.name, "seed": seed, "picture": picture}
         print(json.dumps({**told, **as_object(found)}))
     else:
         print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(found)}\n")

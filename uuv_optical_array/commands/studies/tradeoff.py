@@ -6,19 +6,22 @@ import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Any, get_args
 
 from tqdm import tqdm
 
 from uuv_optical_array.commands.parser import (
     INTERRUPTED,
+    SEED,
+    Number,
     Subparsers,
     add_command,
     add_json,
+    add_numbers,
     add_scene,
+    numbers_of,
 )
 from uuv_optical_array.core import files
-from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
@@ -52,7 +55,7 @@ examples:
   uuv_array tradeoff --scene sea.yaml        your own scene, into sea.tradeoff/
 Ctrl-C ends it early and draws what there is."""
 
-SEED = Quantity("seed of poses and noise", "", 0, 2**32 - 1)
+NUMBERS = {"seed": Number(SEED, 1)}
 PICTURE, TABLES_PICTURE = "tradeoff.png", "table_cost.png"
 
 
@@ -70,9 +73,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help=f"{SEED.text} (default: %(default)s)"
-    )
+    add_numbers(parser, NUMBERS)
     add_json(parser)
     parser.add_argument(
         "--output",
@@ -142,11 +143,11 @@ def report(rows: Sequence[Measurement]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Measure what is left, and draw and print what there is."""
-    check(Annotated[int, SEED], options.seed, "--seed")
+    (seed,) = numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     mode: Mode = get_args(Mode)[options.full]
     folder = files.user_path(options.output or f"{scene.name}.tradeoff")
-    measured = TradeoffRun(scene, mode, options.seed, folder)
+    measured = TradeoffRun(scene, mode, seed, folder)
     complete = True
     try:
         measure_rest(measured)

@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.pose_errors import position_and_angle
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     WANTED,

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.docking.motion import DockingSettings
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import cached_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
@@ -29,13 +30,13 @@ from uuv_optical_array.studies.eren2017.approach import (
     draw_offsets,
     expose,
 )
+from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.published.moments import (
-    MomentsMethod,
+    MomentCalibration,
     calibrate,
     dead_reckoned,
     measure,
 )
-from uuv_optical_array.studies.shared.results import by_column
 
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.
@@ -124,7 +125,7 @@ def simulate(
     """
     sea = believed(scene, case, choices)
     model = ForwardModel(sea)
-    moments = MomentsMethod(calibrate(model, rng))
+    moments = calibrate(model, rng)
     estimator = Estimator(cached_table(sea), "least_squares")
     batches: dict[str, list[Array]] = {method: [] for method in METHODS}
     try:
@@ -150,9 +151,8 @@ def simulate(
     )
 
 
-def by_moments(method: MomentsMethod, images: Array) -> Array:
+def by_moments(calibration: MomentCalibration, images: Array) -> Array:
     """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
-    calibration = method.calibration
     return dead_reckoned(calibration.poses(measure(images, calibration.spacing_m)))
 
 

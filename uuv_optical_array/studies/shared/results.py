@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from uuv_optical_array.core import files
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 
 T = TypeVar("T")
 
@@ -165,9 +164,3 @@ def for_json(values: Mapping[str, Any]) -> dict[str, Any]:
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in values.items()
     }
-
-
-def by_column(values: Iterable[float]) -> dict[str, float | None]:
-    """Name values of the five degrees of freedom in m and deg, None where not finite."""
-    names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
-    return for_json(dict(zip(names, map(float, values), strict=True)))

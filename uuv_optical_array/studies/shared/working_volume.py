@@ -4,10 +4,9 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings
-from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.pose_errors import position_and_angle
 
 RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)  # behind the lamp
 # Largest errors in x, y, z, m, and in pitch and yaw, deg.
@@ -18,6 +17,7 @@ LOW = np.array([-8.0, *-HIGH[1:]])
 # Variance of a pose that is uniform in the volume.
 VARIANCE = (HIGH - LOW) ** 2 / 12
 MIN_PEAK_COUNTS = 20.0
+BLOCK_POSES = 4096  # drawn at a time
 
 
 def uniform_poses(count: int, rng: np.random.Generator) -> Array:

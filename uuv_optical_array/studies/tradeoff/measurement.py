@@ -7,19 +7,16 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
+from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable, build_table
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.errors import (
-    Answer,
-    answer_of,
-    frame_errors,
-    position_and_angle,
-)
+from uuv_optical_array.studies.shared.frame_errors import Answer, answer_of, frame_errors
+from uuv_optical_array.studies.shared.pose_errors import position_and_angle
 from uuv_optical_array.studies.shared.published import lookup, moments
 from uuv_optical_array.studies.shared.working_volume import known_volume_std, lit_poses
 from uuv_optical_array.studies.tradeoff.plan import LOOK_UP, MOMENTS, SHAPES, STEPS, Group
@@ -47,22 +44,15 @@ def _published(pose: Callable[[Array], Array]) -> Answer:
 
 
 def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
-    """Return the moments' answer to single images: random poses are no path to reckon along."""
     try:
-        method = moments.MomentsMethod(moments.calibrate(ForwardModel(scene), rng))
+        return _published(moments.calibrate(ForwardModel(scene), rng).pose)
     except (np.linalg.LinAlgError, ValueError) as error:
         reason = f"no calibration: {error}"
 
-        def nothing(image: Array) -> Array:
-            raise NoPose(reason)
+    def nothing(image: Array) -> Array:
+        raise NoPose(reason)
 
-        return _published(nothing)
-
-    def pose(image: Array) -> Array:
-        method.reset()
-        return method.pose(image)
-
-    return _published(pose)
+    return _published(nothing)
 
 
 def measure(

@@ -92,8 +92,8 @@ class Measurement(Flat):
     median_ms, p99_ms
         From image to pose.
     model_ms
-        One forward model with Jacobian of `errors.MODEL_POSES` poses, of the scene's own array,
-        timed between the frames, median.
+        One forward model with Jacobian of `frame_errors.MODEL_POSES` poses, of the scene's own
+        array, timed between the frames, median.
     models
         `median_ms` over `model_ms`: a time that hardly depends on how busy the machine is.
     build_s

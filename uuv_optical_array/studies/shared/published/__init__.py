@@ -1,5 +1,4 @@
 """The published estimators, rebuilt from their descriptions, to stand beside ours.
 
-Each has ``pose(image)``, which returns ``(x, y, z, pitch, yaw)`` or raises `NoPose`, and
-``reset()``, which forgets the frames before.
+Each has ``pose(image)``, which returns ``(x, y, z, pitch, yaw)`` or raises `NoPose`.
 """

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
@@ -31,20 +31,14 @@ GRID = TableSettings(
     pitch_deg=Span(-30.0, 30.0, 21),
     yaw_deg=Span(-30.0, 30.0, 21),
 )
-# Errors are compared by the half extents of the grid, m and rad.
-HALF_EXTENTS = np.array([2.0, 0.3, 0.3, *np.radians([30.0, 30.0])])
 
 
 class Weights(NamedTuple):
-    """Of the three terms of the cost; only their ratios matter."""
+    """Of the three terms of the cost; only their ratios matter. The author found them by trial."""
 
     skewness_horizontal: float = 1.0
     skewness_vertical: float = 1.0
     spectral_angle: float = 16.0
-
-
-# What trial tries for c3, with c1 = c2 = 1: the array is square.
-TRIALS = tuple(Weights(spectral_angle=2.0**power) for power in range(-1, 8))
 
 
 def lookup_scene(scene: Scene) -> Scene:
@@ -103,9 +97,6 @@ class LookUp:
         angles = np.arctan2(np.linalg.norm(units[..., 1:], axis=-1), units[..., 0])
         return np.stack([parameters[..., 3], parameters[..., 4], angles], axis=-1)
 
-    def reset(self) -> None:
-        """Do nothing: every frame stands by itself."""
-
     def pose(self, image: ArrayLike) -> Array:
         """Look up the pose of an image.
 
@@ -138,35 +129,3 @@ class LookUp:
             raise NoPose(f"no match: no pose of the table peaks in row {row}, column {column}")
         apart = np.abs(self._features[found] - self._compared(parameters))
         return np.array(self._poses[found][np.argmin(apart @ np.array(self.weights))])
-
-
-def weights_by_trial(table: SignatureTable, poses: Array, images: Array) -> Weights:
-    """Choose the weights that serve known poses best.
-
-    Parameters
-    ----------
-    table
-        As in `LookUp`.
-    poses
-        m and rad, shape ``(n, 5)``.
-    images
-        Of these poses, counts, shape ``(n, side, side)``; each with a candidate in the table.
-
-    Returns
-    -------
-    Weights
-        Of `TRIALS`, that of the least mean squared error in half extents of the grid.
-
-    Raises
-    ------
-    NoPose
-        As `LookUp.pose`.
-    """
-    lookup = LookUp(table)
-
-    def error(weights: Weights) -> float:
-        lookup.weights = weights
-        found = np.stack([lookup.pose(image) for image in images])
-        return float(np.mean(((found - poses) / HALF_EXTENTS) ** 2))
-
-    return min(TRIALS, key=error)

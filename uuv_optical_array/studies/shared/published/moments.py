@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z
-from uuv_optical_array.estimation.estimator import NoPose
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -25,7 +25,6 @@ ACROSS_M = np.linspace(-0.6, 0.6, 5)
 DOWN_M = np.linspace(-0.8, 0.0, 5)
 TURNS_RAD = np.radians(np.arange(-15.0, 16.0))
 SAMPLES = 200
-BLOCK = 4096
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,8 @@ def measure(images: ArrayLike, spacing_m: float) -> Moments:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """The coefficients, each pair for ``a + b value``; range is that of ``log(peak)``, m.
+class MomentCalibration:
+    """The method, calibrated: each pair of coefficients is for ``a + b value``.
 
     Parameters
     ----------
@@ -136,7 +135,7 @@ class Calibration:
     z: tuple[float, float]
 
     def poses(self, moments: Moments) -> Array:
-        """Return what single images say, m and rad, shape ``(..., 5)``; nan without an answer."""
+        """Return the poses of single images, m and rad, shape ``(..., 5)``; nan without one."""
         poses = np.empty((*moments.peak.shape, 5))
         with np.errstate(divide="ignore", invalid="ignore"):
             poses[..., X] = -_line(self.log_range, np.log(moments.peak))
@@ -145,6 +144,37 @@ class Calibration:
         poses[..., PITCH] = _line(self.pitch, moments.pitch_ratio)
         poses[..., YAW] = _line(self.yaw, moments.yaw_ratio)
         return poses
+
+    def pose(self, image: ArrayLike) -> Array:
+        """Estimate the pose of a single image.
+
+        Parameters
+        ----------
+        image
+            Readings in counts, finite and >= 0, shape ``(side, side)``.
+
+        Returns
+        -------
+        Array
+            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+
+        Raises
+        ------
+        NoPose
+            For an image without light or without a pattern.
+        """
+        image = np.asarray(image, dtype=float)
+        if image.ndim != 2 or not np.isfinite(image).all():
+            raise NoPose("no image: the moments need a square of finite readings")
+        if image.max() <= 0:
+            raise NoPose(f"no light: the peak is {image.max():g} counts")
+        pose = self.poses(measure(image, self.spacing_m))
+        if not np.isfinite(pose).all():
+            raise NoPose("no pattern: M33 is 0, so it has no angles; is one detector alone lit?")
+        if np.abs(pose[PITCH:]).max() >= np.pi / 2:
+            pitch, yaw = np.degrees(pose[PITCH:])
+            raise NoPose(f"no heading: the moments say pitch {pitch:.0f} and yaw {yaw:.0f} deg")
+        return pose
 
 
 def _line(coefficients: tuple[float, float], values: Array) -> Array:
@@ -164,7 +194,7 @@ def _mean_images(model: ForwardModel, poses: Array, rng: np.random.Generator) ->
     return images / SAMPLES
 
 
-def calibrate(model: ForwardModel, rng: np.random.Generator) -> Calibration:
+def calibrate(model: ForwardModel, rng: np.random.Generator) -> MomentCalibration:
     """Calibrate the method in a scene, at the paper's poses.
 
     Range and position are fitted over 125 positions of an array that looks ahead; pitch and yaw
@@ -180,7 +210,7 @@ def calibrate(model: ForwardModel, rng: np.random.Generator) -> Calibration:
 
     Returns
     -------
-    Calibration
+    MomentCalibration
         Least-squares fits.
     """
     grid = np.stack(np.meshgrid(-RANGES_M, ACROSS_M, DOWN_M, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -193,7 +223,7 @@ def calibrate(model: ForwardModel, rng: np.random.Generator) -> Calibration:
         turns = np.zeros((ranges.size, 5))
         turns[:, X], turns[:, dof] = -ranges.ravel(), angles.ravel()
         turned[dof] = measure(_mean_images(model, turns, rng), spacing_m)
-    return Calibration(
+    return MomentCalibration(
         spacing_m,
         _fit(np.log(at_places.peak), -places[:, X]),
         _fit(turned[PITCH].pitch_ratio, angles.ravel()),
@@ -227,54 +257,3 @@ def dead_reckoned(poses: Array) -> Array:
         moved = np.cumsum(advance * share[..., 1:], axis=-1)
         carried[..., 1:, dof] = poses[..., :1, dof] + moved
     return carried
-
-
-class MomentsMethod:
-    """Estimate poses frame after frame by image moments.
-
-    Parameters
-    ----------
-    calibration
-        What `calibrate` found.
-    """
-
-    def __init__(self, calibration: Calibration) -> None:
-        self.calibration = calibration
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the frames so far: the next one measures y and z."""
-        self._last: Array | None = None
-
-    def pose(self, image: ArrayLike) -> Array:
-        """Estimate the pose of the next frame.
-
-        Parameters
-        ----------
-        image
-            Readings in counts, finite and >= 0, shape ``(side, side)``.
-
-        Returns
-        -------
-        Array
-            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-
-        Raises
-        ------
-        NoPose
-            For an image without light or without a pattern, which changes nothing.
-        """
-        image = np.asarray(image, dtype=float)
-        if image.ndim != 2 or not np.isfinite(image).all():
-            raise NoPose("no image: the moments need a square of finite readings")
-        if image.max() <= 0:
-            raise NoPose(f"no light: the peak is {image.max():g} counts")
-        alone = self.calibration.poses(measure(image, self.calibration.spacing_m))
-        if not np.isfinite(alone).all():
-            raise NoPose("no pattern: M33 is 0, so it has no angles; is one detector alone lit?")
-        if np.abs(alone[PITCH:]).max() >= np.pi / 2:
-            pitch, yaw = np.degrees(alone[PITCH:])
-            raise NoPose(f"no heading: the moments say pitch {pitch:.0f} and yaw {yaw:.0f} deg")
-        frames = alone[None] if self._last is None else np.stack([self._last, alone])
-        self._last = dead_reckoned(frames)[-1]
-        return self._last.copy()

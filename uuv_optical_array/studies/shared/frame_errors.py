@@ -1,4 +1,4 @@
-"""Errors of estimators on the same frames: measured in turns, and as a distance and an angle."""
+"""Errors and times of estimators on the same frames, which they answer in turns."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -9,8 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
@@ -143,11 +144,3 @@ def frame_errors(
         )
         for name in names
     }
-
-
-def position_and_angle(errors: Array) -> tuple[float, float]:
-    """Root mean square of distance, m, and of angle, deg, of errors ``(n, 5)`` in m and rad."""
-    if not len(errors):
-        return float("nan"), float("nan")
-    position, angle = (np.sqrt((part**2).sum(axis=1).mean()) for part in np.split(errors, [3], 1))
-    return float(position), float(np.degrees(angle))

@@ -6,8 +6,13 @@ radians; arrays of poses have shape ``(..., 5)``. The attitude is
 ``Rz(yaw) Ry(pitch) Rx(roll)``; roll is known (0 for level vehicles), never estimated.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy import arctan2, cos, hypot, sin
 from numpy.typing import ArrayLike, NDArray
+
+from uuv_optical_array.core.elementwise import law
 
 DOF_NAMES = ("x", "y", "z", "pitch", "yaw")
 X, Y, Z, PITCH, YAW = range(5)
@@ -16,6 +21,96 @@ DOF_UNITS = ("m", "m", "m", "deg", "deg")
 
 Array = NDArray[np.float64]
 IN_DEGREES: Array = np.array([1.0, 1.0, 1.0, *np.degrees([1.0, 1.0])])
+
+
+@law
+def rotation(pitch: Any, yaw: Any, roll: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """Return the rows of `rotation_matrix`, of numbers or arrays alike."""
+    sin_r, cos_r = sin(roll), cos(roll)
+    sin_p, cos_p = sin(pitch), cos(pitch)
+    sin_y, cos_y = sin(yaw), cos(yaw)
+    return (
+        (
+            cos_y * cos_p,
+            cos_y * sin_p * sin_r - sin_y * cos_r,
+            cos_y * sin_p * cos_r + sin_y * sin_r,
+        ),
+        (
+            sin_y * cos_p,
+            sin_y * sin_p * sin_r + cos_y * cos_r,
+            sin_y * sin_p * cos_r - cos_y * sin_r,
+        ),
+        (-sin_p, cos_p * sin_r, cos_p * cos_r),
+    )
+
+
+@law
+def lamp_in_body(
+    x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
+) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return what decides the light: where the lamp is and where it shines, in ``base_link``.
+
+    Parameters
+    ----------
+    x, y, z, pitch, yaw
+        Pose of the follower in ``beacon``, m and rad, numbers or arrays.
+    roll
+        Roll of the follower, rad.
+
+    Returns
+    -------
+    tuple
+        Position, m, and unit vector along the beam: six components.
+    """
+    ahead, aside, above = rotation(pitch, yaw, roll)
+    return (
+        -(x * ahead[0] + y * aside[0] + z * above[0]),
+        -(x * ahead[1] + y * aside[1] + z * above[1]),
+        -(x * ahead[2] + y * aside[2] + z * above[2]),
+        -ahead[0],
+        -ahead[1],
+        -ahead[2],
+    )
+
+
+@law
+def pitched(seen: Any, roll: Any) -> tuple[Any, Any, Any]:
+    """Differentiate by the pitch a vector, of three components, that the body sees."""
+    # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
+    sin_r, cos_r = sin(roll), cos(roll)
+    return -(seen[1] * sin_r + seen[2] * cos_r), seen[0] * sin_r, seen[0] * cos_r
+
+
+def lamp_slopes(poses: Array, roll: Any) -> tuple[Array, Array]:
+    """Return `lamp_in_body`, and how it changes with the pose.
+
+    Parameters
+    ----------
+    poses
+        As components, m and rad, shape ``(5, ...)``.
+    roll
+        Roll of the follower, rad, broadcast to ``(...)``.
+
+    Returns
+    -------
+    lamp : Array
+        Position, m, and axis, shape ``(6, ...)``.
+    slopes : Array
+        By x, y, z, pitch and yaw, shape ``(6, 5, ...)``.
+    """
+    x, y, z, pitch, yaw = poses
+    rows = rotation(pitch, yaw, roll)
+    lamp = np.array(np.broadcast_arrays(*lamp_in_body(x, y, z, pitch, yaw, roll)))
+    slopes = np.zeros((6, 5, *lamp.shape[1:]))
+    for i in range(3):
+        for j in range(3):
+            slopes[i, j] = -rows[j][i]
+        # Yaw turns about the beacon's z.
+        slopes[i, YAW] = rows[1][i] * x - rows[0][i] * y
+        slopes[3 + i, YAW] = rows[1][i]
+    for i, slope in enumerate((*pitched(lamp[:3], roll), *pitched(lamp[3:], roll))):
+        slopes[i, PITCH] = slope
+    return lamp, slopes
 
 
 def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> Array:
@@ -32,20 +127,11 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
     Array
         ``Rz(yaw) Ry(pitch) Rx(roll)``, shape ``(..., 3, 3)``.
     """
-    sin_r, cos_r = np.sin(roll), np.cos(roll)
-    sin_p, cos_p = np.sin(pitch), np.cos(pitch)
-    sin_y, cos_y = np.sin(yaw), np.cos(yaw)
-    sin_p_sin_r, sin_p_cos_r = sin_p * sin_r, sin_p * cos_r
+    pitch, yaw, roll = (np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll))
     matrix = np.empty((*np.broadcast(roll, pitch, yaw).shape, 3, 3))
-    matrix[..., 0, 0] = cos_y * cos_p
-    matrix[..., 0, 1] = cos_y * sin_p_sin_r - sin_y * cos_r
-    matrix[..., 0, 2] = cos_y * sin_p_cos_r + sin_y * sin_r
-    matrix[..., 1, 0] = sin_y * cos_p
-    matrix[..., 1, 1] = sin_y * sin_p_sin_r + cos_y * cos_r
-    matrix[..., 1, 2] = sin_y * sin_p_cos_r - cos_y * sin_r
-    matrix[..., 2, 0] = -sin_p
-    matrix[..., 2, 1] = cos_p * sin_r
-    matrix[..., 2, 2] = cos_p * cos_r
+    for i, row in enumerate(rotation(pitch, yaw, roll)):
+        for j, entry in enumerate(row):
+            matrix[..., i, j] = entry
     return matrix
 
 
@@ -124,6 +210,20 @@ def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
     return reduction @ np.asarray(covariance, float) @ reduction.T
 
 
+@law
+def turned_components(
+    x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
+) -> tuple[Any, Any, Any, Any, Any]:
+    """As `turned_about_beam`, of the components of a pose, numbers or arrays."""
+    sin_r, cos_r = sin(roll), cos(roll)
+    ahead, aside, above = rotation(pitch, yaw, 0.0)
+    forward_y = cos_r * aside[0] - sin_r * above[0]
+    forward_z = sin_r * aside[0] + cos_r * above[0]
+    level = hypot(ahead[0], forward_y)
+    turned = arctan2(forward_y, ahead[0])
+    return x, cos_r * y - sin_r * z, sin_r * y + cos_r * z, arctan2(-forward_z, level), turned
+
+
 def turned_about_beam(poses: Array, roll: float) -> Array:
     """Turn level followers about the beam axis until they roll: the light does not change.
 
@@ -139,15 +239,10 @@ def turned_about_beam(poses: Array, roll: float) -> Array:
     Array
         The turned poses, shape ``(..., 5)``.
     """
+    poses = np.asarray(poses, dtype=float)
     if roll == 0:
-        return np.asarray(poses, dtype=float)
-    turn = rotation_matrix(0.0, 0.0, roll)
-    turned = np.empty(poses.shape)
-    turned[..., :3] = poses[..., :3] @ turn.T
-    _, turned[..., PITCH], turned[..., YAW] = roll_pitch_yaw(
-        turn @ rotation_matrix(poses[..., PITCH], poses[..., YAW])
-    )
-    return turned
+        return poses
+    return np.stack(turned_components(*np.moveaxis(poses, -1, 0), roll), axis=-1)
 
 
 def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> Array:

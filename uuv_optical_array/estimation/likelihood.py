@@ -1,102 +1,165 @@
-"""How likely readings are under expected light: Gaussian noise, censored at the array's limits."""
+"""How likely readings are under expected light: Gaussian noise, censored at the array's noise."""
 
-from dataclasses import dataclass
+import math
+from typing import Any
 
 import numpy as np
+from numpy import log, maximum, minimum, sqrt
 from scipy.special import erfcx, log_ndtr, ndtr
 
+from uuv_optical_array.core.elementwise import choose, each, law, when
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.optics import Noise, reading_variance
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12
 LOG_SQRT_2PI = 0.5 * np.log(2 * np.pi)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Readings that only bound the light.
+@law
+def hazard(u: Any) -> Any:
+    """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
+    # The scaled complementary error function does not underflow where both factors do.
+    return math.sqrt(2 / math.pi) / erfcx(minimum(u, FAR) * -math.sqrt(0.5))
+
+
+@law
+def gaussian(reading: Any, light: Any, variance: Any) -> tuple[Any, Any, Any]:
+    """Log-likelihood of a reading that is Gaussian about the light.
 
     Parameters
     ----------
-    low
-        A reading at or below this says that the light was not above `low` + 0.5, counts.
-    high
-        A reading at or above this says that the light was not below `high` - 0.5, counts.
+    reading, light
+        Counts.
+    variance
+        Of the reading, counts^2.
+
+    Returns
+    -------
+    value
+        Logarithm of the density, but for what the variance alone adds.
+    score
+        Its derivative by the light, 1/counts.
+    curvature
+        The Fisher information, 1/counts^2.
     """
-
-    low: float = -np.inf
-    high: float = np.inf
-
-
-def _hazard(u: Array) -> Array:
-    """Return the normal density over its distribution, phi(u) / Phi(u), without overflow."""
-    # The scaled complementary error function does not underflow where both factors do.
-    return np.sqrt(2 / np.pi) / erfcx(np.minimum(u, FAR) * -np.sqrt(0.5))
+    precision = 1 / variance
+    residual = reading - light
+    score = residual * precision
+    return -0.5 * residual * score, score, precision
 
 
-@np.errstate(under="ignore")
-def log_likelihood(
-    readings: Array, light: Array, variance: Array, slope: Array, limits: Limits
-) -> tuple[Array, Array, Array]:
-    """Log-likelihood of readings, with its first two derivatives by the light.
+@law
+def gaussian_growing(
+    reading: Any, light: Any, variance: Any, slope: Any
+) -> tuple[Any, Any, Any]:
+    """As `gaussian`, where the variance grows with the light by a slope, counts.
+
+    The information is ``1/v + v'^2 / (2 v^2)`` (S. Kay, Estimation Theory, 1993, eq. 3.31).
+    """
+    value, score, precision = gaussian(reading, light, variance)
+    relative = slope * precision
+    score = score + 0.5 * relative * ((reading - light) * score - 1)
+    return value - 0.5 * log(variance), score, precision + 0.5 * relative * relative
+
+
+@law
+def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any, Any]:
+    """Log-likelihood of a reading that only says that the light is not beyond a bound.
+
+    Parameters
+    ----------
+    light, bound
+        Counts.
+    sign
+        1 where the light is not below the bound, -1 where it is not above it.
+    variance
+        Of a reading, counts^2.
+
+    Returns
+    -------
+    value, score, curvature
+        As `gaussian`; the curvature is the second derivative, sign turned.
+    """
+    precision = 1 / sqrt(variance)
+    # Beyond this all is as improbable, and a square still has a number.
+    u = minimum(maximum(sign * (light - bound) * precision, -1e100), 1e100)
+    over = hazard(u)
+    share = maximum(over * (over + u), 0.0)
+    # Where hazard and u cancel, the series of Mills's ratio does not.
+    s = 1 / minimum(u, -1.0) ** 2
+    less = s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s * (1 - 9 * s))))
+    share = choose(u <= ASYMPTOTIC, less / s / ((1 - less) * (1 - less)), share)
+    return log_ndtr(u), sign * over * precision, share * precision * precision
+
+
+def likelihood_of(
+    readings: Any, light: Any, noise: Noise, values: Any, scores: Any, curvatures: Any
+) -> None:
+    """Write the log-likelihood of each reading, with derivatives by its light.
 
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
     counts by the probability of lying beyond (the Tobit model).
 
     Parameters
     ----------
+    readings, light
+        Counts, shape ``(n,)``.
+    noise
+        Of the scene.
+    values, scores, curvatures
+        Results, as of `gaussian`, shape ``(n,)``.
+    """
+    for j in each(len(light)):
+        variance = reading_variance(light[j], noise.variance, noise.slope)
+        if noise.slope > 0:
+            slope = choose(variance > noise.variance, noise.slope, 0.0)
+            value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
+        else:
+            value, score, curvature = gaussian(readings[j], light[j], variance)
+        values[j], scores[j], curvatures[j] = value, score, curvature
+    for j in each(len(light)):
+        for i in when((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
+            above = readings[i] >= noise.high
+            bound = choose(above, noise.high - 0.5, noise.low + 0.5)
+            variance = reading_variance(light[i], noise.variance, noise.slope)
+            values[i], scores[i], curvatures[i] = censored(
+                light[i], bound, choose(above, 1.0, -1.0), variance
+            )
+
+
+@np.errstate(under="ignore")
+def log_likelihood(readings: Array, light: Array, noise: Noise) -> tuple[Array, Array, Array]:
+    """Log-likelihood of many images, with its first two derivatives by the light.
+
+    Parameters
+    ----------
     readings
-        Counts, shape ``(..., n)`` or ``(n,)``.
+        Counts, broadcast to ``(..., n)``.
     light
         Expected light, counts, shape ``(..., n)``.
-    variance, slope
-        Variance of a reading, counts^2, and its derivative by the light, in that shape.
-    limits
-        The array's.
+    noise
+        Of the scene.
 
     Returns
     -------
     value : Array
-        Summed over the detectors, without the constant, shape ``(...)``.
+        Of each reading, without the constant, shape ``(..., n)``.
     score : Array
         Derivative by the light, 1/counts, shape ``(..., n)``.
     curvature : Array
         What the second derivative is to be for Gauss-Newton, with its sign turned, >= 0,
         1/counts^2, shape ``(..., n)``.
     """
-    curvature = 1 / variance
-    residual = readings - light
-    score = residual * curvature
-    terms = -0.5 * residual * score
-    if slope.any():
-        relative = slope * curvature
-        score = score + 0.5 * relative * (residual * score - 1)
-        curvature = curvature + 0.5 * relative**2
-        terms -= 0.5 * np.log(variance)
-    for beyond, bound, sign in (
-        (readings >= limits.high, limits.high - 0.5, 1.0),
-        (readings <= limits.low, limits.low + 0.5, -1.0),
-    ):
-        if beyond.any():
-            here = np.broadcast_to(beyond, light.shape)
-            inverse_std = 1 / np.sqrt(variance[here])
-            # Beyond this all is as improbable, and a square still has a number.
-            u = np.clip(sign * (light[here] - bound) * inverse_std, -1e100, 1e100)
-            hazard = _hazard(u)
-            terms[here] = log_ndtr(u)
-            score[here] = sign * hazard * inverse_std
-            share = np.maximum(hazard * (hazard + u), 0.0)
-            # Where hazard and u cancel, the series of Mills's ratio does not.
-            far = u <= ASYMPTOTIC
-            s = 1 / u[far] ** 2
-            less = s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s * (1 - 9 * s))))
-            share[far] = less / s / (1 - less) ** 2
-            curvature[here] = share * inverse_std**2
-    return terms.sum(axis=-1), score, curvature
+    found = np.empty((3, light.size))
+    flat = np.broadcast_to(readings, light.shape).reshape(-1)
+    likelihood_of(flat, light.reshape(-1), noise, *found)
+    value, score, curvature = found.reshape(3, *light.shape)
+    return value, score, curvature
 
 
 @np.errstate(under="ignore")
-def information(light: Array, variance: Array, slope: Array, limits: Limits) -> Array:
+def information(light: Array, noise: Noise) -> Array:
     """Fisher information of a reading about its expected light.
 
     ``1/v + v'^2 / (2 v^2)`` inside the limits (S. Kay, Estimation Theory, 1993, eq. 3.31),
@@ -105,18 +168,20 @@ def information(light: Array, variance: Array, slope: Array, limits: Limits) -> 
 
     Parameters
     ----------
-    light, variance, slope, limits
-        As in `log_likelihood`, in one shape.
+    light, noise
+        As in `log_likelihood`.
 
     Returns
     -------
     Array
-        1/counts^2, in that shape, >= 0.
+        1/counts^2, in the shape of the light, >= 0.
     """
+    variance = reading_variance(light, noise.variance, noise.slope)
+    slope = np.where(variance > noise.variance, noise.slope, 0.0)
     std = np.sqrt(variance)
     whole = 1 / variance + 0.5 * (slope / variance) ** 2
-    low = (limits.low + 0.5 - light) / std
-    high = (limits.high - 0.5 - light) / std
+    low = (noise.low + 0.5 - light) / std
+    high = (noise.high - 0.5 - light) / std
     if (low < -9).all() and (high > 9).all():
         return whole
     low, high = np.clip(low, -40, 40), np.clip(high, -40, 40)
@@ -126,5 +191,5 @@ def information(light: Array, variance: Array, slope: Array, limits: Limits) -> 
 
     inside = ndtr(high) - ndtr(low)
     share = inside - high * density(high) + low * density(low)
-    share = share + density(low) * _hazard(low) + density(high) * _hazard(-high)
+    share = share + density(low) * hazard(low) + density(high) * hazard(-high)
     return whole * np.clip(share, 0.0, 1.0)

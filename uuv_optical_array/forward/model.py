@@ -1,36 +1,43 @@
 """From pose to image: the forward model of a scene."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.likelihood import Limits
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
 from uuv_optical_array.forward import effects
-from uuv_optical_array.forward import light_batch as bulk
 from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.light import (
-    LateRays,
-    Light,
-    irradiance,
-    irradiance_with_derivatives,
-    lamp_derivatives,
-    lamp_in_body,
-    trace,
+from uuv_optical_array.forward.effects import forms
+from uuv_optical_array.forward.effects.forms import (
+    Background,
+    Blur,
+    Converter,
+    Gain,
+    Moving,
+    Saturation,
+    Transmission,
+)
+from uuv_optical_array.forward.optics import (
+    BACKGROUND,
+    BLUR,
+    GAIN,
+    LIGHT,
+    Noise,
+    Optics,
+    detect,
+    illuminate,
+    project,
+    reading_variance,
 )
 from uuv_optical_array.forward.scene import Scene
 
-# Settings of a scene that may be off, and the unit of their offset; the power's is its logarithm.
-NUISANCES = {
-    "lamp.power": "",
-    "attenuation.k_per_m": "1/m",
-    "ambient.level_counts": "counts",
-    "responsivity.temperature_c": "deg C",
-}
-# A scene without noise is read as if to a thousandth of a count.
-MIN_VARIANCE = 1e-6
+BLOCK_READINGS = 51_200  # whose rays stay in the second level of the cache
+
+T = TypeVar("T")
 
 
 class ForwardModel:
@@ -43,32 +50,40 @@ class ForwardModel:
     ----------
     scene
         A checked scene.
-    compiled
-        Whether the light at very many poses is worked out by a kernel that Numba compiles (the
-        extra ``fast``), the same to rounding; ``None``: where one call repays loading it.
+
+    Attributes
+    ----------
+    noise : optics.Noise
+        Of a reading, rounding included.
+    nuisances : tuple of str
+        Settings of the scene that a prior may leave uncertain, by dotted name. The offset of
+        ``lamp.power`` is that of its logarithm, the others have the setting's unit.
 
     Raises
     ------
     ValueError
-        Where the lamp cannot be set because no light reaches the aligned array, or where Numba
-        is asked for and not installed.
+        Where the lamp cannot be set because no light reaches the aligned array.
     """
 
-    def __init__(self, scene: Scene, compiled: bool | None = None) -> None:
-        if compiled:
-            bulk.kernel()
-        self.compiled = compiled
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.array = build_array(scene.array)
-        self.plan = effects.plan(scene.effects, self.array, scene.lamp)
-        self._beam_sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
-        converted = "adc" in scene.effects
-        clipped = converted or "saturation" in scene.effects
-        self.limits = Limits(
-            0.0 if converted else -np.inf, scene.full_scale_counts if clipped else np.inf
+        self._forms = effects.plan(scene.effects, self.array, scene.lamp)
+        self._moving = [form.factor for form in self._of(Moving)]
+        noises, converters = self._of(forms.Noise), self._of(Converter)
+        highest = [form.largest for form in converters]
+        highest += [form.level_counts for form in self._of(Saturation)]
+        self._read_noise = Noise(
+            float(sum(form.variance for form in noises)),
+            float(sum(form.slope for form in noises)),
+            0.0 if converters else -np.inf,
+            min(highest, default=np.inf),
         )
         # Rounding is uniform within a count.
-        self.rounding_variance = 1 / 12 if converted else 0.0
+        rounding = 1 / 12 if converters else 0.0
+        self.noise = self._read_noise._replace(variance=self._read_noise.variance + rounding)
+        uncertain = (*self._of(Transmission), *self._of(Background), *self._of(Gain))
+        self.nuisances = ("lamp.power", *(form.nuisance for form in uncertain if form.nuisance))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         lit = self.light(aligned)
@@ -80,6 +95,73 @@ class ForwardModel:
                 "gives the aligned array no light; move it into the water in front of the array"
             )
         self.power = scene.lamp.reference_counts / unit_reading
+
+    def _of(self, kind: type[T]) -> list[T]:
+        return [form for form in self._forms if isinstance(form, kind)]
+
+    def optics(self, nuisances: Sequence[str] = (), compiled: bool = False) -> Optics:
+        """Return the scene in numbers.
+
+        Parameters
+        ----------
+        nuisances
+            Settings that will be given offsets, in this order.
+        compiled
+            Whether it is for compiled code.
+
+        Raises
+        ------
+        ValueError
+            For a setting that the scene does not have, or where compiled code needs Numba and it
+            is not there.
+        """
+        for name in nuisances:
+            if name not in self.nuisances:
+                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
+
+        def place(form: Any) -> int:
+            return nuisances.index(form.nuisance) if form.nuisance in nuisances else -1
+
+        n = self.array.side**2
+        passed = self._of(Transmission)
+        steps = [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
+        blurs = [form.matrix for form in steps if isinstance(form, Blur)]
+        kinds, values, scales, places = [], np.zeros((len(steps), n)), [], []
+        for i, step in enumerate(steps):
+            if isinstance(step, Blur):
+                kinds.append(BLUR)
+            elif isinstance(step, Gain):
+                kinds.append(GAIN)
+                values[i] = step.gains
+            else:
+                kinds.append(BACKGROUND)
+                values[i] = step.pattern
+            scales.append(
+                step.slope
+                if isinstance(step, Gain)
+                else step.level
+                if isinstance(step, Background)
+                else 0.0
+            )
+            places.append(-1 if isinstance(step, Blur) else place(step))
+        laws: Any = tuple(form.law for form in passed)
+        if compiled:
+            laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
+        return Optics(
+            detectors=np.ascontiguousarray(np.hstack([self.array.positions, self.array.normals]).T),
+            power=float(self.power),
+            beam_sigma_rad=float(np.radians(self.scene.lamp.beam_sigma_deg)),
+            nuisances=len(nuisances),
+            power_at=nuisances.index("lamp.power") if "lamp.power" in nuisances else -1,
+            laws=laws,
+            law_settings=np.array([form.settings for form in passed]).reshape(len(passed), 3),
+            law_at=np.array([place(form) for form in passed], dtype=np.int64),
+            step_kinds=np.array(kinds, dtype=np.int64),
+            step_values=values,
+            step_scales=np.array(scales, dtype=float),
+            step_at=np.array(places, dtype=np.int64),
+            blur=np.ascontiguousarray(blurs[0]) if blurs else np.zeros((0, 0)),
+        )
 
     def light(
         self,
@@ -98,7 +180,7 @@ class ForwardModel:
         roll
             Roll of the follower, rad, broadcast to ``(...)``.
         offsets
-            Offsets of nuisance settings, by name, each of shape ``(...)``: see `NUISANCES`.
+            Offsets of nuisance settings, by name, each of shape ``(...)``: see `nuisances`.
         time_s
             Moment of each image, s, broadcast to ``(...)``, for what moves: flicker, drift, a
             plume. ``None``: the scene without them, as estimators know it.
@@ -113,73 +195,8 @@ class ForwardModel:
         ValueError
             For an offset of a setting that the scene does not have.
         """
-        poses = np.asarray(poses, dtype=float)
-        side = self.array.side
-        if offsets or poses.size * side**2 <= 5 * bulk.BLOCK_READINGS:
-            lamp, axis = lamp_in_body(poses, roll)
-            if time_s is not None:
-                time_s = np.broadcast_to(np.asarray(time_s, dtype=float), lamp.shape[:-1])
-            return self._propagate(lamp, axis, offsets, False, time_s).image
-        images = np.empty((*np.broadcast_shapes(poses.shape[:-1], np.shape(roll)), side, side))
-        self.write_light(images, poses, roll, time_s)
-        return images
-
-    def write_light(
-        self,
-        images: Array,
-        poses: ArrayLike,
-        roll: ArrayLike = 0.0,
-        time_s: ArrayLike | None = None,
-    ) -> None:
-        """Write `light` at very many poses into an array, which may be used again and again.
-
-        Parameters
-        ----------
-        images
-            Result, shape ``(..., side, side)``, contiguous, counts.
-        poses, roll, time_s
-            As in `light`, broadcast to ``(...)``.
-
-        Raises
-        ------
-        ValueError
-            For images that are not contiguous or of another shape.
-        """
-        shape, side = images.shape[:-2], self.array.side
-        if images.shape != (*shape, side, side) or not images.flags.c_contiguous:
-            raise ValueError(f"images: shape {images.shape}; give contiguous (..., {side}, {side})")
-        poses = np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5)
-        rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1)
-        moments = None
-        if time_s is not None:
-            moments = np.broadcast_to(np.asarray(time_s, dtype=float), shape).reshape(-1)
-        stack = images.reshape(-1, side, side)
-        # The first effect, where it is Beer's law, goes into the same exponential.
-        dimmed = next(iter(self.scene.effects), None) == "attenuation"
-        lamp_light = bulk.BulkLight(
-            self.array,
-            self._beam_sigma_rad,
-            self.power,
-            self.scene.effects["attenuation"]["k_per_m"] if dimmed else 0.0,
-            bulk.worthwhile(images.size) if self.compiled is None else self.compiled,
-        )
-        for start in range(0, len(stack), lamp_light.block):
-            part = slice(start, start + lamp_light.block)
-            image, where = stack[part], (poses[part], rolls[part])
-            lamp_light.write(image.reshape(-1, side**2), *where)
-            light = Light(image, time_s=None if moments is None else moments[part])
-            rays = LateRays(self.array, *where)
-            with np.errstate(under="ignore"):
-                for step in self.plan.light[dimmed:]:
-                    step(light, rays)
-            if light.image is not image:
-                image[...] = light.image
-
-    def light_by_lamp(
-        self, lamp: Array, axis: Array, offsets: Mapping[str, Array] = MappingProxyType({})
-    ) -> Array:
-        """As `light`, from what `light.lamp_in_body` returns."""
-        return self._propagate(lamp, axis, offsets, False).image
+        image, shape = self._propagate(poses, roll, offsets, time_s, False)
+        return image[0].reshape(*shape, self.array.side, self.array.side)
 
     def linearised(
         self,
@@ -194,7 +211,7 @@ class ForwardModel:
         poses, roll
             As in `light`.
         offsets
-            Offsets of nuisance settings, by name, each of shape ``(...)``: see `NUISANCES`.
+            Offsets of nuisance settings, by name, each of shape ``(...)``: see `nuisances`.
 
         Returns
         -------
@@ -209,82 +226,81 @@ class ForwardModel:
         ValueError
             For an offset of a setting that the scene does not have.
         """
-        image, by_lamp = self.linearised_by_lamp(*lamp_in_body(poses, roll), offsets)
-        by_pose = by_lamp[..., :6] @ lamp_derivatives(poses, roll)
-        return image, np.concatenate([by_pose, by_lamp[..., 6:]], axis=-1)
-
-    def linearised_by_lamp(
-        self, lamp: Array, axis: Array, offsets: Mapping[str, Array] = MappingProxyType({})
-    ) -> tuple[Array, Array]:
-        """Light with its derivatives by where the lamp is and where it shines.
-
-        Parameters
-        ----------
-        lamp, axis
-            As `light.lamp_in_body` returns them, shape ``(..., 3)`` each.
-        offsets
-            As in `linearised`.
-
-        Returns
-        -------
-        image : Array
-            Light, shape ``(..., side * side)``, counts.
-        derivatives : Array
-            By lamp (3), axis (3) and each of `offsets`, shape
-            ``(..., side * side, 6 + len(offsets))``.
-
-        Raises
-        ------
-        ValueError
-            As `linearised`.
-        """
-        light = self._propagate(lamp, axis, offsets, True)
-        assert light.derivatives is not None
-        pixels = self.array.side**2
-        derivatives = light.derivatives.reshape(*light.derivatives.shape[:-2], pixels)
-        return light.image.reshape(*light.image.shape[:-2], pixels), np.swapaxes(
-            derivatives, -1, -2
-        )
+        image, shape = self._propagate(poses, roll, offsets, None, True)
+        jacobian = np.moveaxis(image[1:], 0, -1)
+        n = self.array.side**2
+        return image[0].reshape(*shape, n), jacobian.reshape(*shape, n, len(image) - 1)
 
     def _propagate(
         self,
-        lamp: Array,
-        axis: Array,
+        poses: ArrayLike,
+        roll: ArrayLike,
         offsets: Mapping[str, Array],
+        time_s: ArrayLike | None,
         differentiate: bool,
-        time_s: Array | None = None,
-    ) -> Light:
-        for name in offsets:
-            if name not in NUISANCES or name.partition(".")[0] not in ("lamp", *self.scene.effects):
-                raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
+    ) -> tuple[Array, tuple[int, ...]]:
+        """Return the light, and its slopes, as `optics.detect` leaves them, shape ``(r, m, n)``."""
+        poses = np.asarray(poses, dtype=float)
+        shape = np.broadcast_shapes(poses.shape[:-1], np.shape(roll))
+        flat = np.ascontiguousarray(np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5).T)[..., None]
+        rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1, 1)
+        optics = self.optics(tuple(offsets))
+        count, n, size = flat.shape[1], self.array.side**2, len(offsets)
+        nuisances = np.empty((size, count, 1))
+        for row, offset in zip(nuisances, offsets.values(), strict=True):
+            row[:, 0] = np.broadcast_to(offset, shape).reshape(-1)
+        times = None
+        if time_s is not None:
+            times = np.broadcast_to(np.asarray(time_s, dtype=float), shape).reshape(-1, 1)
+        image = np.empty((6 + size if differentiate else 1, count, n))
+        step = max(1, BLOCK_READINGS // n)
         # Light too dim for a float64 is no light.
         with np.errstate(under="ignore"):
-            rays = trace(self.array, lamp, axis)
-            shape = (*rays.range_m.shape[:-1], self.array.side, self.array.side)
-            if differentiate:
-                flat, derivatives = irradiance_with_derivatives(
-                    rays, self.array, self._beam_sigma_rad, self.power
+            for start in range(0, count, step):
+                part = slice(start, start + step)
+                self._write(
+                    optics,
+                    flat[:, part],
+                    rolls[part],
+                    nuisances[:, part],
+                    None if times is None else times[part],
+                    image[:, part],
+                    differentiate,
                 )
-                if offsets:
-                    rows = np.zeros((*flat.shape[:-1], len(offsets), flat.shape[-1]))
-                    derivatives = np.concatenate([derivatives, rows], axis=-2)
-                planes = derivatives.reshape(*derivatives.shape[:-1], *shape[-2:])
-                light = Light(flat.reshape(shape), planes, offsets, time_s)
-            else:
-                flat = irradiance(rays, self._beam_sigma_rad, self.power)
-                light = Light(flat.reshape(shape), None, offsets, time_s)
-            if "lamp.power" in offsets:
-                light.dim(np.exp(offsets["lamp.power"])[..., None, None])
-                light.slope_by("lamp.power", lambda: light.image)
-            for step in self.plan.light:
-                step(light, rays)
-        return light
+        return image, shape
+
+    def _write(
+        self,
+        optics: Optics,
+        poses: Array,
+        rolls: Array,
+        nuisances: Array,
+        times: Array | None,
+        image: Array,
+        differentiate: bool,
+    ) -> None:
+        """Write the light of a block of poses, shape ``(5, m, 1)``."""
+        moves = times is not None and bool(self._moving)
+        if differentiate:
+            lamp, slopes = lamp_slopes(poses, rolls)
+        else:
+            lamp = np.array(np.broadcast_arrays(*lamp_in_body(*poses, rolls)))
+            slopes = np.zeros((6, 0))
+        rays, beam = illuminate(optics, lamp, nuisances, differentiate or moves)
+        if moves:
+            for factor in self._moving:
+                beam[LIGHT] *= factor(times, rays, lamp[3:])
+        found = project(optics, lamp, slopes, rays, beam, differentiate)
+        detect(optics, nuisances, found)
+        image[...] = found
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
-        image = self.light(poses, roll)
-        for step in self.plan.analogue:
-            image = step(image)
+        return self._saturated(self.light(poses, roll))
+
+    def _saturated(self, image: Array) -> Array:
+        for form in self._of(Saturation):
+            image = np.minimum(image, form.level_counts)
         return image
 
     def variance(self, light: Array) -> tuple[Array, Array]:
@@ -298,17 +314,12 @@ class ForwardModel:
         Returns
         -------
         variance : Array
-            counts^2, in the shape of `light`, >= `MIN_VARIANCE`.
+            counts^2, in the shape of `light`, >= `optics.MIN_VARIANCE`.
         slope : Array
             Its derivative by the light, counts.
         """
-        variance = np.full(light.shape, self.rounding_variance)
-        slope = np.zeros(light.shape)
-        for step in self.plan.noise:
-            more, steeper = step(light)
-            variance += more
-            slope += steeper
-        return np.maximum(variance, MIN_VARIANCE), slope
+        variance = reading_variance(light, self.noise.variance, self.noise.slope)
+        return variance, np.where(variance > self.noise.variance, self.noise.slope, 0.0)
 
     def expose(
         self,
@@ -332,12 +343,31 @@ class ForwardModel:
         Array
             Shape ``(..., side, side)``, counts.
         """
-        image = self.light(poses, roll, offsets, time_s)
-        if self.plan.noise:
+        return self.read(self.light(poses, roll, offsets, time_s), rng)
+
+    def read(self, light: Array, rng: np.random.Generator | None = None) -> Array:
+        """Return the readings of light: noise, saturation, converter.
+
+        Parameters
+        ----------
+        light
+            Counts, any shape.
+        rng
+            As in `expose`.
+
+        Raises
+        ------
+        ValueError
+            For a scene with noise without a generator.
+        """
+        image = light
+        noise = self._read_noise
+        if noise.variance or noise.slope:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
-            variance = sum(step(image)[0] for step in self.plan.noise)
-            image += np.sqrt(variance) * rng.standard_normal(image.shape)
-        for step in (*self.plan.analogue, *self.plan.digital):
-            image = step(image)
+            variance = noise.variance + noise.slope * np.maximum(light, 0.0)
+            image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
+        image = self._saturated(image)
+        for form in self._of(Converter):
+            image = np.clip(np.rint(image), 0, form.largest)
         return image

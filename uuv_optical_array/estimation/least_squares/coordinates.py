@@ -2,252 +2,274 @@
 
 In ``(x, y, z, pitch, yaw)`` the poses that explain an image lie along a bent valley, far narrower
 than the bend: the array knows where the lamp stands in its own view and how bright it is, much
-better than where in the beam it floats. The chart takes just these: the lamp's azimuth and
-elevation seen from the array's centre, the logarithm of the brightness there, pitch and yaw. In
-it a quadratic model holds, so fits arrive in few steps and a Gaussian describes what they know.
+better than where in the beam it floats. The coordinates are just these: the lamp's azimuth and
+elevation seen from the array's centre, half the logarithm of how much the light is attenuated
+there, pitch and yaw. In them a quadratic model holds, so fits arrive in few steps and a Gaussian
+describes what they know.
+
+The attenuation is ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what distance,
+water and beam take from the light at the array's centre.
+
+A planar array cannot tell where the lamp stands from how it shines. What it sees is how the light
+falls off across it: near the axis ``s (a - b) + 3 a`` in units of the range, where a and b are the
+azimuths of the lamp and of the beam's source direction and ``s = 1 / sigma^2``. Its azimuth is
+therefore ``a - b s / (s + 3)``, its elevation likewise, and its attenuation takes Lambert's cosine
+in.
+
+All functions take numbers, or components of many poses at once.
 """
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import wrightomega
+from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
-from uuv_optical_array.core.geometry import Array, rotation_matrix
-from uuv_optical_array.forward.light import lamp_in_body, pitched
+from uuv_optical_array.core.elementwise import choose, law, stack, zeros
+from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
+from uuv_optical_array.forward.light import off_axis
+from uuv_optical_array.forward.model import ForwardModel
 
-AZIMUTH, ELEVATION, DIMNESS, PITCH, YAW = range(5)
+AZIMUTH, ELEVATION, LOG_ATTENUATION = range(3)  # then pitch and yaw, as in the pose
+LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar array
 
 
-@dataclass(frozen=True)
-class Chart:
-    """The chart ``(azimuth, elevation, dimness, pitch, yaw)`` of an array under a lamp.
-
-    The dimness is ``ln r + K r / 2 + eta^2 / (4 sigma^2)``, half the logarithm of what distance,
-    water and beam take from the light at the array's centre.
-
-    A planar array cannot tell where the lamp stands from how it shines. What it sees is how the
-    light falls off across it: near the axis ``s (a - b) + 3 a`` in units of the range, where a
-    and b are the azimuths of the lamp and of the beam's source direction and ``s = 1 / sigma^2``.
-    Its azimuth is therefore ``a - b s / (s + 3)``, its elevation likewise, and its dimness takes
-    Lambert's cosine in.
+class Frame(NamedTuple):
+    """What the coordinates of an array under a lamp depend on.
 
     Parameters
     ----------
-    centre
-        The array's centre in ``base_link``, m, shape ``(3,)``.
+    centre_x, centre_y, centre_z
+        The array's centre in ``base_link``, m.
     beam_sigma_rad
         Standard deviation of the beam, rad, > 0.
     k_per_m
         Attenuation, 1/m, >= 0.
-    planar
-        Whether all detectors look the same way.
+    share
+        The ``s / (s + 3)`` of a planar array; 0 for any other.
     """
 
-    centre: Array
+    centre_x: float
+    centre_y: float
+    centre_z: float
     beam_sigma_rad: float
     k_per_m: float
-    planar: bool = False
-
-    def from_pose(self, poses: Array, roll: ArrayLike) -> Array:
-        """Return the coordinates of poses, shape ``(..., 5)``."""
-        lamp, axis = lamp_in_body(poses, roll)
-        sight = lamp - self.centre
-        range_m = np.sqrt((sight * sight).sum(axis=-1))
-        sight /= range_m[..., None]
-        coordinates = np.empty(poses.shape)
-        coordinates[..., :2] = _directions(sight)
-        coordinates[..., DIMNESS] = np.log(range_m) + self.k_per_m / 2 * range_m
-        coordinates[..., DIMNESS] += self._beam_loss(sight, axis)[0]
-        if self.planar:
-            coordinates[..., :2] -= self.share * _directions(-axis)
-            coordinates[..., DIMNESS] -= 0.5 * np.log(_facing(sight))
-        coordinates[..., PITCH:] = poses[..., PITCH:]
-        return coordinates
-
-    def to_pose(self, coordinates: Array, roll: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """Return the poses at coordinates, and with them lamp and beam axis.
-
-        Parameters
-        ----------
-        coordinates
-            Shape ``(..., 5)``.
-        roll
-            Roll of the follower, rad, broadcast to ``(...)``.
-
-        Returns
-        -------
-        poses : Array
-            m and rad, shape ``(..., 5)``.
-        lamp, axis : Array
-            As `light.lamp_in_body`, shape ``(..., 3)`` each.
-        log_volume : Array
-            Logarithm of the volume of poses in m and rad that a unit volume of the chart holds,
-            shape ``(...)``.
-        """
-        rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
-        axis = -rotation[..., 0, :]
-        angles = coordinates[..., :2]
-        if self.planar:
-            angles = angles + self.share * _directions(-axis)
-        sight, _ = _sight(angles)
-        dimness = coordinates[..., DIMNESS] - self._beam_loss(sight, axis)[0]
-        if self.planar:
-            dimness += 0.5 * np.log(_facing(sight))
-        range_m = self._range(dimness)
-        lamp = range_m[..., None] * sight + self.centre
-        poses = np.empty(coordinates.shape)
-        poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
-        poses[..., PITCH:] = coordinates[..., PITCH:]
-        return poses, lamp, axis, self._log_volume(range_m, angles)
-
-    def to_lamp(
-        self, coordinates: Array, roll: ArrayLike
-    ) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return lamp, beam axis and pose, and how they change with the coordinates.
-
-        Parameters
-        ----------
-        coordinates
-            Shape ``(..., 5)``.
-        roll
-            Roll of the follower, rad.
-
-        Returns
-        -------
-        lamp, axis : Array
-            As `light.lamp_in_body`, shape ``(..., 3)`` each.
-        derivatives : Array
-            Of lamp and axis, six rows, by the coordinates, shape ``(..., 6, 5)``.
-        poses : Array
-            m and rad, shape ``(..., 5)``.
-        pose_derivatives : Array
-            Of the pose by the coordinates, shape ``(..., 5, 5)``.
-        log_volume : Array
-            As in `to_pose`.
-        """
-        rotation = rotation_matrix(coordinates[..., PITCH], coordinates[..., YAW], roll)
-        axis = -rotation[..., 0, :]
-        derivatives = np.zeros((*axis.shape[:-1], 6, 5))
-        of_sight, of_axis = derivatives[..., :3, :], derivatives[..., 3:, :]
-        of_axis[..., PITCH] = pitched(axis, roll)
-        of_axis[..., YAW] = rotation[..., 1, :]
-        angles = coordinates[..., :2]
-        if self.planar:
-            angles = angles + self.share * _directions(-axis)
-        sight, turns = _sight(angles)
-        of_sight[..., :2] = turns
-        if self.planar:
-            swing = _direction_slopes(-axis) @ -of_axis[..., PITCH:]
-            of_sight[..., PITCH:] = self.share * (turns @ swing)
-        loss, ratio = self._beam_loss(sight, axis)
-        dimness = coordinates[..., DIMNESS] - loss
-        # How the loss to the beam's profile, and so the range at this dimness, changes.
-        stretch = axis[..., None, :] @ of_sight + sight[..., None, :] @ of_axis
-        stretch *= -ratio[..., None, None]
-        stretch[..., DIMNESS] = 1.0
-        if self.planar:
-            facing = _facing(sight)
-            dimness += 0.5 * np.log(facing)
-            slope = np.where(facing == sight[..., 0], 0.5 / facing, 0.0)
-            stretch += slope[..., None, None] * of_sight[..., :1, :]
-        range_m = self._range(dimness)
-        stretch *= (1 / (1 / range_m + self.k_per_m / 2))[..., None, None]
-        of_sight *= range_m[..., None, None]
-        of_sight += sight[..., None] * stretch
-        lamp = range_m[..., None] * sight + self.centre
-        poses = np.empty(coordinates.shape)
-        poses[..., :3] = -(rotation @ lamp[..., None])[..., 0]
-        poses[..., PITCH:] = coordinates[..., PITCH:]
-        # Pitch turns what the body sees, yaw turns about the beacon's z.
-        of_lamp = of_sight.copy()
-        of_lamp[..., PITCH] -= pitched(lamp, roll)
-        pose_derivatives = np.zeros((*axis.shape[:-1], 5, 5))
-        pose_derivatives[..., :3, :] = -rotation @ of_lamp
-        pose_derivatives[..., 0, YAW] -= poses[..., 1]
-        pose_derivatives[..., 1, YAW] += poses[..., 0]
-        pose_derivatives[..., PITCH, PITCH] = pose_derivatives[..., YAW, YAW] = 1.0
-        log_volume = self._log_volume(range_m, angles)
-        return lamp, axis, derivatives, poses, pose_derivatives, log_volume
-
-    def lookalikes(self, coordinates: Array) -> Array:
-        """Return where a planar array sees nearly the same, shape ``(3, n)``; ``(0, n)`` if curved.
-
-        To second order the light depends on pitch and yaw by the sum of their squares alone, so a
-        ring of attitudes looks alike; these are the other three of four places on it.
-        """
-        turned = np.repeat(coordinates[None], 3 if self.planar else 0, axis=0)
-        pitch, yaw = coordinates[PITCH], coordinates[YAW]
-        for row, angles in zip(
-            turned, ((-pitch, -yaw), (yaw, -pitch), (-yaw, pitch)), strict=False
-        ):
-            row[PITCH : YAW + 1] = angles
-        return turned
-
-    @property
-    def share(self) -> float:
-        """The c of ``azimuth - c b``, in which a planar array's azimuth differs from the lamp's."""
-        return 1 / (1 + 3 * self.beam_sigma_rad**2)
-
-    def _beam_loss(self, sight: Array, axis: Array) -> tuple[Array, Array]:
-        """Return ``eta^2 / (4 sigma^2)``, and its derivative by ``sight . axis``."""
-        cosine = -(sight * axis).sum(axis=-1)
-        across = sight + cosine[..., None] * axis
-        sine = np.sqrt((across * across).sum(axis=-1))
-        off_axis = np.arctan2(sine, cosine)
-        # eta / sin(eta), 1 on the axis.
-        ratio = np.where(sine > 1e-9, off_axis / np.maximum(sine, 1e-9), 1.0)
-        scale = 0.25 / self.beam_sigma_rad**2
-        return scale * off_axis**2, 2 * scale * ratio
-
-    def _log_volume(self, range_m: Array, angles: Array) -> Array:
-        level = np.maximum(np.abs(np.cos(angles[..., 1])), 1e-9)
-        return np.log(range_m**2 * level / (1 / range_m + self.k_per_m / 2))
-
-    def _range(self, target: Array) -> Array:
-        """Solve ``ln r + K r / 2 = target``: with w = K r / 2, ln w + w is known."""
-        # From a millimetre to a hundred kilometres: a fit that strays farther finds no light.
-        target = np.clip(target, -7.0, 12.0)
-        if self.k_per_m == 0:
-            return np.exp(target)
-        half_k = self.k_per_m / 2
-        return np.asarray(wrightomega(target + np.log(half_k)) / half_k)
+    share: float
 
 
-def _directions(vectors: Array) -> Array:
-    """Return azimuth and elevation of vectors, shape ``(..., 2)``."""
-    level = np.hypot(vectors[..., 0], vectors[..., 1])
-    angles = np.empty((*vectors.shape[:-1], 2))
-    angles[..., 0] = np.arctan2(vectors[..., 1], vectors[..., 0])
-    angles[..., 1] = np.arctan2(vectors[..., 2], level)
-    return angles
+def frame_of(model: ForwardModel) -> Frame:
+    """Return the frame of the coordinates of a model's scene."""
+    sigma = float(np.radians(model.scene.lamp.beam_sigma_deg))
+    k_per_m = float(model.scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
+    planar = model.scene.array.shape == "planar"
+    centre = model.array.positions.mean(axis=0).tolist()
+    return Frame(*centre, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
 
 
-def _direction_slopes(units: Array) -> Array:
-    """Differentiate azimuth and elevation by a unit vector, shape ``(..., 2, 3)``."""
-    x, y, z = units[..., 0], units[..., 1], units[..., 2]
-    # At the poles the azimuth has no slope.
-    level = np.maximum(np.hypot(x, y), 1e-6)
-    slopes = np.zeros((*units.shape[:-1], 2, 3))
-    slopes[..., 0, 0], slopes[..., 0, 1] = -y / level**2, x / level**2
-    slopes[..., 1, 0], slopes[..., 1, 1] = -x * z / level, -y * z / level
-    slopes[..., 1, 2] = level
-    return slopes
+@law
+def attenuated_range(log_attenuation: Any, k_per_m: float) -> Any:
+    """Solve ``ln r + K r / 2 = log_attenuation`` for r, m, from a millimetre to 100 km.
+
+    With ``w = K r / 2`` this is Wright's omega function, ``w + ln w = known`` (F. Fritsch,
+    R. Shafer and W. Crowley, 1973, Comm. ACM 16, 123, whose iteration this is).
+    """
+    half_k = maximum(0.5 * k_per_m, 1e-12)
+    target = minimum(maximum(log_attenuation, -7.0), 12.0) + log(half_k)
+    above = target - log(maximum(target, 1.0))
+    w = choose(target > 2.0, above, 0.5671 + 0.3620 * target)
+    w = choose(target < -1.0, exp(target), w)
+    for _ in range(3):
+        left = target - w - log(w)
+        ahead = 1 + w
+        wide = 2 * ahead * (ahead + 2 / 3 * left)
+        w = w * (1 + left / ahead * (wide - left) / (wide - 2 * left))
+    return w / half_k
 
 
-def _facing(sight: Array) -> Array:
-    """Cosine of incidence on a planar array; at least that of a lamp almost beside it."""
-    return np.maximum(sight[..., 0], 1e-3)
+@law
+def directions(x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    """Return azimuth and elevation of a vector, rad."""
+    return arctan2(y, x), arctan2(z, hypot(x, y))
 
 
-def _sight(angles: Array) -> tuple[Array, Array]:
-    """Return the unit vector to the lamp, and its derivatives by azimuth and elevation."""
-    cosine, sine = np.cos(angles), np.sin(angles)
-    cos_a, cos_e = cosine[..., 0], cosine[..., 1]
-    sin_a, sin_e = sine[..., 0], sine[..., 1]
-    sight = np.empty((*cos_a.shape, 3))
-    turns = np.zeros((*cos_a.shape, 3, 2))
-    sight[..., 0], sight[..., 1], sight[..., 2] = cos_e * cos_a, cos_e * sin_a, sin_e
-    turns[..., 0, 0], turns[..., 1, 0] = -sight[..., 1], sight[..., 0]
-    turns[..., 0, 1], turns[..., 1, 1], turns[..., 2, 1] = -sin_e * cos_a, -sin_e * sin_a, cos_e
-    return sight, turns
+def sight_angles(frame: Frame, at: Any, source: Any) -> tuple[Any, Any]:
+    """Return azimuth and elevation of the lamp seen from the array's centre, rad."""
+    azimuth, elevation = at[AZIMUTH], at[ELEVATION]
+    if frame.share > 0:
+        source_azimuth, source_elevation = directions(*source)
+        azimuth = azimuth + frame.share * source_azimuth
+        elevation = elevation + frame.share * source_elevation
+    return azimuth, elevation
+
+
+@law
+def beam_loss(frame: Frame, sight: Any, source: Any) -> tuple[Any, Any]:
+    """Return ``eta^2 / (4 sigma^2)``, and its slope by the cosine of eta, sign turned.
+
+    Of unit vectors from the array to the lamp and against the beam, by components.
+    """
+    cosine = sight[0] * source[0] + sight[1] * source[1] + sight[2] * source[2]
+    off_x, off_y = sight[0] - cosine * source[0], sight[1] - cosine * source[1]
+    off_z = sight[2] - cosine * source[2]
+    half_square, turn = off_axis(cosine, off_x * off_x + off_y * off_y + off_z * off_z, 1.0)
+    scale = 0.5 / (frame.beam_sigma_rad * frame.beam_sigma_rad)
+    return scale * half_square, scale * turn
+
+
+def from_pose(frame: Frame, pose: Any, roll: Any) -> Any:
+    """Return the coordinates of a pose.
+
+    Parameters
+    ----------
+    frame
+        As `frame_of` returns it.
+    pose
+        x, y, z, pitch and yaw, m and rad, shape ``(5, ...)``.
+    roll
+        Roll of the follower, rad.
+
+    Returns
+    -------
+    Array
+        Shape ``(5, ...)``.
+    """
+    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp_in_body(
+        pose[0], pose[1], pose[2], pose[3], pose[4], roll
+    )
+    x, y, z = lamp_x - frame.centre_x, lamp_y - frame.centre_y, lamp_z - frame.centre_z
+    range_m = maximum(sqrt(x * x + y * y + z * z), 1e-9)
+    sight = (x / range_m, y / range_m, z / range_m)
+    source = (-axis_x, -axis_y, -axis_z)
+    loss, _ = beam_loss(frame, sight, source)
+    azimuth, elevation = directions(*sight)
+    log_attenuation = log(range_m) + 0.5 * frame.k_per_m * range_m + loss
+    if frame.share > 0:
+        source_azimuth, source_elevation = directions(*source)
+        azimuth = azimuth - frame.share * source_azimuth
+        elevation = elevation - frame.share * source_elevation
+        log_attenuation = log_attenuation - 0.5 * log(maximum(sight[0], LEAST_FACING))
+    return stack(azimuth, elevation, log_attenuation, pose[3], pose[4])
+
+
+def to_lamp(frame: Frame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
+    """Return lamp and pose at coordinates.
+
+    Parameters
+    ----------
+    frame, roll
+        As in `from_pose`.
+    at
+        Coordinates, shape ``(5, ...)`` or more.
+
+    Returns
+    -------
+    lamp
+        Position, m, and axis of the beam in ``base_link``: six components.
+    pose
+        x, y, z, pitch and yaw, m and rad: five components.
+    log_volume
+        Logarithm of the volume of poses in m and rad that a unit volume of the coordinates holds.
+    """
+    ahead, aside, above = rotation(at[PITCH], at[YAW], roll)
+    azimuth, elevation = sight_angles(frame, at, ahead)
+    cos_e = cos(elevation)
+    sight = (cos_e * cos(azimuth), cos_e * sin(azimuth), sin(elevation))
+    loss, _ = beam_loss(frame, sight, ahead)
+    log_attenuation = at[LOG_ATTENUATION] - loss
+    if frame.share > 0:
+        log_attenuation = log_attenuation + 0.5 * log(maximum(sight[0], LEAST_FACING))
+    range_m = attenuated_range(log_attenuation, frame.k_per_m)
+    x = range_m * sight[0] + frame.centre_x
+    y = range_m * sight[1] + frame.centre_y
+    z = range_m * sight[2] + frame.centre_z
+    pose = (
+        -(ahead[0] * x + ahead[1] * y + ahead[2] * z),
+        -(aside[0] * x + aside[1] * y + aside[2] * z),
+        -(above[0] * x + above[1] * y + above[2] * z),
+        at[PITCH],
+        at[YAW],
+    )
+    level = maximum(abs(cos_e), 1e-9)
+    log_volume = log(range_m * range_m * level / (1 / range_m + 0.5 * frame.k_per_m))
+    return (x, y, z, -ahead[0], -ahead[1], -ahead[2]), pose, log_volume
+
+
+def slopes_at(frame: Frame, at: Any, roll: Any, lamp: Any) -> tuple[Any, Any]:
+    """Differentiate `to_lamp` by the coordinates.
+
+    Parameters
+    ----------
+    frame, at, roll
+        As in `to_lamp`.
+    lamp
+        What that returned.
+
+    Returns
+    -------
+    lamp_slopes
+        Of lamp and axis, shape ``(6, 5, ...)``.
+    pose_slopes
+        Of the pose, shape ``(5, 5, ...)``.
+    """
+    rows = rotation(at[PITCH], at[YAW], roll)
+    ahead, aside, _ = rows
+    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
+    range_m = sqrt(x * x + y * y + z * z)
+    sight = (x / range_m, y / range_m, z / range_m)
+    slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
+    by_pitch = pitched((lamp[3], lamp[4], lamp[5]), roll)
+    for i in range(3):
+        slopes[3 + i, PITCH], slopes[3 + i, YAW] = by_pitch[i], aside[i]
+    azimuth, elevation = sight_angles(frame, at, ahead)
+    slopes[0, AZIMUTH], slopes[1, AZIMUTH] = -sight[1], sight[0]
+    slopes[0, ELEVATION] = -sight[2] * cos(azimuth)
+    slopes[1, ELEVATION] = -sight[2] * sin(azimuth)
+    slopes[2, ELEVATION] = cos(elevation)
+    if frame.share > 0:
+        # How the direction of the beam's source, and so that of the lamp, turns.
+        level = maximum(hypot(ahead[0], ahead[1]), 1e-6)
+        for q in (PITCH, YAW):
+            u, v, w = -slopes[3, q], -slopes[4, q], -slopes[5, q]
+            swing = frame.share * (ahead[0] * v - ahead[1] * u) / (level * level)
+            rise = level * w - ahead[2] / level * (ahead[0] * u + ahead[1] * v)
+            rise = frame.share * rise
+            for i in range(3):
+                slopes[i, q] = slopes[i, AZIMUTH] * swing + slopes[i, ELEVATION] * rise
+    _, ratio = beam_loss(frame, sight, ahead)
+    facing = 0.0 * range_m
+    if frame.share > 0:
+        facing = choose(sight[0] > LEAST_FACING, 0.5 / maximum(sight[0], LEAST_FACING), 0.0)
+    stretched = 1 / (1 / range_m + 0.5 * frame.k_per_m)
+    for q in range(5):
+        stretch = facing * slopes[0, q]
+        for i in range(3):
+            turned = ahead[i] * slopes[i, q] - sight[i] * slopes[3 + i, q]
+            stretch = stretch + ratio * turned
+        if q == LOG_ATTENUATION:
+            stretch = stretch + 1.0
+        stretch = stretch * stretched
+        for i in range(3):
+            slopes[i, q] = range_m * slopes[i, q] + sight[i] * stretch
+    # Pitch turns what the body sees, yaw turns about the beacon's z.
+    seen = pitched((lamp[0], lamp[1], lamp[2]), roll)
+    for i in range(3):
+        row = rows[i]
+        for q in range(5):
+            moved = row[0] * slopes[0, q] + row[1] * slopes[1, q] + row[2] * slopes[2, q]
+            if q == PITCH:
+                moved = moved - (row[0] * seen[0] + row[1] * seen[1] + row[2] * seen[2])
+            pose_slopes[i, q] = -moved
+    pose_slopes[0, YAW] += aside[0] * lamp[0] + aside[1] * lamp[1] + aside[2] * lamp[2]
+    pose_slopes[1, YAW] -= ahead[0] * lamp[0] + ahead[1] * lamp[1] + ahead[2] * lamp[2]
+    pose_slopes[PITCH, PITCH] += 1.0
+    pose_slopes[YAW, YAW] += 1.0
+    return slopes, pose_slopes
+
+
+@law
+def quarter_turn(pitch: Any, yaw: Any) -> tuple[Any, Any]:
+    """Return pitch and yaw of where a planar array sees nearly the same.
+
+    To second order the light depends on pitch and yaw by the sum of their squares alone, so a ring
+    of attitudes looks alike; this is the next of four places on it.
+    """
+    return yaw, -pitch

@@ -2,18 +2,14 @@
 
 An effect is a function with the scene key's name. Its keyword-only arguments are the key's
 settings; before them it asks by name for the ``array`` and, where it needs it, the ``lamp``. It is
-called once, when a scene is planned, and returns the step that runs on every image; what a scene
-does not name never runs. Effects run stage by stage and, within a stage, in the order of the list
-below, which is the physical one.
+called once, when a scene is planned, and returns what it does in one or more `forms`; what a scene
+does not name never runs. Effects act in the order of the list below, which is the physical one.
 """
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all, unknown
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.detectors import (
@@ -24,7 +20,6 @@ from uuv_optical_array.forward.effects.detectors import (
     responsivity,
 )
 from uuv_optical_array.forward.effects.electronics import (
-    Variance,
     adc,
     photodiode,
     resolved_photodiode,
@@ -32,6 +27,7 @@ from uuv_optical_array.forward.effects.electronics import (
     sensor_noise,
     shot_noise,
 )
+from uuv_optical_array.forward.effects.forms import Form, Moving
 from uuv_optical_array.forward.effects.moving import lamp_drift, lamp_flicker, plume
 from uuv_optical_array.forward.effects.water import (
     ambient,
@@ -41,61 +37,53 @@ from uuv_optical_array.forward.effects.water import (
     resolved_ambient,
     resolved_attenuation,
 )
-from uuv_optical_array.forward.light import LampSettings, Light, Rays
+from uuv_optical_array.forward.light import LampSettings
 
 
-class Stage(Enum):
-    """Where an effect acts, in physical order, and the step that it returns."""
+class Effect(NamedTuple):
+    """An effect of the list.
 
-    LIGHT = "step(light, rays): the light on its way and on the array, changed in place"
-    NOISE = "step(image) -> variance in counts^2 and its slope, independent of other noise"
-    ANALOGUE = "step(image) -> image: electronics before the converter"
-    DIGITAL = "step(image) -> image: the converter"
+    Parameters
+    ----------
+    function
+        As the module has it.
+    resolved
+        Where settings may be given in one of several ways: ``resolved(settings, name)``, the check,
+        which may turn them into one.
+    """
 
-
-EFFECTS: dict[str, tuple[Stage, Callable[..., Callable[..., Any]]]] = {}
-
-
-def effect(stage: Stage) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a function as the effect of its name, at `stage`."""
-
-    def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        EFFECTS[function.__name__] = stage, function
-        return function
-
-    return register
+    function: Callable[..., Form | tuple[Form, ...]]
+    resolved: Callable[[dict[str, Any], str], dict[str, Any]] = lambda settings, name: settings
 
 
-for _stage, _functions in {
-    Stage.LIGHT: (
-        attenuation,
-        lamp_flicker,
-        lamp_drift,
-        plume,
-        beam_spread,
-        field_of_view,
-        ambient,
-        forward_scatter,
-        responsivity,
-        detector_faults,
-    ),
-    Stage.NOISE: (sensor_noise, shot_noise, photodiode),
-    Stage.ANALOGUE: (saturation,),
-    Stage.DIGITAL: (adc,),
-}.items():
-    for _function in _functions:
-        effect(_stage)(_function)
-
+EFFECTS: dict[str, Effect] = {
+    effect.function.__name__: effect
+    for effect in (
+        # On the way to the detectors.
+        Effect(attenuation, resolved_attenuation),
+        Effect(lamp_flicker),
+        Effect(lamp_drift),
+        Effect(plume),
+        Effect(beam_spread),
+        Effect(field_of_view, resolved_field_of_view),
+        # On the array.
+        Effect(ambient, resolved_ambient),
+        Effect(forward_scatter),
+        Effect(responsivity, resolved_responsivity),
+        Effect(detector_faults),
+        # In the electronics.
+        Effect(sensor_noise),
+        Effect(shot_noise),
+        Effect(photodiode, resolved_photodiode),
+        Effect(saturation),
+        Effect(adc),
+    )
+}
 # Effects that act at the moment of an image, and do nothing where none is given.
-MOVING = {function.__name__ for function in (lamp_flicker, lamp_drift, plume)}
-
-# Where settings may be given in one of several ways: the check, which may turn them into one.
-RESOLVED: dict[str, Callable[[dict[str, Any], str], dict[str, Any]]] = {
-    "attenuation": resolved_attenuation,
-    "field_of_view": resolved_field_of_view,
-    "ambient": resolved_ambient,
-    "responsivity": resolved_responsivity,
-    "photodiode": resolved_photodiode,
+MOVING = {
+    name
+    for name, effect in EFFECTS.items()
+    if inspect.signature(effect.function).return_annotation is Moving
 }
 
 Settings = Mapping[str, Mapping[str, Any]]
@@ -112,7 +100,7 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict
-        The checked settings by name, in physical order.
+        The checked settings by effect, defaults filled in.
 
     Raises
     ------
@@ -125,29 +113,16 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     for name in settings:
         if name not in EFFECTS:
             raise unknown(name, EFFECTS, "effects")
-    stages = list(Stage)
-    in_order = sorted(EFFECTS, key=lambda name: stages.index(EFFECTS[name][0]))
     checked = {}
-    for name in in_order:
+    for name, effect in EFFECTS.items():
         if name in settings:
-            values = check_all(EFFECTS[name][1], settings[name], f"effects.{name}")
-            if name in RESOLVED:
-                values = RESOLVED[name](values, f"effects.{name}")
+            values = check_all(effect.function, settings[name], f"effects.{name}")
+            values = effect.resolved(values, f"effects.{name}")
             checked[name] = {key: value for key, value in values.items() if value is not None}
     return checked
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The steps that a scene names, and no others, by stage."""
-
-    light: tuple[Callable[[Light, Rays], None], ...]
-    noise: tuple[Callable[[Array], Variance], ...]
-    analogue: tuple[Callable[[Array], Array], ...]
-    digital: tuple[Callable[[Array], Array], ...]
-
-
-def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> Plan:
+def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> tuple[Form, ...]:
     """Plan the effects of a scene for an array and a lamp, once.
 
     Parameters
@@ -161,8 +136,8 @@ def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> Plan:
 
     Returns
     -------
-    Plan
-        The steps, kernels built.
+    tuple of Form
+        What they do, in physical order.
 
     Raises
     ------
@@ -170,9 +145,10 @@ def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> Plan:
         For a setting that does not fit the array.
     """
     rig: dict[str, Any] = {"array": array, "lamp": lamp}
-    steps: dict[Stage, list[Callable[..., Any]]] = {stage: [] for stage in Stage}
+    forms: list[Form] = []
     for name, values in settings.items():
-        stage, function = EFFECTS[name]
+        function = EFFECTS[name].function
         asked = [rig[name] for name in inspect.signature(function).parameters if name in rig]
-        steps[stage].append(function(*asked, **values))
-    return Plan(*(tuple(steps[stage]) for stage in Stage))
+        found = function(*asked, **values)
+        forms.extend(found if isinstance(found, tuple) else (found,))
+    return tuple(forms)

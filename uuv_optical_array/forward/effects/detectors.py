@@ -1,14 +1,15 @@
 """How the detectors of an array differ from ideal ones, and from each other."""
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
+from numpy import maximum, tanh
 
+from uuv_optical_array.core.elementwise import law
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Cells, Grid, Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.light import Light, Rays
+from uuv_optical_array.forward.effects.forms import Background, Gain, Transmission
 
 
 def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any]:
@@ -16,6 +17,22 @@ def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any
     if not one_way(settings, name, ("cosine_power",), ("half_angle_deg",)):
         settings.pop("edge_deg")
     return settings
+
+
+@law
+def lens(range_m: Any, half_square: Any, cosine: Any, power: Any, _b: Any, _c: Any) -> Any:
+    """Power of the cosine beyond Lambert's: a `Transmission`."""
+    lit = maximum(cosine, 1e-12)
+    return lit**power, 0.0, 0.0, power / lit, 0.0
+
+
+@law
+def housing(
+    range_m: Any, half_square: Any, cosine: Any, cosine_half: Any, width: Any, _c: Any
+) -> Any:
+    """Cut-off by the rim of a housing, in the cosine: a `Transmission`."""
+    inside = tanh((cosine - cosine_half) / width)
+    return 0.5 * (1 + inside), 0.0, 0.0, (1 - inside) / width, 0.0
 
 
 def field_of_view(
@@ -28,36 +45,19 @@ def field_of_view(
         float | None, Quantity("incidence at which half is lost", "deg", 1, 90)
     ] = None,
     edge_deg: Annotated[float, Quantity("width of the cut-off", "deg", 0.1, 60)] = 5.0,
-) -> Callable[[Light, Rays], None]:
+) -> Transmission:
     """Narrow the response to the lamp beyond Lambert's cosine.
 
     Either as ``cos^p`` of the incidence in all, a generalised Lambertian as of a lensed diode, or
     by the rim of a housing: half is lost at the half angle, and nearly all (88 %) half an edge
     further out, by a hyperbolic tangent of the cosine, so that the light keeps a derivative.
     """
-
-    def response(cosine: Array) -> tuple[Array, Array]:
-        if cosine_power is not None:
-            lit = np.maximum(cosine, 1e-12)
-            value = lit ** (cosine_power - 1)
-            return value, (cosine_power - 1) * value / lit
-        assert half_angle_deg is not None  # checked with the scene
-        half = np.radians(half_angle_deg)
-        width = 0.5 * np.radians(edge_deg) * np.sin(half)
-        inside = np.tanh((cosine - np.cos(half)) / width)
-        return 0.5 * (1 + inside), 0.5 * (1 - inside**2) / width
-
-    def step(light: Light, rays: Rays) -> None:
-        shape, cosine = light.image.shape, rays.cos_incidence
-        value, slope = response(cosine)
-        before = light.image.reshape(cosine.shape).copy() if light.derivatives is not None else None
-        light.dim(value.reshape(shape))
-        if before is not None:
-            towards = array.normals.T - (cosine / rays.range_m)[..., None, :] * rays.to_lamp
-            by_position = (before * slope / rays.range_m)[..., None, :] * towards
-            light.slope_by_position(lambda: by_position.reshape(*shape[:-2], 3, *shape[-2:]))
-
-    return step
+    if cosine_power is not None:
+        return Transmission(lens, (cosine_power - 1, 0.0, 0.0))
+    assert half_angle_deg is not None  # checked with the scene
+    half = np.radians(half_angle_deg)
+    width = 0.5 * np.radians(edge_deg) * np.sin(half)
+    return Transmission(housing, (float(np.cos(half)), float(width), 0.0))
 
 
 def resolved_responsivity(settings: dict[str, Any], name: str) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def responsivity(
     drift_per_c: Annotated[
         float, Quantity("relative change with temperature", "1/deg C", -0.1, 0.1)
     ] = -2 / 576,
-) -> Callable[[Light, Rays], None]:
+) -> Gain:
     """Give each detector a gain of its own, and all a drift with temperature.
 
     The gains are given, as `uuv_array calibrate` finds them, or drawn once. Eren et al. (2017)
@@ -90,13 +90,7 @@ def responsivity(
     is.
     """
     each = detector_gains(array.side, spread, seed, gains)
-
-    def step(light: Light, rays: Rays) -> None:
-        drift = 1 + drift_per_c * light.setting("responsivity.temperature_c", 0.0)
-        light.dim(each * drift)
-        light.slope_by("responsivity.temperature_c", lambda: light.image * (drift_per_c / drift))
-
-    return step
+    return Gain(each.ravel(), drift_per_c, "responsivity.temperature_c")
 
 
 def detector_gains(
@@ -137,7 +131,7 @@ def detector_faults(
     dead: Annotated[Cells, Quantity("detectors that see no light, [row, column]", "", 0, 500)] = (),
     stuck: Annotated[Cells, Quantity("detectors with one reading, [row, column]", "", 0, 500)] = (),
     stuck_counts: Annotated[float, Quantity("that reading", "counts", 0, 1e6)] = 0.0,
-) -> Callable[[Light, Rays], None]:
+) -> tuple[Gain, Background]:
     """Let detectors fail: dead ones read darkness, stuck ones a level; row 0 is the top.
 
     An estimator that believes the scene leaves them out of its fit: they have no derivative. The
@@ -154,8 +148,4 @@ def detector_faults(
     for row, column in stuck:
         level[row, column] = stuck_counts
 
-    def step(light: Light, rays: Rays) -> None:
-        light.dim(works)
-        light.image += level
-
-    return step
+    return Gain(works.ravel()), Background(level.ravel(), 1.0)

@@ -1,48 +1,35 @@
 """What photodiode, amplifier and converter do to a reading."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
-import numpy as np
 from scipy.constants import elementary_charge, k, zero_Celsius
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
-
-# Variance in counts^2 and its derivative by the image, each a number or in the image's shape.
-Variance: TypeAlias = tuple[float | Array, float | Array]
+from uuv_optical_array.forward.effects.forms import Converter, Noise, Saturation
 
 
 def sensor_noise(
     array: DetectorArray,
     *,
     sigma_counts: Annotated[float, Quantity("standard deviation of a reading", "counts", 0, 1e6)],
-) -> Callable[[Array], Variance]:
+) -> Noise:
     """Net noise of a detector and its amplifier, Gaussian (Eren et al. 2016, eq. 7)."""
-    variance = sigma_counts**2
-
-    def step(image: Array) -> Variance:
-        return variance, 0.0
-
-    return step
+    return Noise(sigma_counts**2)
 
 
 def shot_noise(
     array: DetectorArray,
     *,
     electrons_per_count: Annotated[float, Quantity("electrons of one count", "", 1e-3, 1e12)],
-) -> Callable[[Array], Variance]:
+) -> Noise:
     """Shot noise of the light, whose variance is its mean in electrons (Eren et al. 2016, eq. 7).
 
     Gaussian, as the paper assumes; ``2 q I B`` in counts.
     """
-
-    def step(image: Array) -> Variance:
-        return np.maximum(image, 0.0) / electrons_per_count, 1 / electrons_per_count
-
-    return step
+    return Noise(0.0, 1 / electrons_per_count)
 
 
 @dataclass(frozen=True)
@@ -141,7 +128,7 @@ def photodiode(
     watts_per_m2_per_count: Annotated[
         float | None, Quantity("irradiance of one count", "W/m^2", 1e-15, 1e6)
     ] = None,
-) -> Callable[[Array], Variance]:
+) -> Noise:
     """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
 
     Signal, background and dark-current shot noise, Johnson and amplifier noise, Gaussian: see
@@ -156,34 +143,22 @@ def photodiode(
     still = sum(photodiode_variances(sheet, 0.0, *settings).values()) / amps_per_count**2
     slope = photodiode_variances(sheet, 1.0, *settings)["shot"] / amps_per_count
 
-    def step(image: Array) -> Variance:
-        return still + slope * np.maximum(image, 0.0), slope
-
-    return step
+    return Noise(float(still), float(slope))
 
 
 def saturation(
     array: DetectorArray,
     *,
     level_counts: Annotated[float, Quantity("largest analogue reading", "counts", 1, 1e6)],
-) -> Callable[[Array], Array]:
+) -> Saturation:
     """Clip at the largest signal that photodiode and amplifier can give."""
-
-    def step(image: Array) -> Array:
-        return np.minimum(image, level_counts)
-
-    return step
+    return Saturation(level_counts)
 
 
 def adc(
     array: DetectorArray,
     *,
     bits: Annotated[int, Quantity("resolution; readings run from 0 to 2^bits - 1", "", 1, 16)],
-) -> Callable[[Array], Array]:
+) -> Converter:
     """Round to whole counts and clip to the converter's range."""
-    largest = 2**bits - 1
-
-    def step(image: Array) -> Array:
-        return np.clip(np.rint(image), 0, largest)
-
-    return step
+    return Converter(2.0**bits - 1)

@@ -1,15 +1,17 @@
 """What happens to the light between lamp and detectors: lamp, water and the daylight in it."""
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
+from numpy import exp, expm1, minimum
 
+from uuv_optical_array.core.elementwise import law
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.effects.forms import Background, Blur, Transmission
 from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
-from uuv_optical_array.forward.light import LampSettings, Light, Rays, squared_angle_slopes
+from uuv_optical_array.forward.light import LampSettings
 
 WavelengthNm = Annotated[float | None, Quantity("wavelength of the light", "nm", 500, 550)]
 KPerM = Annotated[float | None, Quantity("diffuse attenuation coefficient K", "1/m", 0, 10)]
@@ -22,33 +24,54 @@ def resolved_attenuation(settings: dict[str, Any], name: str) -> dict[str, Any]:
     return settings
 
 
+@law
+def beer(range_m: Any, half_square: Any, cosine: Any, k_per_m: Any, _b: Any, _c: Any) -> Any:
+    """Beer's law, ``exp(-K r)``: a `Transmission` with K in 1/m."""
+    return exp(-k_per_m * range_m), -k_per_m, 0.0, 0.0, -range_m
+
+
 def attenuation(
     array: DetectorArray,
     *,
     k_per_m: KPerM = None,
     water: Water | None = None,
     wavelength_nm: WavelengthNm = None,
-) -> Callable[[Light, Rays], None]:
+) -> Transmission:
     """Dim by Beer's law along the slant path, ``exp(-K r)`` (Eren et al. 2016, eq. 5).
 
     K is given as a number, or by a water type and a wavelength: see `jerlov`.
     """
     assert k_per_m is not None  # resolved when the scene was checked
-    k_of_scene = k_per_m
+    return Transmission(beer, (k_per_m, 0.0, 0.0), "attenuation.k_per_m")
 
-    def step(light: Light, rays: Rays) -> None:
-        path = rays.range_m.reshape(light.image.shape)
-        k = light.setting("attenuation.k_per_m", k_of_scene)
-        light.dim(np.exp(-k * path))
-        light.slope_by("attenuation.k_per_m", lambda: -path * light.image)
-        light.slope_by_position(
-            lambda: (
-                (-k * light.image / path)[..., None, :, :]
-                * rays.to_lamp.reshape(*path.shape[:-2], 3, *path.shape[-2:])
-            )
-        )
 
-    return step
+@law
+def spread(
+    range_m: Any,
+    half_square: Any,
+    cosine: Any,
+    scattering_per_m: Any,
+    angle_squared: Any,
+    narrow: Any,
+) -> Any:
+    """Return what forward scatter makes of a Gaussian beam: a `Transmission`, see `beam_spread`.
+
+    Its settings are the coefficient, 1/m, the squared angle of one scattering and the variance of
+    the beam, rad^2.
+    """
+    depth = scattering_per_m * range_m
+    straight, scattered = exp(-depth), -expm1(-depth)
+    wide = narrow + angle_squared * depth / (3 * scattered)
+    # Where the ideal beam has underflowed this must not overflow.
+    excess = minimum(half_square * (1 / narrow - 1 / wide), 600.0)
+    wider = scattered * narrow / wide * exp(excess)
+    factor = straight + wider
+    widening = scattering_per_m * angle_squared / 3
+    widening = widening * (scattered - depth * straight) / (scattered * scattered)
+    by_range = scattering_per_m * straight * (wider / scattered - 1)
+    by_range = by_range + wider * widening / wide * (half_square / wide - 1)
+    by_half_square = wider * (1 / narrow - 1 / wide)
+    return factor, by_range / factor, by_half_square / factor, 0.0, 0.0
 
 
 def beam_spread(
@@ -59,7 +82,7 @@ def beam_spread(
     scattering_angle_deg: Annotated[
         float, Quantity("standard deviation of one scattering, by axis", "deg", 0.01, 30)
     ],
-) -> Callable[[Light, Rays], None]:
+) -> Transmission:
     """Widen the beam by forward scatter, in the small-angle approximation.
 
     The share ``exp(-b r)`` goes straight; the rest spreads as a Gaussian beam whose variance at
@@ -69,35 +92,12 @@ def beam_spread(
     62, 1109, and Wells 1973, AGARD LS-61). Power is kept: what is lost belongs to `attenuation`.
     Single-scattering seas have b of 0.04 (clear), 0.2 (coastal) and 1.8 /m (harbour; Petzold 1972).
     """
-    b, theta_squared = scattering_per_m, np.radians(scattering_angle_deg) ** 2
-    narrow = np.radians(lamp.beam_sigma_deg) ** 2
-
-    def step(light: Light, rays: Rays) -> None:
-        path, shape = rays.range_m, light.image.shape
-        straight, scattered = np.exp(-b * path), -np.expm1(-b * path)
-        wide = narrow + b * theta_squared * path / (3 * scattered)
-        half_square = 0.5 * rays.off_axis_rad**2
-        # Where the ideal beam has underflowed this must not overflow.
-        excess = np.minimum(half_square * (1 / narrow - 1 / wide), 600.0)
-        spread = narrow / wide * np.exp(excess)
-        factor = straight + scattered * spread
-
-        light.dim(factor.reshape(shape))
-        if light.derivatives is None:
-            return
-        widening = b * theta_squared / 3 * (scattered - b * path * straight) / scattered**2
-        by_range = b * straight * (spread - 1)
-        by_range += scattered * spread * widening / wide * (half_square / wide - 1)
-        by_half_square = scattered * spread * (1 / narrow - 1 / wide)
-        before = light.image.reshape(path.shape) / factor
-        by_position, by_axis = squared_angle_slopes(rays)
-        planes = (*shape[:-2], 3, *shape[-2:])
-        along = (before * by_range / path)[..., None, :] * rays.to_lamp
-        weight = (before * by_half_square)[..., None, :]
-        light.slope_by_position(lambda: (along + weight * by_position).reshape(planes))
-        light.slope_by_axis(lambda: (weight * by_axis).reshape(planes))
-
-    return step
+    settings = (
+        scattering_per_m,
+        float(np.radians(scattering_angle_deg) ** 2),
+        float(np.radians(lamp.beam_sigma_deg) ** 2),
+    )
+    return Transmission(spread, settings)
 
 
 def resolved_ambient(settings: dict[str, Any], name: str) -> dict[str, Any]:
@@ -128,20 +128,14 @@ def ambient(
     k_per_m: KPerM = None,
     water: Water | None = None,
     wavelength_nm: WavelengthNm = None,
-) -> Callable[[Light, Rays], None]:
+) -> Background:
     """Add daylight that reaches every detector alike (L_b of Eren et al. 2016, eq. 5).
 
     Its level is given, or the level at the surface, which falls with depth as ``exp(-K d)``
     (Jerlov 1976; K as in `attenuation`, of the downwelling light).
     """
     assert level_counts is not None  # resolved when the scene was checked
-    level = level_counts
-
-    def step(light: Light, rays: Rays) -> None:
-        light.image += light.setting("ambient.level_counts", level)
-        light.slope_by("ambient.level_counts", lambda: 1.0)
-
-    return step
+    return Background(np.ones(array.side**2), level_counts, "ambient.level_counts")
 
 
 def hanning_blur(side: int, spacing_m: float, window_m: float) -> Array:
@@ -180,14 +174,9 @@ def forward_scatter(
     array: DetectorArray,
     *,
     window_m: Annotated[float, Quantity("full width of the window on the array", "m", 1e-3, 10)],
-) -> Callable[[Light, Rays], None]:
+) -> Blur:
     """Blur the image with a two-dimensional Hanning window (Eren et al. 2016, eq. 6).
 
     The paper's window of 11 samples, its end points zero, at 0.02 m is 0.2 m wide.
     """
-    blur = hanning_blur(array.side, array.spacing_m, window_m)
-
-    def step(light: Light, rays: Rays) -> None:
-        light.change(lambda image: blur @ image @ blur.T)
-
-    return step
+    return Blur(hanning_blur(array.side, array.spacing_m, window_m))

@@ -1,0 +1,185 @@
+"""The same functions, compiled by Numba where that is installed (the extra ``fast``).
+
+Nothing is decorated and Numba is imported when something is first compiled, so that a process
+which needs no compiled code does not wait for it. `compiled` copies a function and all functions
+of this package that it calls, with the array helpers of `elementwise` and some functions of NumPy
+and SciPy replaced by what they are for numbers (`compiled_math`).
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import shutil
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from types import CellType, CodeType, FunctionType
+from typing import Any
+
+from uuv_optical_array.core import files
+
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+KEPT = 4  # caches of other versions of the package that are left on disk
+
+
+def installed() -> bool:
+    """Say whether Numba is there, without importing it."""
+    return importlib.util.find_spec("numba") is not None
+
+
+@cache
+def usable() -> bool:
+    """Say whether Numba can be imported, which a NumPy too new for it prevents."""
+    try:
+        _numba()
+    except ValueError:
+        return False
+    return True
+
+
+@cache
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function as Numba compiles it, when it is first called, and keeps it on disk.
+
+    Parameters
+    ----------
+    function
+        A function of this package, written for numbers and arrays alike.
+
+    Raises
+    ------
+    ValueError
+        Where Numba is not installed, or not for this NumPy.
+    """
+    return _jit(_twin(function, {}), keep=True)
+
+
+@cache
+def law_address(law: Callable[..., Any]) -> int:
+    """Return where the compiled `compiled_math.transmit_by` of a law of transmission is.
+
+    Parameters
+    ----------
+    law
+        As `forward.effects.forms.Transmission` has it.
+
+    Raises
+    ------
+    ValueError
+        As `compiled`.
+    """
+    numba, mathematics = _numba(), _mathematics()
+    transmit = _twin(mathematics.transmit_by, {"law": compiled_inside(law)})
+    # Its own name on disk: the file tells the laws apart by nothing else.
+    transmit.__qualname__ = f"{transmit.__qualname__}.{law.__module__}.{law.__qualname__}"
+    with _CacheFolder(numba) as kept:
+        callback = numba.cfunc(mathematics.TRANSMIT, cache=kept, **OPTIONS)(transmit)
+    _CALLBACKS.append(callback)
+    return int(callback.address)
+
+
+_CALLBACKS: list[Any] = []  # which must outlive their addresses
+
+
+@cache
+def compiled_inside(function: Callable[..., Any]) -> Any:
+    """Return a function compiled to be called from compiled code only."""
+    return _jit(_twin(function, {}), keep=False)
+
+
+def _numba() -> Any:
+    try:
+        return importlib.import_module("numba")
+    except ImportError as error:
+        raise ValueError(f"compiled: {error}; install Numba: pip install -e '.[fast]'") from None
+
+
+def _mathematics() -> Any:
+    return importlib.import_module(f"{__package__}.compiled_math")
+
+
+def _twin(function: Any, names: Mapping[str, Any]) -> FunctionType:
+    """Copy a function whose globals are compiled or replaced; `names` are given."""
+    _numba()
+    replaced = _mathematics().REPLACED
+
+    def instead(value: Any) -> Any:
+        if callable(value) and not isinstance(value, type) and value in replaced:
+            return replaced[value]
+        if isinstance(value, FunctionType) and value.__module__.startswith(files.PACKAGE):
+            return compiled_inside(value)
+        return value
+
+    mine = dict(function.__globals__)
+    for name in _names(function.__code__):
+        if name in mine:
+            mine[name] = instead(mine[name])
+    mine.update(names)
+    cells = tuple(CellType(instead(cell.cell_contents)) for cell in function.__closure__ or ())
+    code = function.__code__
+    twin = FunctionType(code, mine, function.__name__, function.__defaults__, cells)
+    twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
+    twin.__dict__.update(function.__dict__)
+    return twin
+
+
+def _names(code: CodeType) -> set[str]:
+    inner = (const for const in code.co_consts if isinstance(const, CodeType))
+    return set(code.co_names).union(*(_names(const) for const in inner))
+
+
+def _jit(function: FunctionType, keep: bool) -> Any:
+    numba = _numba()
+    options = dict(OPTIONS)
+    if hasattr(function, "inline"):
+        options["forceinline"] = True
+    if hasattr(function, "reorder"):
+        options["fastmath"] = {"contract", "reassoc"}
+    if not keep:
+        return numba.njit(**options)(function)
+    with _CacheFolder(numba) as kept:
+        return numba.njit(cache=kept, **options)(function)
+
+
+class _CacheFolder:
+    """Let Numba keep what it compiles in a folder of this version of the sources.
+
+    Numba itself looks at the file of the function alone, not at those that it calls.
+    """
+
+    def __init__(self, numba: Any) -> None:
+        self._config = numba.config
+
+    def __enter__(self) -> bool:
+        self._before = self._config.CACHE_DIR
+        folder = cache_folder()
+        if folder is None:
+            return False
+        self._config.CACHE_DIR = str(folder)
+        return True
+
+    def __exit__(self, *error: object) -> None:
+        self._config.CACHE_DIR = self._before
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder of what was compiled from these sources; ``None`` where none is writable.
+
+    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(source.read_bytes())
+    given = _numba().config.CACHE_DIR
+    home = (Path(given) if given else files.cache_dir()) / "compiled"
+    folder = home / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "used").touch()
+    except OSError:
+        return None
+    others = sorted(home.iterdir(), key=lambda path: -path.stat().st_mtime)
+    for stale in others[KEPT:]:
+        shutil.rmtree(stale, ignore_errors=True)
+    return folder

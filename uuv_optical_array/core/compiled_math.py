@@ -1,0 +1,307 @@
+"""What `elementwise` and some functions of NumPy and SciPy are in compiled code.
+
+Importing this module imports Numba. The exponential and the trigonometric functions are
+polynomials, which a compiler turns into vectors; the library's would be a call for each number.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from scipy import special
+
+from uuv_optical_array.core import elementwise
+
+# sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
+SINE = (
+    2.7215660921125597e-15,
+    -7.643025738964345e-13,
+    1.6058940847832492e-10,
+    -2.505210688997513e-08,
+    2.7557319211223257e-06,
+    -0.00019841269841208638,
+    0.008333333333333186,
+    -0.16666666666666666,
+    1.0,
+)
+COSINE = (
+    -1.51197786600161e-16,
+    4.776871733415368e-14,
+    -1.1470670142864075e-11,
+    2.087675566605353e-09,
+    -2.755731920964734e-07,
+    2.4801587301492586e-05,
+    -0.001388888888888853,
+    0.04166666666666666,
+    -0.5,
+    1.0,
+)
+# exp by powers up to log(2) / 2, highest first: minimax, right to 3e-18.
+EXPONENTIAL = (
+    2.5110037605963777e-08,
+    2.763263963904103e-07,
+    2.755724091857897e-06,
+    2.4801485482328494e-05,
+    0.00019841269890047113,
+    0.0013888888952314775,
+    0.008333333333319601,
+    0.0416666666664881,
+    0.1666666666666668,
+    0.5000000000000019,
+    1.0,
+    1.0,
+)
+LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum
+PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
+SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
+ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
+ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
+
+inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
+
+
+@inlined
+def polynomial(coefficients, x):  # type: ignore[no-untyped-def]
+    """Evaluate a polynomial by Horner's rule, highest power first."""
+    value = coefficients[0]
+    for coefficient in coefficients[1:]:
+        value = value * x + coefficient
+    return value
+
+
+@inlined
+def exponential(x):  # type: ignore[no-untyped-def]
+    """Return exp(x) of a number up to 700, 0 below `SMALLEST`."""
+    shifted = x * (1 / math.log(2)) + ROUND
+    power = shifted - ROUND
+    value = polynomial(EXPONENTIAL, x - power * LOG2_HIGH - power * LOG2_LOW)
+    # Times 2^power: it is in the last bits of `shifted`, and goes to the exponent's.
+    bits = np.float64(value).view(np.int64) + (np.float64(shifted).view(np.int64) << np.int64(52))
+    return 0.0 if x < SMALLEST else np.int64(bits).view(np.float64)
+
+
+@inlined
+def _half_sine(angle):  # type: ignore[no-untyped-def]
+    """Return sine and cosine of half an angle, less whole turns of pi."""
+    turns = (angle * (0.5 / math.pi) + ROUND) - ROUND
+    half = 0.5 * angle - turns * PI_HIGH - turns * PI_LOW
+    return half * polynomial(SINE, half * half), polynomial(COSINE, half * half)
+
+
+@inlined
+def sine(angle):  # type: ignore[no-untyped-def]
+    """Return the sine of an angle of some turns."""
+    sine, cosine = _half_sine(angle)
+    return 2 * sine * cosine
+
+
+@inlined
+def cosine(angle):  # type: ignore[no-untyped-def]
+    """Return the cosine of an angle of some turns."""
+    sine, _ = _half_sine(angle)
+    return 1 - 2 * sine * sine
+
+
+@njit(error_model="numpy")
+def scaled_complementary_error(x):  # type: ignore[no-untyped-def]
+    """Return exp(x^2) erfc(x), x > -26."""
+    if x < ASYMPTOTIC:
+        return math.exp(x * x) * math.erfc(x)
+    s = 0.5 / (x * x)
+    return (1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))) / (x * math.sqrt(math.pi))
+
+
+@njit(error_model="numpy")
+def log_normal_distribution(u):  # type: ignore[no-untyped-def]
+    """Return the logarithm of the normal distribution function."""
+    if u > -1.0:
+        return math.log1p(-0.5 * math.erfc(u * math.sqrt(0.5)))
+    return -0.5 * u * u + math.log(0.5 * scaled_complementary_error(-u * math.sqrt(0.5)))
+
+
+@inlined
+def when(condition, index):  # type: ignore[no-untyped-def]
+    """As `elementwise.when`: the index itself, or nothing."""
+    return range(index, index + (1 if condition else 0))
+
+
+@inlined
+def choose(condition, one, other):  # type: ignore[no-untyped-def]
+    """As `elementwise.choose`."""
+    return one if condition else other
+
+
+@inlined
+def choose_state(condition, one, other):  # type: ignore[no-untyped-def]
+    """As `elementwise.choose_state`, of whole tuples."""
+    return one if condition else other
+
+
+@inlined
+def any_of(condition):  # type: ignore[no-untyped-def]
+    """As `elementwise.any_of`, of one condition."""
+    return condition
+
+
+@inlined
+def not_(condition):  # type: ignore[no-untyped-def]
+    """As `elementwise.not_`."""
+    return not condition
+
+
+@inlined
+def total(value):  # type: ignore[no-untyped-def]
+    """As `elementwise.total`: of one number."""
+    return value
+
+
+@inlined
+def room(rows, component, count):  # type: ignore[no-untyped-def]
+    """As `elementwise.room`, of one pose."""
+    return np.empty((rows, count))
+
+
+@inlined
+def stack(*components):  # type: ignore[no-untyped-def]
+    """As `elementwise.stack`, of numbers."""
+    values = np.empty(len(components))
+    for i in range(len(components)):
+        values[i] = components[i]
+    return values
+
+
+@inlined
+def zeros(rows, columns, component):  # type: ignore[no-untyped-def]
+    """As `elementwise.zeros`, of one pose."""
+    return np.zeros((rows, columns))
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def sandwich(matrix, image):  # type: ignore[no-untyped-def]
+    """As `elementwise.sandwich`, of one image."""
+    side = len(matrix)
+    half = np.zeros(side * side)
+    for i in range(side):
+        for k in range(side):
+            weight = matrix[i, k]
+            if weight != 0:
+                for j in range(side):
+                    half[i * side + j] += weight * image[k * side + j]
+    image[:] = 0.0
+    for j in range(side):
+        for k in range(side):
+            weight = matrix[j, k]
+            if weight != 0:
+                for i in range(side):
+                    image[i * side + j] += weight * half[i * side + k]
+
+
+@inlined
+def at_place(rows, place, index):  # type: ignore[no-untyped-def]
+    """As `elementwise.at_place`."""
+    return rows[place, index]
+
+
+@inlined
+def larger(a, b):  # type: ignore[no-untyped-def]
+    """As `numpy.maximum`, of numbers."""
+    return a if a > b else b
+
+
+@inlined
+def smaller(a, b):  # type: ignore[no-untyped-def]
+    """As `numpy.minimum`, of numbers."""
+    return a if a < b else b
+
+
+FLOATS = types.CPointer(types.float64)
+# Rays, three settings, beam, row of the setting's slope, readings, whether to differentiate.
+TRANSMIT = types.void(
+    FLOATS,
+    types.float64,
+    types.float64,
+    types.float64,
+    FLOATS,
+    types.int64,
+    types.int64,
+    types.int64,
+)
+
+
+def transmit_by(rays, a, b, c, beam, row, count, differentiate):  # type: ignore[no-untyped-def]
+    """As `elementwise.transmit`, by the law that is given to this name when it is compiled."""
+    ray = carray(rays, (3, count))
+    light = carray(beam, (4, count))
+    slopes = carray(beam, (row + 1, count))
+    for j in range(count):
+        factor, by_range, by_half_square, by_cosine, by_setting = law(  # noqa: F821
+            ray[0, j], ray[1, j], ray[2, j], a, b, c
+        )
+        light[0, j] *= factor
+        if differentiate:
+            light[1, j] += by_range
+            light[2, j] += by_half_square
+            light[3, j] += by_cosine
+            slopes[row, j] = by_setting
+
+
+def _start_of(_typing, array):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        make = cgutils.create_struct_proxy(signature.args[0])
+        return make(context, builder, arguments[0]).data
+
+    return FLOATS(array), generate
+
+
+start_of: Any = intrinsic(_start_of)
+
+
+def _call(_typing, address, rays, a, b, c, beam, row, count, differentiate):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        double, whole = ir.DoubleType(), ir.IntType(64)
+        pointer = double.as_pointer()
+        parts = [pointer, double, double, double, pointer, whole, whole, whole]
+        kind = ir.FunctionType(ir.VoidType(), parts)
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, *TRANSMIT.args), generate
+
+
+call: Any = intrinsic(_call)
+
+
+@njit(error_model="numpy")
+def transmit(address, rays, a, b, c, beam, row, differentiate):  # type: ignore[no-untyped-def]
+    """As `elementwise.transmit`, the law by its address."""
+    count = rays.shape[1]
+    flag = 1 if differentiate else 0
+    call(address, start_of(rays), a, b, c, start_of(beam), row, count, flag)
+
+
+REPLACED: dict[Any, Any] = {
+    elementwise.each: range,
+    elementwise.when: when,
+    elementwise.choose: choose,
+    elementwise.choose_state: choose_state,
+    elementwise.any_of: any_of,
+    elementwise.not_: not_,
+    elementwise.total: total,
+    elementwise.room: room,
+    elementwise.stack: stack,
+    elementwise.zeros: zeros,
+    elementwise.sandwich: sandwich,
+    elementwise.at_place: at_place,
+    elementwise.transmit: transmit,
+    np.exp: exponential,
+    np.sin: sine,
+    np.cos: cosine,
+    np.maximum: larger,
+    np.minimum: smaller,
+    special.erfcx: scaled_complementary_error,
+    special.log_ndtr: log_normal_distribution,
+}

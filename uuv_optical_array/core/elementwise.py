@@ -1,0 +1,112 @@
+"""What lets one source serve NumPy and Numba: loops and choices for numbers and arrays alike.
+
+A law is written once, for "the reading j". NumPy runs it with j as a slice, so that one turn of
+the loop takes all readings; Numba compiles it with j as a number (see `compilation`). Between them
+only the functions of this module differ.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import numpy as np
+
+Law = TypeVar("Law", bound=Callable[..., Any])
+
+
+def law(function: Law) -> Law:
+    """Mark a function of numbers or arrays, without loops, to be compiled into its callers."""
+    function.inline = True  # type: ignore[attr-defined]
+    return function
+
+
+def each(count: int) -> Iterable[Any]:
+    """Iterate over the last axis: once by a slice here, by numbers in compiled code."""
+    return (slice(None),)
+
+
+def when(condition: Any, index: Any) -> Iterable[Any]:
+    """Iterate over the places of an `each` index, of one axis, where a condition holds."""
+    chosen = np.flatnonzero(condition)
+    return (chosen,) if len(chosen) else ()
+
+
+def choose(condition: Any, one: Any, other: Any) -> Any:
+    """Return one value where a condition holds and another where not."""
+    return np.where(condition, one, other)
+
+
+def choose_state(condition: Any, one: Any, other: Any) -> Any:
+    """Choose between tuples, part by part, by a condition along their last axis."""
+    return type(one)(*(np.where(condition, a, b) for a, b in zip(one, other, strict=True)))
+
+
+def any_of(condition: Any) -> bool:
+    """Say whether a condition holds anywhere."""
+    return bool(np.any(condition))
+
+
+def not_(condition: Any) -> Any:
+    """Turn a condition round."""
+    return np.logical_not(condition)
+
+
+def total(values: Any) -> Any:
+    """Sum what one turn of an `each` loop holds: an array's last axis, or a number itself."""
+    return np.add.reduce(values, axis=-1)
+
+
+def room(rows: int, component: Any, count: int) -> Any:
+    """Return an empty array of rows of `count` readings, for each pose of a component or row."""
+    return np.empty((rows, *np.shape(component)[:-1], count))
+
+
+def stack(*components: Any) -> Any:
+    """Return components as an array, the component first."""
+    return np.array(np.broadcast_arrays(*components), dtype=float)
+
+
+def zeros(rows: int, columns: int, component: Any) -> Any:
+    """Return a matrix of zeros for each pose of a component."""
+    return np.zeros((rows, columns, *np.shape(component)))
+
+
+def sandwich(matrix: Any, image: Any) -> None:
+    """Turn images of shape ``(..., side^2)`` into ``M image M'``, in place."""
+    side = len(matrix)
+    planes = image.reshape(*image.shape[:-1], side, side)
+    image[...] = (matrix @ planes @ matrix.T).reshape(image.shape)
+
+
+def at_place(rows: Any, place: Any, index: Any) -> Any:
+    """Return, for each column of an `each` index, the row of its own place."""
+    return np.take_along_axis(rows, np.asarray(place, dtype=np.intp)[None], axis=0)[0]
+
+
+def transmit(
+    law: Any, rays: Any, a: Any, b: Any, c: Any, beam: Any, row: int, differentiate: bool
+) -> None:
+    """Change the light by a law of transmission.
+
+    Parameters
+    ----------
+    law
+        ``law(range_m, half_square, cosine, a, b, c)``, which returns the factor of the light, the
+        slopes of its logarithm by the three and that by `a`; its address, in compiled code.
+    rays
+        Rows of range, m, half the squared off-axis angle, rad^2, and cosine of incidence.
+    a, b, c
+        Settings of the law.
+    beam
+        Rows of light, of the three slopes of its logarithm, and of slopes by settings.
+    row
+        That of the slope by `a`.
+    differentiate
+        Whether the slopes are wanted.
+    """
+    factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], a, b, c)
+    beam[0] *= factor
+    if differentiate:
+        beam[1] += by_range
+        beam[2] += by_half_square
+        beam[3] += by_cosine
+        beam[row] = by_setting

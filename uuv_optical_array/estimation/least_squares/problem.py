@@ -1,0 +1,264 @@
+"""The posterior of one image over coordinates of the pose and the scene's nuisances."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy import sqrt
+
+from uuv_optical_array.core.elementwise import each, total
+from uuv_optical_array.core.gauss_newton import minimiser
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.estimation.least_squares.coordinates import (
+    Frame,
+    frame_of,
+    slopes_at,
+    to_lamp,
+)
+from uuv_optical_array.estimation.likelihood import likelihood_of
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import (
+    Noise,
+    Optics,
+    detect,
+    illuminate,
+    project,
+    reading_variance,
+)
+
+MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
+MOST_STEPS = 40
+# Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
+# leaves is second order of that.
+ARRIVED = 5e-3
+
+
+@dataclass(frozen=True)
+class PosePrior:
+    """A Gaussian prior, independent by parameter.
+
+    Parameters
+    ----------
+    pose_mean, pose_std
+        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
+    nuisance_std
+        Of the offset of each setting that is estimated along, by name; the mean is 0.
+    """
+
+    pose_mean: Array
+    pose_std: Array
+    nuisance_std: Mapping[str, float]
+
+
+class Problem(NamedTuple):
+    """A scene and a prior in numbers; with readings and a roll, a posterior.
+
+    Parameters
+    ----------
+    optics, noise, frame
+        Of the scene.
+    mean, std
+        Of the prior: pose, then nuisances, shape ``(p,)``.
+    reach
+        Longest step of a fit by coordinate, shape ``(p,)``.
+    readings
+        Counts, finite, shape ``(n,)``.
+    roll
+        Of the follower, rad.
+    """
+
+    optics: Optics
+    noise: Noise
+    frame: Frame
+    mean: Array
+    std: Array
+    reach: Array
+    readings: Array
+    roll: float
+
+
+class State(NamedTuple):
+    """The posterior at one place.
+
+    Parameters
+    ----------
+    cost
+        Negative log-posterior of the pose, without constants.
+    at
+        Coordinates, then nuisances, shape ``(p,)``.
+    gradient
+        Of the opposite of the cost, shape ``(p,)``.
+    information
+        Of Gauss-Newton, prior included, shape ``(p, p)``.
+    pose, pose_slopes
+        m and rad, shape ``(5,)``; by the coordinates, shape ``(5, 5)``.
+    log_volume, log_volume_slopes
+        Of the poses that a unit volume of the coordinates holds; by the coordinates, shape
+        ``(5,)``.
+    """
+
+    cost: float
+    at: Array
+    gradient: Array
+    information: Array
+    pose: Array
+    pose_slopes: Array
+    log_volume: float
+    log_volume_slopes: Array
+
+
+def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem:
+    """Return the problem of a model's images, without readings.
+
+    Parameters
+    ----------
+    model
+        The scene's forward model.
+    prior
+        What is known before the image: wide for the pose, as given for the nuisances.
+    compiled
+        Whether it is for compiled code.
+    """
+    nuisance_std = np.array(list(prior.nuisance_std.values()))
+    return Problem(
+        model.optics(tuple(prior.nuisance_std), compiled),
+        model.noise,
+        frame_of(model),
+        np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))]),
+        np.concatenate([prior.pose_std, nuisance_std]),
+        np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
+        np.zeros(model.array.side**2),
+        0.0,
+    )
+
+
+def normal_equations(image: Any, scores: Any, curvatures: Any, gradient: Any, joint: Any) -> None:
+    """Add what readings say to gradient and information.
+
+    Parameters
+    ----------
+    image
+        Light and its slopes, shape ``(1 + p, n)``.
+    scores, curvatures
+        As `likelihood.gaussian`, shape ``(n,)``.
+    gradient, joint
+        Results, shapes ``(p,)`` and ``(p, p)``.
+    """
+    size, n = len(gradient), image.shape[1]
+    weighted = np.empty(n)
+    for q in range(size):
+        pull = 0.0
+        for j in each(n):
+            pull += total(scores[j] * image[1 + q, j])
+            weighted[j] = curvatures[j] * image[1 + q, j]
+        gradient[q] += pull
+        for s in range(q + 1):
+            known = 0.0
+            for j in each(n):
+                known += total(weighted[j] * image[1 + s, j])
+            joint[q, s] += known
+            joint[s, q] = joint[q, s]
+
+
+normal_equations.reorder = True  # type: ignore[attr-defined]  # sums in any order
+
+
+def evaluate(problem: Problem, at: Array) -> State:
+    """Return the posterior at a place, shape ``(p,)``, with derivatives."""
+    size = len(at)
+    lamp, components, log_volume = to_lamp(problem.frame, at, problem.roll)
+    lamp_slopes, pose_slopes = slopes_at(problem.frame, at, problem.roll, lamp)
+    rays, beam = illuminate(problem.optics, lamp, at[5:], True)
+    image = project(problem.optics, lamp, lamp_slopes, rays, beam, True)
+    detect(problem.optics, at[5:], image)
+    n = len(problem.readings)
+    values, scores, curvatures = np.empty(n), np.empty(n), np.empty(n)
+    likelihood_of(problem.readings, image[0], problem.noise, values, scores, curvatures)
+    gradient, joint = np.zeros(size), np.zeros((size, size))
+    normal_equations(image, scores, curvatures, gradient, joint)
+    cost = -values.sum()
+    # The prior is another five readings, of the pose, and one of each nuisance.
+    mean, std = problem.mean, problem.std
+    pose = np.array(components)
+    for i in range(5):
+        off = (pose[i] - mean[i]) / std[i]
+        cost += 0.5 * off * off
+        for q in range(5):
+            slope = pose_slopes[i, q] / std[i]
+            gradient[q] -= off * slope
+            for s in range(5):
+                joint[q, s] += slope * pose_slopes[i, s] / std[i]
+    for i in range(5, size):
+        off = (at[i] - mean[i]) / std[i]
+        cost += 0.5 * off * off
+        gradient[i] -= off / std[i]
+        joint[i, i] += 1 / (std[i] * std[i])
+    volume_slopes = volume_slopes_at(problem.frame, at, lamp, lamp_slopes)
+    return State(cost, at, gradient, joint, pose, pose_slopes, log_volume, volume_slopes)
+
+
+def volume_slopes_at(frame: Frame, at: Any, lamp: Any, lamp_slopes: Any) -> Any:
+    """Differentiate the `log_volume` of `coordinates.to_lamp` by the coordinates, shape ``(5,)``."""
+    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
+    range_m = sqrt(x * x + y * y + z * z)
+    level = max(1 - (z / range_m) ** 2, 1e-18)
+    by_range = 2 / range_m + 1 / (range_m * range_m * (1 / range_m + 0.5 * frame.k_per_m))
+    slopes = np.empty(5)
+    for q in range(5):
+        u, v, w = lamp_slopes[0, q], lamp_slopes[1, q], lamp_slopes[2, q]
+        radial = (x * u + y * v + z * w) / range_m
+        # ln cos e is half of ln (1 - (z / r)^2).
+        risen = (w - z / range_m * radial) / range_m
+        slopes[q] = by_range * radial - z / range_m * risen / level
+    return slopes
+
+
+def propose(problem: Problem, state: State, damping: float) -> tuple[Array, float]:
+    """Return the damped Gauss-Newton step from a state, and its decrement; nan: there is none."""
+    size = len(state.at)
+    factor = state.information.copy()
+    for i in range(size):
+        factor[i, i] *= 1 + damping
+    decrement = np.nan
+    step = state.gradient.copy()
+    if cholesky(factor):
+        solve_lower(factor, step)
+        decrement = 0.5 * (step * step).sum()
+        solve_upper(factor, step)
+        excess = 1.0
+        for q in range(size):
+            excess = max(excess, abs(step[q]) / problem.reach[q])
+        step /= excess
+    else:
+        step[:] = 0.0
+    return state.at + step, decrement
+
+
+# Moves coordinates, shape ``(p,)``, to where they are most probable nearby.
+refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
+
+
+def light_at(problem: Problem, at: Array) -> Array:
+    """Return the light of the readings at a place, counts, shape ``(n,)``."""
+    lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
+    rays, beam = illuminate(problem.optics, lamp, at[5:], False)
+    image = project(problem.optics, lamp, np.zeros((6, 0)), rays, beam, False)
+    detect(problem.optics, at[5:], image)
+    return image[0]
+
+
+def misfit(problem: Problem, at: Array) -> float:
+    """Return the mean squared residual at a place, in standard deviations of a reading.
+
+    A censored reading counts by how far the light is from where it would not be censored.
+    """
+    light, noise = light_at(problem, at), problem.noise
+    n = len(light)
+    total_squares = 0.0
+    for j in each(n):
+        expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
+        off = problem.readings[j] - expected
+        total_squares += total(off * off / reading_variance(light[j], noise.variance, noise.slope))
+    return total_squares / n

@@ -1,0 +1,318 @@
+"""From lamp to readings for one scene, with derivatives: for NumPy at many poses, and compiled.
+
+Components come first: a position is ``(3, ...)``, an image with its derivatives ``(1 + p, ..., n)``.
+NumPy takes any number of poses between, as shape ``(m, 1)`` of each component; compiled code takes
+one pose, whose components are numbers.
+"""
+
+from typing import Any, NamedTuple
+
+from numpy import exp, maximum
+
+from uuv_optical_array.core.elementwise import each, law, room, sandwich, transmit
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.light import (
+    ALONG,
+    COSINE,
+    HALF_SQUARE,
+    RANGE,
+    RAY_ROWS,
+    TO_X,
+    TO_Y,
+    TO_Z,
+    TURN,
+    lamp_light,
+    ray,
+    slopes_by_lamp,
+)
+
+# Rows of the beam on its way; rows of slopes by settings of the laws follow.
+LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_COSINE = range(4)
+BEAM_ROWS = 4
+# Kinds of step on the array.
+BACKGROUND, GAIN, BLUR = range(3)
+# A scene without noise is read as if to a thousandth of a count.
+MIN_VARIANCE = 1e-6
+
+
+class Noise(NamedTuple):
+    """How a scene's readings differ from the light.
+
+    Parameters
+    ----------
+    variance, slope
+        Variance of a reading in the dark, counts^2, rounding included, and its growth with the
+        light, counts.
+    low
+        A reading at or below this says that the light was not above `low` + 0.5, counts.
+    high
+        A reading at or above this says that the light was not below `high` - 0.5, counts.
+    """
+
+    variance: float
+    slope: float
+    low: float
+    high: float
+
+
+class Optics(NamedTuple):
+    """What a scene says about an image, in numbers.
+
+    Parameters
+    ----------
+    detectors
+        Their positions, m, and normals, shape ``(6, n)``.
+    power, beam_sigma_rad
+        As in `light.lamp_light`.
+    nuisances
+        How many settings have offsets.
+    power_at
+        Place among the nuisances of the offset of the power's logarithm; -1: known.
+    laws
+        Of transmission: functions, or their addresses for compiled code.
+    law_settings
+        Shape ``(laws, 3)``.
+    law_at
+        Place among the nuisances of the offset of the first setting of each law; -1: known.
+    step_kinds
+        Of each step on the array: `BACKGROUND`, `GAIN` or `BLUR`.
+    step_values
+        Pattern or gains, shape ``(steps, n)``.
+    step_scales
+        Level of a background, slope of gains.
+    step_at
+        As `law_at`, of each step.
+    blur
+        Of one axis, shape ``(side, side)``.
+    """
+
+    detectors: Array
+    power: float
+    beam_sigma_rad: float
+    nuisances: int
+    power_at: int
+    laws: Any
+    law_settings: Array
+    law_at: Any
+    step_kinds: Any
+    step_values: Array
+    step_scales: Array
+    step_at: Any
+    blur: Array
+
+
+def trace(detectors: Array, lamp: Any) -> Any:
+    """Follow the light from the lamp to each detector.
+
+    Parameters
+    ----------
+    detectors
+        As `Optics` has them, shape ``(6, n)``.
+    lamp
+        Position, m, and axis of the beam in ``base_link``: six components.
+
+    Returns
+    -------
+    Array
+        Rows as `light.ray` returns them, shape ``(8, ..., n)``.
+    """
+    rays = room(RAY_ROWS, lamp[0], detectors.shape[1])
+    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
+    for j in each(detectors.shape[1]):
+        range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn = ray(
+            detectors[0, j],
+            detectors[1, j],
+            detectors[2, j],
+            detectors[3, j],
+            detectors[4, j],
+            detectors[5, j],
+            lamp_x,
+            lamp_y,
+            lamp_z,
+            axis_x,
+            axis_y,
+            axis_z,
+        )
+        rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
+        rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = to_x, to_y, to_z
+        rays[ALONG, j], rays[TURN, j] = along_m, turn
+    return rays
+
+
+def shine(rays: Any, power: Any, beam_sigma_rad: float, laws: int) -> Any:
+    """Return the ideal light at the end of each ray, with room for the slopes of some laws.
+
+    Parameters
+    ----------
+    rays
+        As `trace` returns them.
+    power, beam_sigma_rad
+        As in `light.lamp_light`.
+    laws
+        How many laws of transmission follow.
+
+    Returns
+    -------
+    Array
+        Rows as above, shape ``(4 + laws, ..., n)``.
+    """
+    beam = room(BEAM_ROWS + laws, rays[0], rays.shape[-1])
+    for j in each(rays.shape[-1]):
+        light, by_range, by_half_square, by_cosine = lamp_light(
+            rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
+        )
+        beam[LIGHT, j], beam[BY_RANGE, j] = light, by_range
+        beam[BY_HALF_SQUARE, j], beam[BY_COSINE, j] = by_half_square, by_cosine
+    return beam
+
+
+def illuminate(optics: Optics, lamp: Any, nuisances: Any, differentiate: bool) -> tuple[Any, Any]:
+    """Return the rays to each detector and the light that arrives by them.
+
+    Parameters
+    ----------
+    optics
+        The scene.
+    lamp
+        As in `trace`.
+    nuisances
+        Offsets, shape ``(q, ...)``.
+    differentiate
+        Whether the slopes are wanted.
+
+    Returns
+    -------
+    rays, beam
+        As `trace` and `shine` return them.
+    """
+    power = optics.power
+    if optics.power_at >= 0:
+        power = power * exp(nuisances[optics.power_at])
+    rays = trace(optics.detectors, lamp)
+    beam = shine(rays, power, optics.beam_sigma_rad, len(optics.laws))
+    for i in range(len(optics.laws)):
+        first = optics.law_settings[i, 0]
+        if optics.law_at[i] >= 0:
+            first = first + nuisances[optics.law_at[i]]
+        second, third = optics.law_settings[i, 1], optics.law_settings[i, 2]
+        row = BEAM_ROWS + i
+        transmit(optics.laws[i], rays, first, second, third, beam, row, differentiate)
+    return rays, beam
+
+
+def project(
+    optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, differentiate: bool
+) -> Any:
+    """Return the light on the array, and how it changes with coordinates and nuisances.
+
+    Parameters
+    ----------
+    optics, lamp, rays, beam
+        As `illuminate` has them.
+    lamp_slopes
+        Of the components of lamp and axis by p coordinates, shape ``(6, p, ...)``.
+    differentiate
+        Whether the slopes are wanted.
+
+    Returns
+    -------
+    Array
+        Light, slopes by the coordinates, slopes by the q nuisances, shape
+        ``(1 + p + q, ..., n)``, or ``(1, ..., n)``.
+    """
+    detectors = optics.detectors
+    size, n = lamp_slopes.shape[1], detectors.shape[1]
+    if not differentiate:
+        image = room(1, lamp[0], n)
+        image[0] = beam[LIGHT]
+        return image
+    image = room(1 + size + optics.nuisances, lamp[0], n)
+    image[0] = beam[LIGHT]
+    vectors = room(6, lamp[0], n)
+    _, _, _, axis_x, axis_y, axis_z = lamp
+    for j in each(n):
+        light = beam[LIGHT, j]
+        radial, facing, bend = slopes_by_lamp(
+            light * beam[BY_RANGE, j],
+            light * beam[BY_HALF_SQUARE, j],
+            light * beam[BY_COSINE, j],
+            rays[RANGE, j],
+            rays[COSINE, j],
+            rays[ALONG, j],
+            rays[TURN, j],
+        )
+        to_x, to_y, to_z = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]
+        vectors[0, j] = radial * to_x + facing * detectors[3, j] + bend * axis_x
+        vectors[1, j] = radial * to_y + facing * detectors[4, j] + bend * axis_y
+        vectors[2, j] = radial * to_z + facing * detectors[5, j] + bend * axis_z
+        vectors[3, j], vectors[4, j], vectors[5, j] = bend * to_x, bend * to_y, bend * to_z
+    for q in range(size):
+        by_x, by_y, by_z = lamp_slopes[0, q], lamp_slopes[1, q], lamp_slopes[2, q]
+        by_u, by_v, by_w = lamp_slopes[3, q], lamp_slopes[4, q], lamp_slopes[5, q]
+        for j in each(n):
+            image[1 + q, j] = (
+                vectors[0, j] * by_x
+                + vectors[1, j] * by_y
+                + vectors[2, j] * by_z
+                + vectors[3, j] * by_u
+                + vectors[4, j] * by_v
+                + vectors[5, j] * by_w
+            )
+    image[1 + size :] = 0.0
+    if optics.power_at >= 0:
+        image[1 + size + optics.power_at] = image[0]
+    for i in range(len(optics.law_at)):
+        if optics.law_at[i] >= 0:
+            image[1 + size + optics.law_at[i]] = image[0] * beam[BEAM_ROWS + i]
+    return image
+
+
+def detect(optics: Optics, nuisances: Any, image: Any) -> None:
+    """Turn the light on the array into that of the readings, in place.
+
+    Parameters
+    ----------
+    optics, nuisances
+        As in `illuminate`.
+    image
+        As `project` returns it, with or without slopes.
+    """
+    rows = len(image)
+    first, differentiate = rows - optics.nuisances, rows > 1
+    for i in range(len(optics.step_kinds)):
+        kind, values, scale = optics.step_kinds[i], optics.step_values[i], optics.step_scales[i]
+        place = optics.step_at[i]
+        if kind == BACKGROUND:
+            if place >= 0:
+                scale = scale + nuisances[place]
+                if differentiate:
+                    image[first + place] += values
+            image[0] += scale * values
+        elif kind == GAIN:
+            if place >= 0:
+                common = 1 + scale * nuisances[place]
+                if differentiate:
+                    image[first + place] = image[first + place] * common + scale * image[0]
+                    for row in range(1, rows):
+                        if row != first + place:
+                            image[row] *= common
+                image[0] *= common
+            for row in range(rows):
+                image[row] *= values
+        else:
+            for row in range(rows):
+                sandwich(optics.blur, image[row])
+
+
+@law
+def reading_variance(light: Any, variance: float, slope: float) -> Any:
+    """Variance of a reading, counts^2 (Eren et al. 2016, eq. 7): shot noise grows with the light.
+
+    Parameters
+    ----------
+    light
+        Expected, counts.
+    variance, slope
+        As in `Noise`.
+    """
+    return maximum(variance + slope * maximum(light, 0.0), MIN_VARIANCE)

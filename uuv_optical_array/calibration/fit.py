@@ -116,7 +116,7 @@ class CalibrationFit:
         """Find detectors whose reading never changes where it should, and leave them out."""
         likelihood = self.likelihood
         still = np.ptp(likelihood.readings, axis=0) == 0
-        expected = np.clip(self.state.mean, likelihood.limits.low, likelihood.limits.high)
+        expected = np.clip(self.state.mean, likelihood.noise.low, likelihood.noise.high)
         odd = still & (np.ptp(expected, axis=0) > SWING_COUNTS) & ~likelihood.faulty
         if len(likelihood.readings) < STILL or still.all():
             odd[:] = False

@@ -104,7 +104,7 @@ class CalibrationLikelihood:
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
         self._models: dict[float, ForwardModel] = {}
-        self.limits = self.model(np.log(scene.lamp.beam_sigma_deg)).limits
+        self.noise = self.model(np.log(scene.lamp.beam_sigma_deg)).noise
 
     def of(self, scene: Scene) -> "CalibrationLikelihood":
         """Return the likelihood of the same images in another scene."""
@@ -202,16 +202,12 @@ class CalibrationLikelihood:
             mean[part] = light * gains
             slopes *= gains[:, None]
             model = self.model(parameters[SIGMA])
-            variance[part], steepness = model.variance(mean[part])
-            # A trailing axis of one, so that each reading has a value of its own.
-            single = (mean[part][..., None], variance[part][..., None], steepness[..., None])
-            values, score, weight = log_likelihood(
-                self.readings[part][..., None], *single, self.limits
-            )
+            variance[part], _ = model.variance(mean[part])
+            values, score, weight = log_likelihood(self.readings[part], mean[part], self.noise)
             if expected:
-                weight = information(*single, self.limits)
+                weight = information(mean[part], self.noise)
             used = self.used[part]
-            score, weight = score[..., 0] * used, weight[..., 0] * used
+            score, weight = score * used, weight * used
             value += float(values[used].sum())
             lamp = slopes[..., 5:]
             weighted = lamp * weight[..., None]
@@ -248,11 +244,11 @@ class CalibrationLikelihood:
 
         A censored reading counts by how far its mean is from where it would not be censored.
         """
-        clipped = np.clip(state.mean, self.limits.low, self.limits.high)
+        clipped = np.clip(state.mean, self.noise.low, self.noise.high)
         return (self.readings - clipped) / np.sqrt(state.variance)
 
     def inside(self, state: State, reach: float = 3.0) -> NDArray[np.bool_]:
         """Say which readings could hardly be censored, by their mean, shape ``(m, n)``."""
         room = reach * np.sqrt(state.variance)
-        above = state.mean - room > self.limits.low
-        return above & (state.mean + room < self.limits.high)
+        above = state.mean - room > self.noise.low
+        return above & (state.mean + room < self.noise.high)

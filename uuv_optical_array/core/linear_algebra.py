@@ -1,6 +1,7 @@
 """Cholesky's factor of small matrices, in compiled code and out of it.
 
-For the five to a dozen rows of a pose with its nuisances a call of LAPACK takes longer than the sums.
+For the five to a dozen rows of a pose with its nuisances a call of LAPACK takes longer than the
+sums.
 """
 
 import math

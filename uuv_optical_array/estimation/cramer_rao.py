@@ -90,7 +90,7 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     light, jacobian = model.linearised(poses, roll, offsets)
     # What is too small for a float64 tells nothing.
     with np.errstate(under="ignore"):
-        weights = information(light, *model.variance(light), model.limits)
+        weights = information(light, model.noise)
         joint = np.swapaxes(jacobian, -1, -2) * weights[..., None, :] @ jacobian
         of_pose, cross, of_nuisances = joint[..., :5, :5], joint[..., :5, 5:], joint[..., 5:, 5:]
         if not stds:

@@ -1,30 +1,16 @@
 """The five key parameters of an image: the signature of a pose (Eren et al. 2016, section IV)."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy import floor, maximum, minimum, sqrt
+from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.elementwise import at_place, choose, each, law, stack_of, when
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.scene import SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
-
-
-@dataclass(frozen=True)
-class SignatureSettings:
-    """How a scene's images become signatures, and how the five numbers weigh in the match."""
-
-    peak: Literal["detector", "subdetector"] = "subdetector"
-    peak_weight: Annotated[float, Quantity("weight of the peak value", "", 1e-6, 1e6)] = 2.0
-    position_weight: Annotated[
-        float, Quantity("weight of column and row, per half width of the array", "", 1e-6, 1e6)
-    ] = 1.0
-    skewness_weight: Annotated[float, Quantity("weight of both skewnesses", "", 1e-6, 1e6)] = 1.0
-    lift: Annotated[
-        float, Quantity("constant appended to the five, so that the angle sees scale", "", 0, 1e6)
-    ] = 1.0
 
 
 def skewness(values: ArrayLike) -> Array:
@@ -40,46 +26,118 @@ def skewness(values: ArrayLike) -> Array:
     Array
         ``m3 / m2^1.5``, shape ``(...)``, dimensionless.
     """
-    given = np.asarray(values, dtype=float)
+    return np.asarray(skewness_of(np.moveaxis(np.asarray(values, dtype=float), -1, 0)))
+
+
+def skewness_of(values: Any) -> Any:
+    """As `skewness`, of values along the first axis."""
+    count = len(values)
     # Scaled to one, the powers neither overflow nor underflow.
-    largest = np.abs(given).max(axis=-1, keepdims=True)
-    scaled = given / np.where(largest > 0, largest, 1.0)
-    count = given.shape[-1]
-    deviation = scaled - np.add.reduce(scaled, axis=-1, keepdims=True) / count
-    squared = deviation * deviation
-    second = np.add.reduce(squared, axis=-1) / count
-    third = np.add.reduce(squared * deviation, axis=-1) / count
+    largest, mean = 0.0 * values[0], 0.0 * values[0]
+    for k in range(count):
+        largest = maximum(largest, abs(values[k]))
+    scale = choose(largest > 0, largest, 1.0)
+    for k in range(count):
+        mean = mean + values[k] / scale / count
+    second, third = 0.0 * mean, 0.0 * mean
+    for k in range(count):
+        off = values[k] / scale - mean
+        second = second + off * off / count
+        third = third + off * off * off / count
     # Rounding leaves about 1e-32 of a constant profile; that is no shape.
     varies = second > 1e-30
-    return np.where(varies, third, 0.0) / np.where(varies, second, 1.0) ** 1.5
+    second = choose(varies, second, 1.0)
+    return choose(varies, third, 0.0) / (second * sqrt(second))
 
 
-def _vertex(profiles: Array, index: NDArray[np.intp]) -> Array:
-    """Offset of the parabola's vertex from a maximum at `index`, in detectors, within 0.5."""
-    last = profiles.shape[1] - 1
-    around = np.clip(index[:, None] + (-1, 0, 1), 0, last)
-    before, top, after = np.take_along_axis(profiles, around, axis=1).T
+def gradient_of(profile: Any) -> Any:
+    """Differentiate a profile along the first axis, as `numpy.gradient`."""
+    last = len(profile) - 1
+    slopes = np.empty_like(profile)
+    slopes[0], slopes[last] = profile[1] - profile[0], profile[last] - profile[last - 1]
+    for k in range(1, last):
+        slopes[k] = 0.5 * (profile[k + 1] - profile[k - 1])
+    return slopes
+
+
+@law
+def vertex(before: Any, top: Any, after: Any) -> Any:
+    """Offset of a parabola's vertex from the largest of three readings, in detectors, to 0.5."""
     curvature = before - 2 * top + after
-    bent = (index > 0) & (index < last) & (curvature < 0)
+    bent = curvature < 0
     # Halved after the division: a difference of tiny readings may not halve.
-    offset = np.where(bent, before - after, 0.0) / np.where(bent, curvature, 1.0) / 2
-    return np.clip(offset, -0.5, 0.5)
+    offset = choose(bent, before - after, 0.0) / choose(bent, curvature, 1.0) / 2
+    return minimum(maximum(offset, -0.5), 0.5)
 
 
-def _flat_tops(top: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
-    """Return the peak of tops of several detectors, and along which axes they are flat, and where.
+def write_parameters(
+    readings: Any, side: int, full_scale_counts: float, subdetector: bool, parameters: Any
+) -> None:
+    """Write the key parameters of images: see `key_parameters`.
 
-    Both hold column and row, shape ``(2, m)``; the second is nan along an axis on which the top
-    is one detector wide, so that it still has its vertex there.
+    Parameters
+    ----------
+    readings
+        Counts, row-major, shape ``(side * side, m)``.
+    side, full_scale_counts
+        As in `key_parameters`.
+    subdetector
+        Whether the peak is placed between detectors.
+    parameters
+        Result, shape ``(5, m)``.
     """
-    indices = np.arange(top.shape[-1])
-    counts = np.stack([top.sum(axis=1), top.sum(axis=2)])  # by column, by row
-    centroids = (counts @ indices) / counts.sum(axis=-1)
-    away = (indices - centroids[..., None]) ** 2
-    distance = np.where(top, away[1, :, :, None] + away[0, :, None, :], np.inf)
-    row, column = np.divmod(distance.reshape(len(top), -1).argmin(axis=1), len(indices))
-    sharp = np.count_nonzero(counts, axis=-1) == 1
-    return np.stack([column, row]), np.where(sharp, np.nan, centroids)
+    last, middle = side - 1, 0.5 * (side - 1)
+    for i in each(readings.shape[1]):
+        brightest = readings[0, i]
+        place = 0 * brightest
+        for k in range(1, side * side):
+            better = readings[k, i] > brightest
+            brightest = choose(better, readings[k, i], brightest)
+            place = choose(better, float(k), place)
+        tops, column_sum, row_sum = 0 * brightest, 0 * brightest, 0 * brightest
+        for k in range(side * side):
+            is_top = choose(readings[k, i] == brightest, 1.0, 0.0)
+            tops = tops + is_top
+            column_sum = column_sum + is_top * (k % side)
+            row_sum = row_sum + is_top * (k // side)
+        # Of several tops the one nearest their centroid, of several nearest the first; in whole
+        # numbers, so that ties are ties.
+        nearest = 0 * brightest + 1e300
+        wide, high = 0 * brightest, 0 * brightest
+        for k in range(side * side):
+            column_off = k % side * tops - column_sum
+            row_off = k // side * tops - row_sum
+            off = column_off * column_off + row_off * row_off
+            is_top = readings[k, i] == brightest
+            better = is_top & (off < nearest)
+            nearest = choose(better, off, nearest)
+            place = choose(better, float(k), place)
+            # The top is flat along an axis where it is more than a detector wide.
+            wide = wide + choose(is_top, abs(column_off), 0.0)
+            high = high + choose(is_top, abs(row_off), 0.0)
+        row = floor((place + 0.5) / side)
+        column = place - row * side
+        parameters[0, i] = brightest / full_scale_counts
+        for upright in range(2):
+            along = choose(upright == 1, row, column)
+            across = choose(upright == 1, column, row)
+            step, base = (side, across) if upright == 1 else (1, across * side)
+            profile = stack_of(side, brightest)
+            for k in range(side):
+                profile[k] = at_place(readings, base + k * step, i)
+            found = along
+            if subdetector:
+                inside = (along > 0) & (along < last)
+                before = at_place(readings, base + maximum(along - 1, 0) * step, i)
+                after = at_place(readings, base + minimum(along + 1, last) * step, i)
+                found = along + choose(inside, vertex(before, brightest, after), 0.0)
+                flat = choose(upright == 1, high, wide) > 0
+                found = choose(flat, choose(upright == 1, row_sum, column_sum) / tops, found)
+            lit = brightest > 0
+            parameters[1 + upright, i] = choose(lit, found - middle, 0.0)
+            parameters[3 + upright, i] = choose(lit, skewness_of(gradient_of(profile)), 0.0)
+        for _ in when(brightest <= 0, i):
+            parameters[0, _] = 0.0
 
 
 @np.errstate(under="ignore")  # the least of readings lose digits, no more
@@ -121,30 +179,10 @@ def key_parameters(
     if not np.isfinite(images).all():
         raise ValueError("images: not finite; drop frames that hold NaN or infinity")
     side = images.shape[-1]
-    count = int(np.prod(images.shape[:-2]))
-    stack, frames = images.reshape(count, side, side), np.arange(count)
-    flat = images.reshape(count, side * side)
-    brightest = flat.max(axis=1)
-    top = flat == brightest[:, None]
-    # Of each frame in column and row: the peak, and where the top is flat its centroid.
-    peaks = np.array(np.divmod(top.argmax(axis=1), side)[::-1])
-    flat_at = np.full((2, count), np.nan)
-    tied = np.flatnonzero(np.count_nonzero(top, axis=1) > 1)
-    if len(tied):
-        peaks[:, tied], flat_at[:, tied] = _flat_tops(top[tied].reshape(-1, side, side))
-    column, row = peaks
-    # Of each frame its horizontal, then of each its vertical profile.
-    profiles = np.concatenate([stack[frames, row], stack[frames, :, column]])
-    places = peaks.reshape(-1).astype(float)
-    if peak == "subdetector":
-        places += _vertex(profiles, peaks.reshape(-1))
-        np.copyto(places, flat_at.reshape(-1), where=~np.isnan(flat_at.reshape(-1)))
-    parameters = np.empty((count, 5))
-    parameters[:, 0] = brightest / full_scale_counts
-    parameters[:, 1:3] = places.reshape(2, count).T - (side - 1) / 2
-    parameters[:, 3:] = skewness(np.gradient(profiles, axis=-1)).reshape(2, count).T
-    parameters[brightest <= 0] = 0.0
-    return parameters.reshape(*images.shape[:-2], 5)
+    readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
+    parameters = np.empty((5, readings.shape[1]))
+    write_parameters(readings, side, full_scale_counts, peak == "subdetector", parameters)
+    return parameters.T.reshape(*images.shape[:-2], 5)
 
 
 @np.errstate(under="ignore")

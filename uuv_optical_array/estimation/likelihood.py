@@ -50,9 +50,7 @@ def gaussian(reading: Any, light: Any, variance: Any) -> tuple[Any, Any, Any]:
 
 
 @law
-def gaussian_growing(
-    reading: Any, light: Any, variance: Any, slope: Any
-) -> tuple[Any, Any, Any]:
+def gaussian_growing(reading: Any, light: Any, variance: Any, slope: Any) -> tuple[Any, Any, Any]:
     """As `gaussian`, where the variance grows with the light by a slope, counts.
 
     The information is ``1/v + v'^2 / (2 v^2)`` (S. Kay, Estimation Theory, 1993, eq. 3.31).

@@ -32,6 +32,7 @@ from uuv_optical_array.forward.optics import (
     illuminate,
     project,
     reading_variance,
+    trace,
 )
 from uuv_optical_array.forward.scene import Scene
 
@@ -367,7 +368,21 @@ class ForwardModel:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
             variance = noise.variance + noise.slope * np.maximum(light, 0.0)
             image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
+        return self.converted(image)
+
+    def converted(self, image: Array) -> Array:
+        """Return what saturation and converter make of analogue readings, counts, any shape."""
         image = self._saturated(image)
         for form in self._of(Converter):
             image = np.clip(np.rint(image), 0, form.largest)
         return image
+
+    def rays(self, poses: Array, rolls: Array) -> Array:
+        """Return the rays to each detector, as `light.ray`, shape ``(8, m, n)``.
+
+        Parameters
+        ----------
+        poses, rolls
+            m and rad, shapes ``(m, 5)`` and ``(m,)``.
+        """
+        return trace(self.optics().detectors, lamp_in_body(*poses.T[..., None], rolls[:, None]))

@@ -6,16 +6,30 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import yaml
 
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
-from uuv_optical_array.estimation.features import SignatureSettings
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.light import LampSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class SignatureSettings:
+    """How a scene's images become signatures, and how the five numbers weigh in the match."""
+
+    peak: Literal["detector", "subdetector"] = "subdetector"
+    peak_weight: Annotated[float, Quantity("weight of the peak value", "", 1e-6, 1e6)] = 2.0
+    position_weight: Annotated[
+        float, Quantity("weight of column and row, per half width of the array", "", 1e-6, 1e6)
+    ] = 1.0
+    skewness_weight: Annotated[float, Quantity("weight of both skewnesses", "", 1e-6, 1e6)] = 1.0
+    lift: Annotated[
+        float, Quantity("constant appended to the five, so that the angle sees scale", "", 0, 1e6)
+    ] = 1.0
 
 
 @dataclasses.dataclass(frozen=True)

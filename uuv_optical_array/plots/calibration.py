@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.light import lamp_in_body, trace
+from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.plots.style import save
 
 DOTS = 20_000  # readings drawn one by one; the bins count all
@@ -111,13 +111,18 @@ def draw_calibration(
     title
         Above all.
     """
-    rays = trace(build_array(found.scene.array), *lamp_in_body(poses, rolls))
+    rays = ForwardModel(found.scene).rays(poses, rolls)
     figure = Figure(figsize=(16, 9), layout="constrained")
     grid = figure.subplots(2, 3)
     lit = np.maximum(found.mean, 0.1)
     _against(grid[0, 0], lit, found, "expected reading (counts)", log=True)
-    _against(grid[0, 1], rays.range_m, found, "range from lamp to detector (m)")
-    _against(grid[0, 2], np.degrees(rays.off_axis_rad), found, "angle off the beam's axis (deg)")
+    _against(grid[0, 1], rays[RANGE], found, "range from lamp to detector (m)")
+    _against(
+        grid[0, 2],
+        np.degrees(np.sqrt(2 * rays[HALF_SQUARE])),
+        found,
+        "angle off the beam's axis (deg)",
+    )
     moments = np.broadcast_to((seconds - seconds.min())[:, None], found.mean.shape)
     _against(grid[1, 0], moments, found, "time in the bag (s)")
     _histogram(grid[1, 1], found)

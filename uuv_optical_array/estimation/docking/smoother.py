@@ -186,13 +186,10 @@ class DockingSmoother:
         """Return the images' negative log-likelihood, gradient of its opposite and information."""
         offsets = {name: path[..., MOTION + i] for i, name in enumerate(self._names)}
         light, jacobian = self._model.linearised(path[..., :5], 0.0, offsets)
-        variance, slope = self._model.variance(light)
-        value, score, curvature = log_likelihood(
-            readings, light, variance, slope, self._model.limits
-        )
+        value, score, curvature = log_likelihood(readings, light, self._model.noise)
         gradient = (score[..., None, :] @ jacobian)[..., 0, :]
         information = np.swapaxes(jacobian * curvature[..., None], -1, -2) @ jacobian
-        return -value.sum(axis=1), gradient, information
+        return -value.sum(axis=(1, 2)), gradient, information
 
     def _smoothed(
         self, path: Array, prior: Prior, gradient: Array, information: Array, damping: Array

@@ -12,7 +12,7 @@ apart. A sum over a lattice whose spacing is 1.5 standard deviations integrates 
 and its variance to half a percent.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 

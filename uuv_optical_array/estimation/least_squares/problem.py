@@ -200,7 +200,7 @@ def evaluate(problem: Problem, at: Array) -> State:
 
 
 def volume_slopes_at(frame: Frame, at: Any, lamp: Any, lamp_slopes: Any) -> Any:
-    """Differentiate the `log_volume` of `coordinates.to_lamp` by the coordinates, shape ``(5,)``."""
+    """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
     level = max(1 - (z / range_m) ** 2, 1e-18)

@@ -21,7 +21,6 @@ from uuv_optical_array.core import files, memory
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.features import key_parameters, lifted
 from uuv_optical_array.estimation.spectral_angle import SpectralIndex
-from uuv_optical_array.forward.light_batch import worthwhile
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
 
@@ -137,7 +136,7 @@ def build_table(
     rows = grid.shape[0]
     if why := memory.shortfall(rows):
         raise ValueError(f"scene {scene.name}: the table's {why}")
-    model = ForwardModel(scene, worthwhile(rows * scene.array.detectors_per_side**2))
+    model = ForwardModel(scene)
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))
     kept = 0
     size = min(BLOCK_POSES, max(BLOCK_READINGS // model.array.side**2, 1))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.core import files, memory
+from uuv_optical_array.core import compilation, files, memory
 from uuv_optical_array.core.chunks import ChunkedRows
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.table.signature_table import (
@@ -24,7 +24,6 @@ from uuv_optical_array.estimation.table.signature_table import (
     no_light,
     signatures,
 )
-from uuv_optical_array.forward.light_batch import worthwhile
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
@@ -90,7 +89,6 @@ class TableStore:
                     f"not {min_peak_counts:g}; name another folder"
                 )
             return store
-        readings = scene.array.detectors_per_side**2
         rows = _on_disk(path, scene).shape[0]
         home = next(parent for parent in path.parents if parent.exists())
         need, free = rows * 5 * 8, shutil.disk_usage(home).free
@@ -99,7 +97,7 @@ class TableStore:
                 f"table {path}: {rows:,} rows take up to {memory.gigabytes(need)}, and {home} has "
                 f"{memory.gigabytes(free)} free; take a coarser grid or another disk"
             )
-        compiled = worthwhile(rows * readings)
+        compiled = compilation.usable()
         about = {
             "format": FORMAT,
             "fingerprint": scene.fingerprint,
@@ -174,12 +172,12 @@ class TableStore:
 
     def compute(self, chunk: int) -> Array:
         """Compute the key parameters of a chunk's poses, NaN without light, shape ``(m, 5)``."""
-        model, rows = ForwardModel(self.scene, self.compiled), self._disk.rows(chunk)
+        model, rows = ForwardModel(self.scene), self._disk.rows(chunk)
         grid = self._grid
         parameters = np.full((rows.stop - rows.start, 5), np.nan)
         for start in range(0, len(parameters), BLOCK_POSES):
             poses = grid[rows.start + start : min(rows.start + start + BLOCK_POSES, rows.stop)]
-            lit, found = signatures(model, poses, self.min_peak_counts)
+            lit, found = signatures(model, poses, self.min_peak_counts, self.compiled)
             parameters[start : start + BLOCK_POSES][lit] = found
         return parameters
 

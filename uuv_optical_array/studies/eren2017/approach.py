@@ -217,7 +217,5 @@ def expose(
         # The mean of unipolar noise is in the light, as an ambient level.
         error = rng.standard_normal(light.shape) if noise == "gaussian" else rng.random(light.shape)
         image = light + width * (error if noise == "gaussian" else error - 0.5)
-        for step in (*model.plan.analogue, *model.plan.digital):
-            image = step(image)
-        total += image
+        total += model.converted(image)
     return total / readings

@@ -7,19 +7,26 @@
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from numpy.typing import ArrayLike
+from scipy.special import chdtri
 
+from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.least_squares.compiled_fit import image_fit
-from uuv_optical_array.estimation.least_squares.posterior import Posterior, rivalling
-from uuv_optical_array.estimation.least_squares.solver import DISTINCT, Fit, ImageFit, Prior
+from uuv_optical_array.estimation.least_squares.frame import (
+    FITTED,
+    MISFIT,
+    MOST_STARTS,
+    NO_START,
+    Guide,
+    estimate_frame,
+)
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, problem_of
+from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -30,12 +37,8 @@ METHODS: tuple[Method, ...] = get_args(Method)
 PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
-# Fits start from those of the nearest rows, this many for each start, that are farthest apart:
-# neighbours in the table lead to one minimum, and rivals are what the starts are for.
-POOL = 8
-MOST_STARTS = 64
-# So few lit detectors fit many poses, and all starts are tried at once.
-FEW_LIT = 10
+# Rows of the table that fits start from: more make no fit more exact.
+START_ROWS = 1024
 # Share of honest images whose best fit is taken for a missed pose, and looked into farther.
 IMPLAUSIBLE = 0.01
 
@@ -71,7 +74,8 @@ class Estimate:
         Of `pose`, m^2, m rad and rad^2, shape ``(5, 5)``, positive definite; the roll is taken
         as given.
     angle_rad
-        Spectral angle to the nearest signature of the table, in [0, pi].
+        Spectral angle to the nearest signature that was looked at, in [0, pi]: of all rows of the
+        table, or of those that ``least_squares`` starts from.
     runner_up_pose
         The second choice: the second nearest entry, or the next minimum of the fit; ``None``
         where every start of the fit led to one.
@@ -116,12 +120,13 @@ class Estimator:
         ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Rows near by angle and far apart in pose from which ``least_squares`` starts; up to
-        `MOST_STARTS` where these leave doubt.
+        Rows near by angle from which ``least_squares`` starts; up to `MOST_STARTS` where these
+        leave doubt.
     max_misfit
         A fit with a larger misfit is no pose: the image is not of this scene.
     compiled
-        As in `compiled_fit.image_fit`, for ``least_squares``.
+        Whether ``least_squares`` runs as Numba compiles it, or as it stands; ``None``: where Numba
+        is installed. Compiling takes some ten seconds, once a machine.
 
     Raises
     ------
@@ -152,28 +157,43 @@ class Estimator:
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
-        readings = table.scene.array.detectors_per_side**2
-        self._plausible_misfit = chi2.isf(IMPLAUSIBLE, max(readings - 5, 1)) / readings
-        self._compiled = compiled
+        self._compiled = compilation.usable() if compiled is None else compiled
         if method == "least_squares":
-            # So that the first frame takes no longer than the next; compiling the fit takes some
-            # ten seconds, once a machine.
-            _ = self._posterior
+            self._prepare()
 
-    @cached_property
-    def _fit(self) -> ImageFit:
-        scene = self.table.scene
+    def _prepare(self) -> None:
+        """Make what a fit needs, so that the first frame takes no longer than the next."""
+        table, scene = self.table, self.table.scene
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        prior = Prior(middle, prior_std, scene.prior.nuisance_std())
-        return image_fit(ForwardModel(scene), prior, self._compiled)
-
-    @cached_property
-    def _posterior(self) -> Posterior:
-        # The same numbers in every run: an image has one answer.
-        return Posterior(self._fit, np.random.default_rng(0))
+        self._prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        prior = PosePrior(middle, self._prior_std, scene.prior.nuisance_std())
+        model = ForwardModel(scene)
+        self._problem = problem_of(model, prior, self._compiled)
+        rows: Any = slice(None)
+        if len(table.poses) > START_ROWS:
+            # The same in every run: an image has one answer.
+            rows = np.random.default_rng(0).choice(len(table.poses), START_ROWS, replace=False)
+            rows.sort()
+        units = unit_vectors(table.vectors(table.parameters[rows]))
+        readings = model.array.side**2
+        self._guide = Guide(
+            np.ascontiguousarray(units.T),
+            np.ascontiguousarray(table.poses[rows]),
+            table.vectors(np.ones(5)),
+            model.array.side,
+            float(scene.full_scale_counts),
+            scene.signature.peak == "subdetector",
+            self.settings.candidates,
+            float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
+            float(self.settings.max_misfit),
+        )
+        self._frame = estimate_frame
+        if self._compiled:
+            self._frame = compilation.compiled(estimate_frame)
+            # So that no frame waits for the compiler.
+            self._frame(self._problem, self._guide, np.ones(5))
 
     def estimate(
         self, parameters: ArrayLike, image: ArrayLike | None = None, roll: float = 0.0
@@ -227,93 +247,31 @@ class Estimator:
         covariance = spread.T @ spread / len(poses) + self._cell
         return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
 
-    @np.errstate(under="ignore")  # of probabilities
+    @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def _least_squares(self, parameters: Array, image: ArrayLike | None, roll: float) -> Estimate:
         side = self.table.scene.array.detectors_per_side
         readings = np.array(image, dtype=float, order="C")
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
-        readings = readings.ravel()
-        vector = self.table.vectors(parameters)
-        count = MOST_STARTS if self._fit.lit(readings) < FEW_LIT else self.settings.candidates
-        angles, rows = self._index.nearest(vector, POOL * count)
-        try:
-            minima, misfit = self._minima(readings, vector, rows, count, roll)
-            if not minima:
-                raise NoPose("no fit: no start led to a finite likelihood")
-            if not misfit <= self.settings.max_misfit:
-                raise NoPose(
-                    f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
-                    f"{self.settings.max_misfit:g}; the image is not of this scene"
-                )
-            pose, covariance = self._posterior.moments(readings, minima, roll)
-        except np.linalg.LinAlgError:
-            raise NoPose("no fit: the image leaves the pose without a covariance") from None
-        runner_up = minima[1] if len(minima) > 1 else None
-        runner_up_misfit = float("nan")
-        if runner_up is not None:
-            runner_up_misfit = self._fit.misfit(readings, runner_up, roll)
-        covariance = (covariance + covariance.T) / 2
-        if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
-            raise NoPose("no fit: the pose is not finite")
-        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._fit.prior.pose_std
+        problem = self._problem._replace(readings=readings.ravel(), roll=float(roll))
+        found = self._frame(problem, self._guide, parameters)
+        if found.outcome == NO_START:
+            raise NoPose("no fit: no start led to a finite likelihood")
+        if found.outcome == MISFIT:
+            raise NoPose(
+                f"no fit: the best pose leaves a misfit of {found.misfit:.3g}, more than "
+                f"{self.settings.max_misfit:g}; the image is not of this scene"
+            )
+        if found.outcome != FITTED:
+            raise NoPose("no fit: the image leaves the pose without a covariance")
+        known = np.sqrt(found.covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
         return Estimate(
-            pose,
-            covariance,
-            float(angles[0]),
-            None if runner_up is None else runner_up.pose,
-            float(angles[1]),
-            misfit,
-            runner_up_misfit,
+            found.pose,
+            found.covariance,
+            found.angle,
+            None if np.isnan(found.runner_up_misfit) else found.runner_up,
+            found.runner_up_angle,
+            found.misfit,
+            found.runner_up_misfit,
             tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
         )
-
-    def _minima(
-        self, readings: Array, vector: Array, rows: NDArray[np.intp], count: int, roll: float
-    ) -> tuple[list[Fit], float]:
-        """Return the best fit of each minimum that is found, best first, and its misfit.
-
-        Where the first `count` starts, from the nearest rows, lead to rivals or to a fit that
-        noise can hardly explain, there are more of them.
-        """
-        minima: list[Fit] = []
-        misfit = float("inf")
-        tried = 0
-        while True:
-            chosen = rows[self._far_apart(rows, count)][tried:]
-            starts = turned_about_beam(self.table.poses[chosen], roll)
-            minima = _distinct(minima + self._fit.refine(readings, starts, roll))
-            if minima:
-                misfit = self._fit.misfit(readings, minima[0], roll)
-                settled = tried > 0 or len(rivalling(minima)) == 1
-                if settled and misfit <= self._plausible_misfit:
-                    return minima, misfit
-            tried, count = count, 4 * count
-            if tried >= min(MOST_STARTS, len(self.table.poses)):
-                return minima, misfit
-            _, rows = self._index.nearest(vector, POOL * count)
-
-    def _far_apart(self, rows: NDArray[np.intp], count: int) -> list[int]:
-        """Choose the first of table rows, and then always the one farthest from those chosen."""
-        poses = np.asarray(self.table.poses)[rows] / self._fit.prior.pose_std
-        chosen = [0]
-        distance = np.full(len(rows), np.inf)
-        while len(chosen) < min(count, len(rows)):
-            apart = poses - poses[chosen[-1]]
-            np.minimum(distance, np.einsum("ij,ij->i", apart, apart), out=distance)
-            chosen.append(int(distance.argmax()))
-        return chosen
-
-
-def _distinct(fits: list[Fit]) -> list[Fit]:
-    """Keep the best fit of each minimum, best first."""
-    minima: list[Fit] = []
-    for fit in sorted(fits, key=lambda fit: fit.cost):
-        offsets = (fit.coordinates - other.coordinates for other in minima)
-        near = (
-            off @ other.information @ off < DISTINCT**2
-            for off, other in zip(offsets, minima, strict=True)
-        )
-        if not any(near):
-            minima.append(fit)
-    return minima

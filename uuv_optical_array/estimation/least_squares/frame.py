@@ -1,0 +1,308 @@
+"""One frame of ``least_squares``: from readings and their signature to pose and covariance.
+
+Starts from the rows of a table that look alike, the minima that they lead to, the integral of the
+posterior about each: all in one call, which compiled code does not leave.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.gauss_newton import minimiser
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
+from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.estimation.features import write_parameters
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
+from uuv_optical_array.estimation.least_squares.posterior import Moments, integrate
+from uuv_optical_array.estimation.least_squares.problem import (
+    ARRIVED,
+    Problem,
+    State,
+    evaluate,
+    misfit,
+    propose,
+    refine,
+)
+
+MOST_STARTS = 64
+# So few lit detectors fit many poses, and all starts are tried at once.
+FEW_LIT = 10
+# Fits closer together than this, in standard deviations, are in one minimum.
+DISTINCT = 3.0
+# Minima that are this much less probable, as a logarithm, leave no trace.
+NEGLIGIBLE = 12.0
+# A minimum within so many standard deviations of a posterior is part of it.
+CONNECTED = 4.0
+# Nodes of the posterior's lattice below which there is no covariance.
+LEAST_NODES = 5
+LONG_STEPS = 2  # after which a start is known to lead to a minimum that was found before
+
+FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
+
+# The first steps from a start.
+approach = minimiser(evaluate, propose, ARRIVED, LONG_STEPS)
+
+
+class Guide(NamedTuple):
+    """What a table says about where to start, and when a fit is good.
+
+    Parameters
+    ----------
+    units
+        Directions of signatures, of length one, by columns, shape ``(6, m)``.
+    poses
+        Theirs, m and rad, shape ``(m, 5)``.
+    weights
+        Of the five key parameters, and the constant that is appended, shape ``(6,)``.
+    side, full_scale_counts, subdetector
+        As `features.write_parameters` has them.
+    candidates
+        Rows to start from; more where these leave doubt.
+    plausible_misfit
+        Beyond this noise can hardly explain a fit, and more starts follow.
+    max_misfit
+        Beyond this a fit is no pose.
+    """
+
+    units: Array
+    poses: Array
+    weights: Array
+    side: int
+    full_scale_counts: float
+    subdetector: bool
+    candidates: int
+    plausible_misfit: float
+    max_misfit: float
+
+
+class Frame(NamedTuple):
+    """What a frame led to.
+
+    Parameters
+    ----------
+    outcome
+        `FITTED`, or why there is no pose.
+    pose, covariance
+        m and rad, shapes ``(5,)`` and ``(5, 5)``.
+    misfit, runner_up_misfit
+        Of the best and of the next minimum; nan where there is none.
+    runner_up
+        Pose of the next minimum; nan where there is none.
+    angle, runner_up_angle
+        Spectral angles to the two nearest rows, rad.
+    """
+
+    outcome: int
+    pose: Array
+    covariance: Array
+    misfit: float
+    runner_up: Array
+    runner_up_misfit: float
+    angle: float
+    runner_up_angle: float
+
+
+def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Array, Array]:
+    """Return the rows of least chord to a direction, nearest first.
+
+    Parameters
+    ----------
+    units, unit
+        Directions of length one, shapes ``(6, m)`` and ``(6,)``.
+    count
+        How many, at most m.
+
+    Returns
+    -------
+    rows, chords
+        Shape ``(count,)`` each.
+    """
+    squares = np.zeros(units.shape[1])
+    for k in range(len(unit)):
+        squares += (units[k] - unit[k]) ** 2
+    rows, chords = np.empty(count, dtype=np.int64), np.full(count, np.inf)
+    for row in range(len(squares)):
+        if squares[row] < chords[count - 1]:
+            place = count - 1
+            while place > 0 and chords[place - 1] > squares[row]:
+                chords[place], rows[place] = chords[place - 1], rows[place - 1]
+                place -= 1
+            chords[place], rows[place] = squares[row], row
+    return rows, np.sqrt(chords)
+
+
+def lit(problem: Problem) -> int:
+    """Count the readings that are clearly lit and not at a limit."""
+    clear = 3 * np.sqrt(problem.noise.variance)
+    count = 0
+    for reading in problem.readings:
+        if clear < reading < problem.noise.high:
+            count += 1
+    return count
+
+
+def is_near(at: Array, other: Array, information: Array) -> bool:
+    """Say whether a place is within `DISTINCT` standard deviations of a minimum."""
+    distance = 0.0
+    for i in range(len(at)):
+        for j in range(len(at)):
+            distance += (at[i] - other[i]) * information[i, j] * (at[j] - other[j])
+    return bool(distance < DISTINCT * DISTINCT)
+
+
+def keep(minima: list[State], found: State) -> None:
+    """Put a fit among the minima, best first, each once."""
+    if not np.isfinite(found.cost):
+        return
+    for i in range(len(minima)):
+        if is_near(found.at, minima[i].at, minima[i].information):
+            if found.cost < minima[i].cost:
+                minima[i] = found
+            break
+    else:
+        minima.append(found)
+    for i in range(len(minima) - 1, 0, -1):
+        if minima[i].cost < minima[i - 1].cost:
+            minima[i], minima[i - 1] = minima[i - 1], minima[i]
+
+
+def descend(problem: Problem, minima: list[State], start: Array) -> None:
+    """Refine coordinates, unless they lead to one of the minima."""
+    if len(minima) > 0:
+        state = approach(problem, start)
+        for known in minima:
+            if is_near(state.at, known.at, known.information):
+                return
+        start = state.at
+    keep(minima, refine(problem, start))
+
+
+def find_minima(
+    problem: Problem, guide: Guide, unit: Array
+) -> tuple[list[State], float, float, float]:
+    """Return the minima, best first, the misfit of the first, and the angles of the nearest rows.
+
+    Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
+    """
+    size, rows_of_table = len(problem.mean), guide.units.shape[1]
+    count = guide.candidates if lit(problem) >= FEW_LIT else MOST_STARTS
+    rows, chords = nearest_rows(guide.units, unit, min(MOST_STARTS, rows_of_table))
+    minima = [evaluate(problem, np.zeros(size))]
+    minima.clear()
+    tried, found = 0, np.inf
+    while True:
+        count = min(count, len(rows))
+        for i in range(tried, count):
+            pose = guide.poses[rows[i]]
+            turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
+            start = np.zeros(size)
+            start[:5] = from_pose(problem.frame, turned, problem.roll)
+            descend(problem, minima, start)
+        if problem.frame.share > 0 and tried == 0 and len(minima) > 0:
+            start = minima[0].at.copy()
+            for _ in range(3):
+                start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
+                keep(minima, refine(problem, start.copy()))
+        if len(minima) > 0:
+            found = misfit(problem, minima[0].at)
+            rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
+            if (tried > 0 or not rivals) and found <= guide.plausible_misfit:
+                break
+        tried, count = count, 4 * count
+        if tried >= len(rows):
+            break
+    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
+    return minima, found, angle, 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+
+
+def is_part(pose: Array, moments: Moments) -> bool:
+    """Say whether a pose belongs to a posterior, by its moments."""
+    factor, off = moments.covariance.copy(), pose - moments.mean
+    if not cholesky(factor):
+        return False
+    solve_lower(factor, off)
+    return bool((off * off).sum() < CONNECTED * CONNECTED)
+
+
+def joined(one: Moments, other: Moments) -> Moments:
+    """Return the moments of two posteriors that are not connected, as one."""
+    largest = max(one.log_weight, other.log_weight)
+    weight, rest = np.exp(one.log_weight - largest), np.exp(other.log_weight - largest)
+    share = rest / (weight + rest)
+    apart = other.mean - one.mean
+    covariance = (1 - share) * one.covariance + share * other.covariance
+    for i in range(5):
+        for j in range(5):
+            covariance[i, j] += share * (1 - share) * apart[i] * apart[j]
+    return Moments(
+        largest + np.log(weight + rest),
+        one.mean + share * apart,
+        covariance,
+        one.nodes + other.nodes,
+    )
+
+
+def whole_posterior(problem: Problem, minima: list[State]) -> Moments:
+    """Return the moments of the posterior about all minima that are not negligible."""
+    moments = integrate(problem, minima[0].at)
+    for i in range(1, len(minima)):
+        if minima[i].cost - minima[0].cost > NEGLIGIBLE:
+            break
+        if not is_part(minima[i].pose, moments):
+            other = integrate(problem, minima[i].at)
+            if other.nodes >= LEAST_NODES:
+                moments = other if moments.nodes < LEAST_NODES else joined(moments, other)
+    return moments
+
+
+def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
+    """Estimate the pose of one image.
+
+    Parameters
+    ----------
+    problem
+        With the readings, and the roll.
+    guide
+        Of the scene's table.
+    parameters
+        Key parameters of the image, shape ``(5,)``; empty: worked out here.
+    """
+    if len(parameters) == 0:
+        found = np.empty((5, 1))
+        write_parameters(
+            problem.readings.reshape(-1, 1),
+            guide.side,
+            guide.full_scale_counts,
+            guide.subdetector,
+            found,
+        )
+        parameters = found[:, 0].copy()
+    unit = guide.weights.copy()
+    unit[:5] *= parameters
+    unit /= np.sqrt((unit * unit).sum())
+    minima, best, angle, second_angle = find_minima(problem, guide, unit)
+    nothing = np.full(5, np.nan)
+    covariance = np.full((5, 5), np.nan)
+    if len(minima) == 0:
+        return Frame(NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle)
+    if not best <= guide.max_misfit:
+        pose = minima[0].pose
+        return Frame(MISFIT, pose, covariance, best, nothing, np.nan, angle, second_angle)
+    moments = whole_posterior(problem, minima)
+    runner_up, runner_up_misfit = nothing, np.nan
+    if len(minima) > 1:
+        runner_up, runner_up_misfit = minima[1].pose, misfit(problem, minima[1].at)
+    outcome = FITTED
+    factor = moments.covariance.copy()
+    if moments.nodes < LEAST_NODES or not cholesky(factor):
+        outcome = NO_COVARIANCE
+    return Frame(
+        outcome,
+        moments.mean,
+        moments.covariance,
+        best,
+        runner_up,
+        runner_up_misfit,
+        angle,
+        second_angle,
+    )

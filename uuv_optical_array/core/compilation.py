@@ -136,6 +136,8 @@ def _jit(function: FunctionType, keep: bool) -> Any:
     if hasattr(function, "reorder"):
         options["fastmath"] = {"contract", "reassoc"}
     if not keep:
+        # Nobody calls it from Python.
+        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
         return numba.njit(**options)(function)
     with _CacheFolder(numba) as kept:
         return numba.njit(cache=kept, **options)(function)

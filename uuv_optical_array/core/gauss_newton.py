@@ -11,7 +11,7 @@ GIVE_UP = 1e4  # damping beyond which no step gains
 
 
 def minimiser(
-    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float, most: int
+    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float
 ) -> Callable[..., Any]:
     """Return a function that minimises the cost of a problem, or of many at once.
 
@@ -25,16 +25,14 @@ def minimiser(
         that the model of second order promises there; nan where there is none.
     arrived
         Decrement below which a step is the last.
-    most
-        Steps at most.
 
     Returns
     -------
     callable
-        ``minimise(problem, start)``: what `evaluate` found at the best place.
+        ``minimise(problem, start, most)``: what `evaluate` found at the best place in `most` steps.
     """
 
-    def minimise(problem: Any, start: Any) -> Any:
+    def minimise(problem: Any, start: Any, most: int) -> Any:
         state = evaluate(problem, start)
         damping = DAMPING + 0.0 * state[0]
         active = damping > 0

@@ -36,7 +36,16 @@ def cholesky(matrix: Any) -> bool:
 
 
 def solve_lower(factor: Any, vector: Any) -> None:
-    """Replace b by the x of ``L x = b``, shapes ``(p, p)`` and ``(p,)``."""
+    """Replace b by the x of ``L x = b``.
+
+    Parameters
+    ----------
+    factor
+        As `cholesky` leaves it, shape ``(p, p)``; of a shorter vector only as many rows and columns
+        are used.
+    vector
+        Shape ``(p,)`` or shorter.
+    """
     for i in range(len(vector)):
         rest = vector[i]
         for k in range(i):
@@ -45,7 +54,7 @@ def solve_lower(factor: Any, vector: Any) -> None:
 
 
 def solve_upper(factor: Any, vector: Any) -> None:
-    """Replace b by the x of ``L' x = b``."""
+    """Replace b by the x of ``L' x = b``, as `solve_lower`."""
     for i in range(len(vector) - 1, -1, -1):
         rest = vector[i]
         for k in range(i + 1, len(vector)):

@@ -91,9 +91,7 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
     return log_ndtr(u), sign * over * precision, share * precision * precision
 
 
-def likelihood_of(
-    readings: Any, light: Any, noise: Noise, values: Any, scores: Any, curvatures: Any
-) -> None:
+def likelihood_of(readings: Any, light: Any, noise: Noise, found: Any) -> None:
     """Write the log-likelihood of each reading, with derivatives by its light.
 
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
@@ -105,8 +103,8 @@ def likelihood_of(
         Counts, shape ``(n,)``.
     noise
         Of the scene.
-    values, scores, curvatures
-        Results, as of `gaussian`, shape ``(n,)``.
+    found
+        Results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
     """
     for j in each(len(light)):
         variance = reading_variance(light[j], noise.variance, noise.slope)
@@ -115,13 +113,13 @@ def likelihood_of(
             value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
         else:
             value, score, curvature = gaussian(readings[j], light[j], variance)
-        values[j], scores[j], curvatures[j] = value, score, curvature
+        found[0, j], found[1, j], found[2, j] = value, score, curvature
     for j in each(len(light)):
         for i in when((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
             above = readings[i] >= noise.high
             bound = choose(above, noise.high - 0.5, noise.low + 0.5)
             variance = reading_variance(light[i], noise.variance, noise.slope)
-            values[i], scores[i], curvatures[i] = censored(
+            found[0, i], found[1, i], found[2, i] = censored(
                 light[i], bound, choose(above, 1.0, -1.0), variance
             )
 
@@ -151,7 +149,7 @@ def log_likelihood(readings: Array, light: Array, noise: Noise) -> tuple[Array, 
     """
     found = np.empty((3, light.size))
     flat = np.broadcast_to(readings, light.shape).reshape(-1)
-    likelihood_of(flat, light.reshape(-1), noise, *found)
+    likelihood_of(flat, light.reshape(-1), noise, found)
     value, score, curvature = found.reshape(3, *light.shape)
     return value, score, curvature
 

@@ -1,8 +1,8 @@
 """From lamp to readings for one scene, with derivatives: for NumPy at many poses, and compiled.
 
 Components come first: a position is ``(3, ...)``, an image with its derivatives
-``(1 + p, ..., n)``. NumPy takes any number of poses between, as shape ``(m, 1)`` of each component; compiled code takes
-one pose, whose components are numbers.
+``(1 + p, ..., n)``. NumPy takes any number of poses between, as shape ``(m, 1)`` of each component;
+compiled code takes one pose, whose components are numbers.
 """
 
 from typing import Any, NamedTuple

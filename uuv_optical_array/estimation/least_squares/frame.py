@@ -8,19 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.gauss_newton import minimiser
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
 from uuv_optical_array.estimation.least_squares.posterior import Moments, integrate
 from uuv_optical_array.estimation.least_squares.problem import (
-    ARRIVED,
+    MOST_STEPS,
     Problem,
     State,
     evaluate,
     misfit,
-    propose,
     refine,
 )
 
@@ -38,9 +36,6 @@ LEAST_NODES = 5
 LONG_STEPS = 2  # after which a start is known to lead to a minimum that was found before
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
-
-# The first steps from a start.
-approach = minimiser(evaluate, propose, ARRIVED, LONG_STEPS)
 
 
 class Guide(NamedTuple):
@@ -169,12 +164,12 @@ def keep(minima: list[State], found: State) -> None:
 def descend(problem: Problem, minima: list[State], start: Array) -> None:
     """Refine coordinates, unless they lead to one of the minima."""
     if len(minima) > 0:
-        state = approach(problem, start)
+        state = refine(problem, start, LONG_STEPS)
         for known in minima:
             if is_near(state.at, known.at, known.information):
                 return
         start = state.at
-    keep(minima, refine(problem, start))
+    keep(minima, refine(problem, start, MOST_STEPS))
 
 
 def find_minima(
@@ -202,7 +197,7 @@ def find_minima(
             start = minima[0].at.copy()
             for _ in range(3):
                 start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-                keep(minima, refine(problem, start.copy()))
+                keep(minima, refine(problem, start.copy(), MOST_STEPS))
         if len(minima) > 0:
             found = misfit(problem, minima[0].at)
             rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE

@@ -130,13 +130,17 @@ def integrated(problem: Problem, state: State) -> Node:
     for i in range(rest):
         order[i] = i if i < PITCH else i + 2
     order[rest], order[rest + 1] = PITCH, YAW
-    factor, pull = np.empty((size, size)), np.empty(size)
+    factor, pull, ahead = np.empty((size, size)), np.empty(rest), np.empty(2)
     for i in range(size):
         k = order[i]
-        pull[i] = state.gradient[k]
+        slope = state.gradient[k]
         if k < 5:
-            pull[i] += state.log_volume_slopes[k]
-        for j in range(size):
+            slope += state.log_volume_slopes[k]
+        if i < rest:
+            pull[i] = slope
+        else:
+            ahead[i - rest] = slope
+        for j in range(i + 1):
             factor[i, j] = state.information[k, order[j]]
     at, moved = state.at.copy(), np.zeros((size, 2))
     gradient, information = np.zeros(2), np.zeros((2, 2))
@@ -147,23 +151,24 @@ def integrated(problem: Problem, state: State) -> Node:
     for i in range(rest):
         log_weight -= np.log(factor[i, i])
     # The lower left of the factor is B' L^-T, and the lower right that of what is left.
-    solve_lower(factor[:rest, :rest], pull[:rest])
-    decrement = 0.5 * (pull[:rest] * pull[:rest]).sum()
+    solve_lower(factor, pull)
+    decrement = 0.5 * (pull * pull).sum()
     # Far from the mean the model of second order promises what is not there.
     log_weight += min(decrement, SETTLED)
+    column = np.empty(rest)
     for a in range(2):
-        gradient[a] = pull[rest + a]
+        gradient[a] = ahead[a]
         for k in range(rest):
             gradient[a] -= factor[rest + a, k] * pull[k]
+            column[k] = -factor[rest + a, k]
         for b in range(2):
             for k in range(min(a, b) + 1):
                 information[a, b] += factor[rest + a, rest + k] * factor[rest + b, rest + k]
-        column = -factor[rest + a, :rest].copy()
-        solve_upper(factor[:rest, :rest], column)
+        solve_upper(factor, column)
         for i in range(rest):
             moved[order[i], a] = column[i]
         moved[PITCH + a, a] = 1.0
-    solve_upper(factor[:rest, :rest], pull[:rest])
+    solve_upper(factor, pull)
     excess = 1.0
     for i in range(rest):
         excess = max(excess, abs(pull[i]) / problem.reach[order[i]])
@@ -178,7 +183,7 @@ def integrated(problem: Problem, state: State) -> Node:
     for i in range(5):
         for k in range(3):
             spread[i, k] = state.pose_slopes[i, k]
-        solve_lower(factor[:rest, :rest], spread[i])
+        solve_lower(factor, spread[i])
     for i in range(5):
         for j in range(i + 1):
             for k in range(rest):

@@ -134,32 +134,32 @@ def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem
     )
 
 
-def normal_equations(image: Any, scores: Any, curvatures: Any, gradient: Any, joint: Any) -> None:
-    """Add what readings say to gradient and information.
+def normal_equations(image: Any, likelihood: Any, gradient: Any, joint: Any) -> None:
+    """Write what readings say to gradient and information.
 
     Parameters
     ----------
     image
         Light and its slopes, shape ``(1 + p, n)``.
-    scores, curvatures
-        As `likelihood.gaussian`, shape ``(n,)``.
+    likelihood
+        Values, scores and curvatures, as `likelihood.gaussian`, shape ``(3, n)``.
     gradient, joint
         Results, shapes ``(p,)`` and ``(p, p)``.
     """
-    size, n = len(gradient), image.shape[1]
+    n = image.shape[1]
     weighted = np.empty(n)
-    for q in range(size):
+    for q in range(len(gradient)):
         pull = 0.0
         for j in each(n):
-            pull += total(scores[j] * image[1 + q, j])
-            weighted[j] = curvatures[j] * image[1 + q, j]
-        gradient[q] += pull
+            pull += total(likelihood[1, j] * image[1 + q, j])
+            weighted[j] = likelihood[2, j] * image[1 + q, j]
+        gradient[q] = pull
         for s in range(q + 1):
             known = 0.0
             for j in each(n):
                 known += total(weighted[j] * image[1 + s, j])
-            joint[q, s] += known
-            joint[s, q] = joint[q, s]
+            joint[q, s] = known
+            joint[s, q] = known
 
 
 normal_equations.reorder = True  # type: ignore[attr-defined]  # sums in any order
@@ -167,39 +167,40 @@ normal_equations.reorder = True  # type: ignore[attr-defined]  # sums in any ord
 
 def evaluate(problem: Problem, at: Array) -> State:
     """Return the posterior at a place, shape ``(p,)``, with derivatives."""
-    size = len(at)
-    lamp, components, log_volume = to_lamp(problem.frame, at, problem.roll)
-    lamp_slopes, pose_slopes = slopes_at(problem.frame, at, problem.roll, lamp)
-    rays, beam = illuminate(problem.optics, lamp, at[5:], True)
-    image = project(problem.optics, lamp, lamp_slopes, rays, beam, True)
-    detect(problem.optics, at[5:], image)
-    n = len(problem.readings)
-    values, scores, curvatures = np.empty(n), np.empty(n), np.empty(n)
-    likelihood_of(problem.readings, image[0], problem.noise, values, scores, curvatures)
-    gradient, joint = np.zeros(size), np.zeros((size, size))
-    normal_equations(image, scores, curvatures, gradient, joint)
-    cost = -values.sum()
+    size, n = len(at), len(problem.readings)
+    optics, frame, roll = problem.optics, problem.frame, problem.roll
+    mean, std, nuisances = problem.mean, problem.std, at[5:]
+    lamp, components, log_volume = to_lamp(frame, at, roll)
+    lamp_slopes, pose_slopes = slopes_at(frame, at, roll, lamp)
+    rays, beam = illuminate(optics, lamp, nuisances, True)
+    image = project(optics, lamp, lamp_slopes, rays, beam, True)
+    detect(optics, nuisances, image)
+    likelihood = np.empty((3, n))
+    likelihood_of(problem.readings, image[0], problem.noise, likelihood)
+    cost = -likelihood[0].sum()
+    gradient, joint = np.empty(size), np.empty((size, size))
+    normal_equations(image, likelihood, gradient, joint)
     # The prior is another five readings, of the pose, and one of each nuisance.
-    mean, std = problem.mean, problem.std
     pose = np.array(components)
-    for i in range(5):
-        off = (pose[i] - mean[i]) / std[i]
+    for i in range(size):
+        precision = 1 / std[i]
+        off = ((pose[i] if i < 5 else at[i]) - mean[i]) * precision
         cost += 0.5 * off * off
+        if i >= 5:
+            gradient[i] -= off * precision
+            joint[i, i] += precision * precision
+            continue
         for q in range(5):
-            slope = pose_slopes[i, q] / std[i]
+            slope = pose_slopes[i, q] * precision
             gradient[q] -= off * slope
+            slope *= precision
             for s in range(5):
-                joint[q, s] += slope * pose_slopes[i, s] / std[i]
-    for i in range(5, size):
-        off = (at[i] - mean[i]) / std[i]
-        cost += 0.5 * off * off
-        gradient[i] -= off / std[i]
-        joint[i, i] += 1 / (std[i] * std[i])
-    volume_slopes = volume_slopes_at(problem.frame, at, lamp, lamp_slopes)
+                joint[q, s] += slope * pose_slopes[i, s]
+    volume_slopes = volume_slopes_at(frame, lamp, lamp_slopes)
     return State(cost, at, gradient, joint, pose, pose_slopes, log_volume, volume_slopes)
 
 
-def volume_slopes_at(frame: Frame, at: Any, lamp: Any, lamp_slopes: Any) -> Any:
+def volume_slopes_at(frame: Frame, lamp: Any, lamp_slopes: Any) -> Any:
     """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
@@ -237,15 +238,16 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
 
 
 # Moves coordinates, shape ``(p,)``, to where they are most probable nearby.
-refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
+refine = minimiser(evaluate, propose, ARRIVED)
 
 
 def light_at(problem: Problem, at: Array) -> Array:
     """Return the light of the readings at a place, counts, shape ``(n,)``."""
+    optics = problem.optics
     lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
-    rays, beam = illuminate(problem.optics, lamp, at[5:], False)
-    image = project(problem.optics, lamp, np.zeros((6, 0)), rays, beam, False)
-    detect(problem.optics, at[5:], image)
+    rays, beam = illuminate(optics, lamp, at[5:], False)
+    image = project(optics, lamp, np.zeros((6, 0)), rays, beam, False)
+    detect(optics, at[5:], image)
     return image[0]
 
 

@@ -175,12 +175,6 @@ def stack(*components):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def stack_of(rows, component):  # type: ignore[no-untyped-def]
-    """As `elementwise.stack_of`, of numbers."""
-    return np.empty(rows)
-
-
-@inlined
 def zeros(rows, columns, component):  # type: ignore[no-untyped-def]
     """As `elementwise.zeros`, of one pose."""
     return np.zeros((rows, columns))
@@ -299,7 +293,6 @@ REPLACED: dict[Any, Any] = {
     elementwise.total: total,
     elementwise.room: room,
     elementwise.stack: stack,
-    elementwise.stack_of: stack_of,
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
     elementwise.at_place: at_place,

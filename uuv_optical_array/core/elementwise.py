@@ -70,11 +70,6 @@ def zeros(rows: int, columns: int, component: Any) -> Any:
     return np.zeros((rows, columns, *np.shape(component)))
 
 
-def stack_of(rows: int, component: Any) -> Any:
-    """Return an empty array of rows, each of the shape of a component."""
-    return np.empty((rows, *np.shape(component)))
-
-
 def sandwich(matrix: Any, image: Any) -> None:
     """Turn images of shape ``(..., side^2)`` into ``M image M'``, in place."""
     side = len(matrix)

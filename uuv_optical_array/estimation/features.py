@@ -6,7 +6,7 @@ import numpy as np
 from numpy import floor, maximum, minimum, sqrt
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.elementwise import at_place, choose, each, law, stack_of, when
+from uuv_optical_array.core.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import SignatureSettings
 
@@ -36,28 +36,29 @@ def skewness_of(values: Any) -> Any:
     largest, mean = 0.0 * values[0], 0.0 * values[0]
     for k in range(count):
         largest = maximum(largest, abs(values[k]))
-    scale = choose(largest > 0, largest, 1.0)
+    largest = choose(largest > 0, largest, 1.0)
     for k in range(count):
-        mean = mean + values[k] / scale / count
+        mean = mean + values[k] / largest
+    mean = mean / count
     second, third = 0.0 * mean, 0.0 * mean
     for k in range(count):
-        off = values[k] / scale - mean
-        second = second + off * off / count
-        third = third + off * off * off / count
+        off = values[k] / largest - mean
+        square = off * off
+        second, third = second + square, third + square * off
+    second, third = second / count, third / count
     # Rounding leaves about 1e-32 of a constant profile; that is no shape.
     varies = second > 1e-30
     second = choose(varies, second, 1.0)
     return choose(varies, third, 0.0) / (second * sqrt(second))
 
 
-def gradient_of(profile: Any) -> Any:
-    """Differentiate a profile along the first axis, as `numpy.gradient`."""
-    last = len(profile) - 1
-    slopes = np.empty_like(profile)
-    slopes[0], slopes[last] = profile[1] - profile[0], profile[last] - profile[last - 1]
+def differentiate(profiles: Any, slopes: Any, i: Any) -> None:
+    """Differentiate profiles along the first axis, as `numpy.gradient`, shape ``(side, m)``."""
+    last = len(profiles) - 1
+    slopes[0, i] = profiles[1, i] - profiles[0, i]
+    slopes[last, i] = profiles[last, i] - profiles[last - 1, i]
     for k in range(1, last):
-        slopes[k] = 0.5 * (profile[k + 1] - profile[k - 1])
-    return slopes
+        slopes[k, i] = 0.5 * (profiles[k + 1, i] - profiles[k - 1, i])
 
 
 @law
@@ -68,6 +69,50 @@ def vertex(before: Any, top: Any, after: Any) -> Any:
     # Halved after the division: a difference of tiny readings may not halve.
     offset = choose(bent, before - after, 0.0) / choose(bent, curvature, 1.0) / 2
     return minimum(maximum(offset, -0.5), 0.5)
+
+
+def settle_ties(
+    readings: Any, side: int, i: Any, places: Any, wide: Any, high: Any, centres: Any
+) -> None:
+    """Choose among the brightest detectors of an image the one nearest their centroid.
+
+    Parameters
+    ----------
+    readings, side
+        As in `write_parameters`.
+    i
+        The image, or those with ties.
+    places
+        Result: row-major place of the detector, shape ``(m,)``.
+    wide, high
+        Results: more than 0 where the top is more than a detector wide or high.
+    centres
+        Result: column and row of the centroid, shape ``(2, m)``.
+    """
+    brightest = readings[0, i]
+    for k in range(1, side * side):
+        brightest = maximum(brightest, readings[k, i])
+    tops, column_sum, row_sum = 0 * brightest, 0 * brightest, 0 * brightest
+    for k in range(side * side):
+        is_top = choose(readings[k, i] == brightest, 1.0, 0.0)
+        tops = tops + is_top
+        column_sum = column_sum + is_top * (k % side)
+        row_sum = row_sum + is_top * (k // side)
+    # Of several nearest the first; in whole numbers, so that ties are ties.
+    nearest, place = 0 * brightest + 1e300, 0 * brightest
+    width, height = 0 * brightest, 0 * brightest
+    for k in range(side * side):
+        column_off = k % side * tops - column_sum
+        row_off = k // side * tops - row_sum
+        off = column_off * column_off + row_off * row_off
+        is_top = readings[k, i] == brightest
+        better = is_top & (off < nearest)
+        nearest = choose(better, off, nearest)
+        place = choose(better, float(k), place)
+        width = width + choose(is_top, abs(column_off), 0.0)
+        height = height + choose(is_top, abs(row_off), 0.0)
+    places[i], wide[i], high[i] = place, width, height
+    centres[0, i], centres[1, i] = column_sum / tops, row_sum / tops
 
 
 def write_parameters(
@@ -86,7 +131,10 @@ def write_parameters(
     parameters
         Result, shape ``(5, m)``.
     """
-    last, middle = side - 1, 0.5 * (side - 1)
+    last, middle, count = side - 1, 0.5 * (side - 1), readings.shape[1]
+    places, wide, high = np.empty(count), np.empty(count), np.empty(count)
+    centres = np.zeros((2, count))
+    profiles, slopes = np.empty((side, count)), np.empty((side, count))
     for i in each(readings.shape[1]):
         brightest = readings[0, i]
         place = 0 * brightest
@@ -94,27 +142,13 @@ def write_parameters(
             better = readings[k, i] > brightest
             brightest = choose(better, readings[k, i], brightest)
             place = choose(better, float(k), place)
-        tops, column_sum, row_sum = 0 * brightest, 0 * brightest, 0 * brightest
+        tops = 0 * brightest
         for k in range(side * side):
-            is_top = choose(readings[k, i] == brightest, 1.0, 0.0)
-            tops = tops + is_top
-            column_sum = column_sum + is_top * (k % side)
-            row_sum = row_sum + is_top * (k // side)
-        # Of several tops the one nearest their centroid, of several nearest the first; in whole
-        # numbers, so that ties are ties.
-        nearest = 0 * brightest + 1e300
-        wide, high = 0 * brightest, 0 * brightest
-        for k in range(side * side):
-            column_off = k % side * tops - column_sum
-            row_off = k // side * tops - row_sum
-            off = column_off * column_off + row_off * row_off
-            is_top = readings[k, i] == brightest
-            better = is_top & (off < nearest)
-            nearest = choose(better, off, nearest)
-            place = choose(better, float(k), place)
-            # The top is flat along an axis where it is more than a detector wide.
-            wide = wide + choose(is_top, abs(column_off), 0.0)
-            high = high + choose(is_top, abs(row_off), 0.0)
+            tops = tops + choose(readings[k, i] == brightest, 1.0, 0.0)
+        places[i], wide[i], high[i] = place, 0.0, 0.0
+        for t in when(tops > 1, i):
+            settle_ties(readings, side, t, places, wide, high, centres)
+        place = places[i]
         row = floor((place + 0.5) / side)
         column = place - row * side
         parameters[0, i] = brightest / full_scale_counts
@@ -122,20 +156,20 @@ def write_parameters(
             along = choose(upright == 1, row, column)
             across = choose(upright == 1, column, row)
             step, base = (side, across) if upright == 1 else (1, across * side)
-            profile = stack_of(side, brightest)
             for k in range(side):
-                profile[k] = at_place(readings, base + k * step, i)
+                profiles[k, i] = at_place(readings, base + k * step, i)
+            differentiate(profiles, slopes, i)
             found = along
             if subdetector:
                 inside = (along > 0) & (along < last)
                 before = at_place(readings, base + maximum(along - 1, 0) * step, i)
                 after = at_place(readings, base + minimum(along + 1, last) * step, i)
                 found = along + choose(inside, vertex(before, brightest, after), 0.0)
-                flat = choose(upright == 1, high, wide) > 0
-                found = choose(flat, choose(upright == 1, row_sum, column_sum) / tops, found)
+                flat = choose(upright == 1, high[i], wide[i]) > 0
+                found = choose(flat, centres[upright, i], found)
             lit = brightest > 0
             parameters[1 + upright, i] = choose(lit, found - middle, 0.0)
-            parameters[3 + upright, i] = choose(lit, skewness_of(gradient_of(profile)), 0.0)
+            parameters[3 + upright, i] = choose(lit, skewness_of(slopes[:, i]), 0.0)
         for _ in when(brightest <= 0, i):
             parameters[0, _] = 0.0
 

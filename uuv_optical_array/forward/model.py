@@ -56,6 +56,8 @@ class ForwardModel:
     ----------
     noise : optics.Noise
         Of a reading, rounding included.
+    saturation_counts : float
+        Largest analogue reading; inf: none.
     nuisances : tuple of str
         Settings of the scene that a prior may leave uncertain, by dotted name. The offset of
         ``lamp.power`` is that of its logarithm, the others have the setting's unit.
@@ -72,13 +74,15 @@ class ForwardModel:
         self._forms = effects.plan(scene.effects, self.array, scene.lamp)
         self._moving = [form.factor for form in self._of(Moving)]
         noises, converters = self._of(forms.Noise), self._of(Converter)
+        self.saturation_counts = min(
+            (form.level_counts for form in self._of(Saturation)), default=np.inf
+        )
         highest = [form.largest for form in converters]
-        highest += [form.level_counts for form in self._of(Saturation)]
         self._read_noise = Noise(
             float(sum(form.variance for form in noises)),
             float(sum(form.slope for form in noises)),
             0.0 if converters else -np.inf,
-            min(highest, default=np.inf),
+            min([*highest, self.saturation_counts]),
         )
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
@@ -300,9 +304,7 @@ class ForwardModel:
         return self._saturated(self.light(poses, roll))
 
     def _saturated(self, image: Array) -> Array:
-        for form in self._of(Saturation):
-            image = np.minimum(image, form.level_counts)
-        return image
+        return np.minimum(image, self.saturation_counts)
 
     def variance(self, light: Array) -> tuple[Array, Array]:
         """Variance of a reading, the sum over noise sources (eq. 7) and the rounding.

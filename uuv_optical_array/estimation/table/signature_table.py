@@ -17,16 +17,22 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core import files, memory
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.features import key_parameters, lifted
+from uuv_optical_array.core import compilation, files, memory
+from uuv_optical_array.core.elementwise import transmit
+from uuv_optical_array.core.geometry import Array, lamp_in_body
+from uuv_optical_array.estimation.features import key_parameters, lifted, write_parameters
 from uuv_optical_array.estimation.spectral_angle import SpectralIndex
+from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, ray
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import BEAM_ROWS, LIGHT, Optics, detect, shine
 from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
 
 FORMAT = 1
 BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the cache
 BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger ones
+TILE_READINGS = 400  # whose rays stay in the first level of the cache
+# Rows of a table from which loading Numba takes less time than it saves.
+WORTH_COMPILING = 1_000_000
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 
@@ -137,12 +143,13 @@ def build_table(
     if why := memory.shortfall(rows):
         raise ValueError(f"scene {scene.name}: the table's {why}")
     model = ForwardModel(scene)
+    compiled = rows > WORTH_COMPILING and compilation.usable()
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))
     kept = 0
     size = min(BLOCK_POSES, max(BLOCK_READINGS // model.array.side**2, 1))
     for start in progress(range(0, rows, size)):
         block = grid[start : min(start + size, rows)]
-        lit, found = signatures(model, block, min_peak_counts)
+        lit, found = signatures(model, block, min_peak_counts, compiled)
         stop = kept + len(found)
         poses[kept:stop] = block[lit]
         parameters[kept:stop] = found
@@ -153,13 +160,117 @@ def build_table(
 
 
 def signatures(
-    model: ForwardModel, poses: Array, min_peak_counts: float
+    model: ForwardModel, poses: Array, min_peak_counts: float, compiled: bool = False
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Return which poses have light, shape ``(m,)``, and the key parameters of those."""
-    images = model.expected(poses)
-    lit = images.max(axis=(1, 2)) >= min_peak_counts
+    """Return which poses have light, shape ``(m,)``, and the key parameters of those.
+
+    Parameters
+    ----------
+    model
+        Forward model of the scene.
+    poses
+        m and rad, shape ``(m, 5)``.
+    min_peak_counts
+        A brightest reading below this is no light.
+    compiled
+        Whether the work is done as Numba compiles it, the same to rounding.
+    """
     scene = model.scene
-    return lit, key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
+    if not compiled:
+        images = model.expected(poses)
+        lit = images.max(axis=(1, 2)) >= min_peak_counts
+        return lit, key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
+    parameters = np.empty((5, len(poses)))
+    compilation.compiled(write_signatures)(
+        model.optics((), True),
+        model.saturation_counts,
+        np.ascontiguousarray(poses),
+        model.array.side,
+        float(scene.full_scale_counts),
+        scene.signature.peak == "subdetector",
+        parameters,
+    )
+    lit = parameters[0] * scene.full_scale_counts >= min_peak_counts
+    return lit, parameters[:, lit].T
+
+
+def write_signatures(
+    optics: Optics,
+    saturation_counts: float,
+    poses: Array,
+    side: int,
+    full_scale_counts: float,
+    subdetector: bool,
+    parameters: Array,
+) -> None:
+    """Write the key parameters at each pose, one after the other: for compiled code.
+
+    Parameters
+    ----------
+    optics
+        Of the scene, without nuisances.
+    saturation_counts
+        Largest analogue reading; inf: none.
+    poses
+        m and rad, shape ``(m, 5)``.
+    side, full_scale_counts, subdetector
+        As `features.write_parameters` has them.
+    parameters
+        Result, shape ``(5, m)``.
+    """
+    n, nothing = side * side, np.empty(0)
+    laws, settings, steps = optics.laws, optics.law_settings, len(optics.step_kinds)
+    tile = max(1, TILE_READINGS // n)
+    detectors, lamps = np.empty((6, tile * n)), np.empty((6, tile * n))
+    image, readings, found = np.empty((1, n)), np.empty((n, tile)), np.empty((5, tile))
+    for i in range(tile):
+        detectors[:, i * n : (i + 1) * n] = optics.detectors
+    for first in range(0, len(poses), tile):
+        # The last tile is filled up with its last pose.
+        for i in range(tile):
+            pose = poses[min(first + i, len(poses) - 1)]
+            x, y, z, u, v, w = lamp_in_body(pose[0], pose[1], pose[2], pose[3], pose[4], 0.0)
+            for j in range(i * n, (i + 1) * n):
+                lamps[0, j], lamps[1, j], lamps[2, j] = x, y, z
+                lamps[3, j], lamps[4, j], lamps[5, j] = u, v, w
+        rays = rays_of(detectors, lamps)
+        beam = shine(rays, optics.power, optics.beam_sigma_rad, len(laws))
+        for k in range(len(laws)):
+            a, b, c = settings[k, 0], settings[k, 1], settings[k, 2]
+            transmit(laws[k], rays, a, b, c, beam, BEAM_ROWS + k, False)
+        for i in range(tile):
+            for j in range(n):
+                image[0, j] = beam[LIGHT, i * n + j]
+            if steps > 0:
+                detect(optics, nothing, image)
+            for j in range(n):
+                readings[j, i] = min(image[0, j], saturation_counts)
+        write_parameters(readings, side, full_scale_counts, subdetector, found)
+        for i in range(min(tile, len(poses) - first)):
+            for k in range(5):
+                parameters[k, first + i] = found[k, i]
+
+
+def rays_of(detectors: Array, lamps: Array) -> Array:
+    """Return range, half the squared off-axis angle and cosine, each reading with its own lamp."""
+    rays = np.empty((3, detectors.shape[1]))
+    for j in range(detectors.shape[1]):
+        range_m, half_square, cosine, _, _, _, _, _ = ray(
+            detectors[0, j],
+            detectors[1, j],
+            detectors[2, j],
+            detectors[3, j],
+            detectors[4, j],
+            detectors[5, j],
+            lamps[0, j],
+            lamps[1, j],
+            lamps[2, j],
+            lamps[3, j],
+            lamps[4, j],
+            lamps[5, j],
+        )
+        rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
+    return rays
 
 
 def no_light(scene: Scene, min_peak_counts: float) -> ValueError:

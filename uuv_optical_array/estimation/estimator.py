@@ -17,6 +17,7 @@ from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -158,6 +159,15 @@ class Estimator:
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
         self._compiled = compilation.usable() if compiled is None else compiled
+        scene = table.scene
+        self._signature = (
+            scene.array.detectors_per_side,
+            float(scene.full_scale_counts),
+            scene.signature.peak == "subdetector",
+        )
+        self._write_parameters = write_parameters
+        if self._compiled:
+            self._write_parameters = compilation.compiled(write_parameters)
         if method == "least_squares":
             self._prepare()
 
@@ -182,9 +192,6 @@ class Estimator:
             np.ascontiguousarray(units.T),
             np.ascontiguousarray(table.poses[rows]),
             table.vectors(np.ones(5)),
-            model.array.side,
-            float(scene.full_scale_counts),
-            scene.signature.peak == "subdetector",
             self.settings.candidates,
             float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
             float(self.settings.max_misfit),
@@ -196,14 +203,17 @@ class Estimator:
             self._frame(self._problem, self._guide, np.ones(5))
 
     def estimate(
-        self, parameters: ArrayLike, image: ArrayLike | None = None, roll: float = 0.0
+        self,
+        parameters: ArrayLike | None,
+        image: ArrayLike | None = None,
+        roll: float = 0.0,
     ) -> Estimate:
         """Estimate the pose from one image.
 
         Parameters
         ----------
         parameters
-            Key parameters of the image, shape ``(5,)``.
+            Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image.
         image
             The image itself, counts, shape ``(side, side)``; ``least_squares`` needs it.
         roll
@@ -220,15 +230,33 @@ class Estimator:
             For parameters that are not finite or hold no light, for a signature or an image that
             belongs to no pose of the scene.
         """
+        fits = self.settings.method == "least_squares"
+        readings = self._readings(image) if fits or parameters is None else np.empty(0)
+        if parameters is None:
+            found = np.empty((5, 1))
+            self._write_parameters(readings.reshape(-1, 1), *self._signature, found)
+            parameters = found[:, 0]
         parameters = np.asarray(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
         if parameters.shape != (5,) or not (np.abs(parameters) < 1e100).all():
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
-        if self.settings.method == "least_squares":
-            return self._least_squares(parameters, image, roll)
-        vector, count = self.table.vectors(parameters), self.settings.neighbours
+        if fits:
+            return self._least_squares(parameters, readings, roll)
+        return self._match(self.table.vectors(parameters), roll)
+
+    def _readings(self, image: ArrayLike | None) -> Array:
+        side = self.table.scene.array.detectors_per_side
+        readings = np.array(image, dtype=float, order="C")
+        if readings.shape != (side, side) or not np.isfinite(readings).all():
+            method = self.settings.method
+            raise NoPose(f"no image: {method} needs {side} x {side} finite readings")
+        return readings.reshape(-1)
+
+    def _match(self, vector: Array, roll: float) -> Estimate:
+        """Estimate by the nearest rows of the table."""
+        count = self.settings.neighbours
         angles, rows = self._index.nearest(vector, count)
         # Rows that look exactly alike are all possible, however many there are.
         while angles[-1] == angles[0] and count < len(self.table.poses):
@@ -242,18 +270,14 @@ class Estimator:
             )
         poses = turned_about_beam(self.table.poses[rows], roll)
         mean = self.settings.method == "sam_interpolated"
-        pose = poses.mean(axis=0) if mean else np.array(poses[0])
+        pose = np.add.reduce(poses) / len(poses) if mean else np.array(poses[0])
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
         return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
-    def _least_squares(self, parameters: Array, image: ArrayLike | None, roll: float) -> Estimate:
-        side = self.table.scene.array.detectors_per_side
-        readings = np.array(image, dtype=float, order="C")
-        if readings.shape != (side, side) or not np.isfinite(readings).all():
-            raise NoPose(f"no image: least_squares needs {side} x {side} finite readings")
-        problem = self._problem._replace(readings=readings.ravel(), roll=float(roll))
+    def _least_squares(self, parameters: Array, readings: Array, roll: float) -> Estimate:
+        problem = self._problem._replace(readings=readings, roll=float(roll))
         found = self._frame(problem, self._guide, parameters)
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")

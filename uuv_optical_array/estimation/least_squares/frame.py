@@ -10,7 +10,6 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
-from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
 from uuv_optical_array.estimation.least_squares.posterior import Moments, integrate
 from uuv_optical_array.estimation.least_squares.problem import (
@@ -49,8 +48,6 @@ class Guide(NamedTuple):
         Theirs, m and rad, shape ``(m, 5)``.
     weights
         Of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    side, full_scale_counts, subdetector
-        As `features.write_parameters` has them.
     candidates
         Rows to start from; more where these leave doubt.
     plausible_misfit
@@ -62,9 +59,6 @@ class Guide(NamedTuple):
     units: Array
     poses: Array
     weights: Array
-    side: int
-    full_scale_counts: float
-    subdetector: bool
     candidates: int
     plausible_misfit: float
     max_misfit: float
@@ -260,18 +254,8 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     guide
         Of the scene's table.
     parameters
-        Key parameters of the image, shape ``(5,)``; empty: worked out here.
+        Key parameters of the image, shape ``(5,)``.
     """
-    if len(parameters) == 0:
-        found = np.empty((5, 1))
-        write_parameters(
-            problem.readings.reshape(-1, 1),
-            guide.side,
-            guide.full_scale_counts,
-            guide.subdetector,
-            found,
-        )
-        parameters = found[:, 0].copy()
     unit = guide.weights.copy()
     unit[:5] *= parameters
     unit /= np.sqrt((unit * unit).sum())

@@ -27,7 +27,8 @@ NUMBA = pytest.mark.skipif(
 @pytest.fixture
 def nothing_loaded(monkeypatch):
     """Let this process look as one that has loaded no compiled fit."""
-    monkeypatch.setattr(fit_compiler, "LOADED", threading.Event())
+    monkeypatch.setattr(fit_compiler, "LOADED", set())
+    monkeypatch.setattr(fit_compiler, "is_compiled", lambda scene: False)
 
 
 @pytest.fixture
@@ -163,21 +164,23 @@ def run(program, **environment):
 
 COMPILED = """
 import threading
+from uuv_optical_array.core.compilation import compiled
+from uuv_optical_array.estimation.least_squares.frame import estimate_frame
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
 done = threading.Event()
-compiler = FitCompiler(done.set)
+compiler = FitCompiler(load_scene({scene!r}), done.set)
 compiler.start()
 done.wait()
 assert compiler.done and not compiler.failure, compiler.failure
-from uuv_optical_array.estimation.least_squares import fit_kernel
-stats = fit_kernel.descend.stats
+stats = compiled(estimate_frame).stats
 print(len(stats.cache_hits), len(stats.cache_misses))
 """
 
 
 @NUMBA
-def test_the_process_fills_the_cache_from_which_the_node_loads():
-    ran = run(COMPILED)
+def test_the_process_fills_the_cache_from_which_the_node_loads(scene_file):
+    ran = run(COMPILED.format(scene=scene_file))
     assert ran.returncode == 0, ran.stderr
     hits, misses = map(int, ran.stdout.split())
     assert hits > 0
@@ -185,26 +188,27 @@ def test_the_process_fills_the_cache_from_which_the_node_loads():
 
 
 @NUMBA
-def test_where_nothing_can_be_kept_the_process_says_so_with_the_cure():
-    config = pytest.importorskip("numba").config
-    if not hasattr(config, "CACHE_LOCATOR_CLASSES"):
-        pytest.skip("this Numba cannot be told to keep nothing")
-    # The one named here keeps the code of notebooks only.
-    ran = run(
-        "from uuv_optical_array.nodes.shared import fit_compiler; fit_compiler.load()",
-        NUMBA_CACHE_LOCATOR_CLASSES="IPythonCacheLocator",
+def test_where_nothing_can_be_kept_the_reason_is_told_with_the_cure(tmp_path, scene):
+    occupied = tmp_path / "file"
+    occupied.touch()
+    program = (
+        "from uuv_optical_array.nodes.shared import fit_compiler; "
+        f"fit_compiler.fill_cache({scene.settings()!r})"
     )
+    ran = run(program, NUMBA_CACHE_DIR=str(occupied))
     assert ran.returncode == 1
     assert "NUMBA_CACHE_DIR" in ran.stderr.splitlines()[-1]
 
 
 @NUMBA
-def test_the_process_finds_all_that_the_node_finds(monkeypatch, nothing_loaded, compiled_fit):
+def test_the_process_finds_all_that_the_node_finds(
+    monkeypatch, nothing_loaded, compiled_fit, scene
+):
     """ROS's own libraries too, which its wheels find by two variables of the environment."""
     code = "import sys; sys.path[:] = {path!r}; import rclpy, {module}"
     monkeypatch.setattr(fit_compiler, "CODE", code)
     done = threading.Event()
-    compiler = fit_compiler.FitCompiler(done.set)
+    compiler = fit_compiler.FitCompiler(scene, done.set)
     compiler.start()
     assert done.wait(PATIENCE_S)
     assert compiler.failure == ""
@@ -214,10 +218,12 @@ def test_the_process_finds_all_that_the_node_finds(monkeypatch, nothing_loaded, 
 NODE = """
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.shared import fit_compiler, node
+fit_compiler.is_compiled = lambda scene: False
 fit_compiler.CODE = (
     "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "
     "tell = open({fifo!r}, 'w'); tell.write('c'); tell.flush(); "
-    "module.load = threading.Event().wait; module.fill_cache()"
+    "module.compile_fit = lambda scene: threading.Event().wait(); "
+    "module.fill_cache({{settings!r}})"
 )
 tell = open({fifo!r}, "w")
 
@@ -277,9 +283,9 @@ def test_the_process_ends_at_the_shutdown_of_a_program_that_goes_on(
 
 
 @NUMBA
-def test_a_stopped_compiler_calls_nothing(gate):
+def test_a_stopped_compiler_calls_nothing(gate, scene):
     called = []
-    compiler = fit_compiler.FitCompiler(lambda: called.append(1))
+    compiler = fit_compiler.FitCompiler(scene, lambda: called.append(1))
     compiler.start()
     compiler.stop()
     assert compiler._process.returncode == -signal.SIGKILL

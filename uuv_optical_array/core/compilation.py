@@ -9,6 +9,7 @@ and SciPy replaced by what they are for numbers (`compiled_math`).
 import hashlib
 import importlib
 import importlib.util
+import os
 import shutil
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -173,7 +174,7 @@ def cache_folder() -> Path | None:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(source.read_bytes())
-    given = _numba().config.CACHE_DIR
+    given = os.environ.get("NUMBA_CACHE_DIR")
     home = (Path(given) if given else files.cache_dir()) / "compiled"
     folder = home / digest.hexdigest()[:16]
     try:

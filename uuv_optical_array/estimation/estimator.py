@@ -30,6 +30,7 @@ from uuv_optical_array.estimation.least_squares.problem import PosePrior, proble
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
 
 Method = Literal["sam", "sam_interpolated", "least_squares"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -165,9 +166,6 @@ class Estimator:
             float(scene.full_scale_counts),
             scene.signature.peak == "subdetector",
         )
-        self._write_parameters = write_parameters
-        if self._compiled:
-            self._write_parameters = compilation.compiled(write_parameters)
         if method == "least_squares":
             self._prepare()
 
@@ -234,7 +232,8 @@ class Estimator:
         readings = self._readings(image) if fits or parameters is None else np.empty(0)
         if parameters is None:
             found = np.empty((5, 1))
-            self._write_parameters(readings.reshape(-1, 1), *self._signature, found)
+            write = compilation.compiled(write_parameters) if self._compiled else write_parameters
+            write(readings.reshape(-1, 1), *self._signature, found)
             parameters = found[:, 0]
         parameters = np.asarray(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
@@ -299,3 +298,40 @@ class Estimator:
             found.runner_up_misfit,
             tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
         )
+
+
+def compiled_parts(scene: Scene) -> str:
+    """Name what of the compiled fit depends on the scene: the laws of its effects."""
+    return "-".join(
+        ["fit", *sorted({law.__qualname__ for law in ForwardModel(scene).optics().laws})]
+    )
+
+
+def is_compiled(scene: Scene) -> bool:
+    """Say whether `compile_fit` has only to load what it finds on disk."""
+    folder = compilation.cache_folder()
+    return folder is not None and (folder / compiled_parts(scene)).exists()
+
+
+def compile_fit(scene: Scene) -> None:
+    """Compile what ``least_squares`` runs in a scene, or load it from disk.
+
+    Parameters
+    ----------
+    scene
+        The scene; what it does not name is not compiled.
+
+    Raises
+    ------
+    ValueError
+        Where Numba is not installed, or not for this NumPy.
+    OSError
+        Where there is no folder to keep compiled code in.
+    """
+    folder = compilation.cache_folder()
+    if folder is None:
+        raise OSError("no folder to keep compiled code in; set NUMBA_CACHE_DIR to one")
+    poses = np.zeros((2, 5))
+    poses[:, 0] = -scene.lamp.reference_range_m, -2 * scene.lamp.reference_range_m
+    Estimator(SignatureTable(scene, poses, np.ones((2, 5))), compiled=True)
+    (folder / compiled_parts(scene)).touch()

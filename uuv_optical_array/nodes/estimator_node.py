@@ -87,7 +87,7 @@ class EstimatorNode(Node):
         self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
         compiled = self.create_guard_condition(self.on_compiled)
-        self.compiler = FitCompiler(compiled.trigger)
+        self.compiler = FitCompiler(self.scene, compiled.trigger)
         self.context.on_shutdown(self.compiler.stop)
         try:
             self.on_change({"table": self.parameters["table"]})
@@ -123,7 +123,7 @@ class EstimatorNode(Node):
         """Return an estimator with settings; until the fit is compiled, one that does without."""
         if settings.method == FIT and not self.compiler.done:
             settings = replace(settings, method=MEANWHILE)
-        compiled = False if self.compiler.failure else None
+        compiled = self.compiler.done and not self.compiler.failure
         return Estimator(table, **asdict(settings), compiled=compiled)
 
     def on_compiled(self) -> None:

@@ -5,7 +5,6 @@ compiles and fills Numba's cache on disk, and a thread loads what is there then,
 second.
 """
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -13,39 +12,21 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from uuv_optical_array.core import compilation
+from uuv_optical_array.estimation.estimator import compile_fit, compiled_parts, is_compiled
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
+
 # It finds the same modules as this process. The environment is inherited as it is: where ROS comes
 # as wheels, LD_LIBRARY_PATH and the guard that says so only work together.
-CODE = "import sys; sys.path[:] = {path!r}; from {module} import fill_cache; fill_cache()"
-LOADED = threading.Event()  # compiled code belongs to the process, whatever nodes it runs
+CODE = """import sys
+sys.path[:] = {path!r}
+from {module} import fill_cache
+fill_cache({settings!r})"""
+LOADED: set[str] = set()  # compiled code belongs to the process, whatever nodes it runs
 
 
-def load() -> None:
-    """Load the compiled fit into this process; what Numba's cache does not hold is compiled.
-
-    Raises
-    ------
-    OSError
-        Where Numba can keep nothing on disk.
-    ImportError
-        Where Numba is not installed, or not for this NumPy.
-    """
-    import numpy as np
-
-    from uuv_optical_array.estimation.least_squares import fit_kernel
-    from uuv_optical_array.estimation.least_squares.compiled_fit import CompiledFit
-    from uuv_optical_array.estimation.least_squares.solver import Prior
-    from uuv_optical_array.forward.model import ForwardModel
-    from uuv_optical_array.forward.scene import load_scene
-
-    compiled: Any = fit_kernel.descend
-    if compiled.stats.cache_path is None:
-        raise OSError("Numba finds no folder to keep compiled code in; set NUMBA_CACHE_DIR to one")
-    CompiledFit(ForwardModel(load_scene("follow")), Prior(np.zeros(5), np.ones(5), {}))
-    LOADED.set()
-
-
-def fill_cache() -> None:
-    """Compile the fit in a process that ends, at the latest, with the one that started it."""
+def fill_cache(settings: dict[str, Any]) -> None:
+    """Compile the fit of a scene in a process that ends, at the latest, with the one before it."""
 
     def end_with_the_other() -> None:
         os.read(sys.stdin.fileno(), 1)  # returns when the pipe's other end is gone
@@ -53,7 +34,7 @@ def fill_cache() -> None:
 
     threading.Thread(target=end_with_the_other, daemon=True).start()
     os.nice(5)  # frames come first
-    load()
+    compile_fit(scene_from_settings(settings, "scene"))
 
 
 class FitCompiler:
@@ -61,6 +42,8 @@ class FitCompiler:
 
     Parameters
     ----------
+    scene
+        Whose fit it is.
     on_done
         Called from a thread when a compilation has ended, well or not.
 
@@ -72,53 +55,62 @@ class FitCompiler:
         Why the compiled fit cannot be used; empty where it can, and while that is not known.
     """
 
-    def __init__(self, on_done: Callable[[], None]) -> None:
+    def __init__(self, scene: Scene, on_done: Callable[[], None]) -> None:
         self.done, self.failure = False, ""
-        self._on_done = on_done
+        self._scene, self._on_done = scene, on_done
         self._stopped = False
         self._process: subprocess.Popen[str] | None = None
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
         """Begin, unless that was done before."""
-        if self._process is not None or self.done:
+        if self._thread is not None or self.done:
             return
-        if LOADED.is_set():
+        if compiled_parts(self._scene) in LOADED:
             self.done = True
-        elif importlib.util.find_spec("numba") is None:
+        elif not compilation.installed():
             self.done, self.failure = True, "Numba is not installed"
         else:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", CODE.format(path=sys.path, module=__name__)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # Ctrl-C in a terminal is for the node
-            )
-            self._thread = threading.Thread(target=self._finish, args=[self._process], daemon=True)
+            self._thread = threading.Thread(target=self._finish, daemon=True)
+            if not is_compiled(self._scene):
+                self._process = self._compiling()
             self._thread.start()
+
+    def _compiling(self) -> "subprocess.Popen[str]":
+        settings = self._scene.settings()
+        code = CODE.format(path=sys.path, module=__name__, settings=settings)
+        return subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C in a terminal is for the node
+        )
 
     def stop(self) -> None:
         """End what is under way; nothing is called from now on."""
         self._stopped = True
-        if self._process is not None and self._thread is not None:
+        if self._process is not None:
             self._process.kill()
+        if self._thread is not None:
             self._thread.join(timeout=2.0)  # it may be loading
 
-    def _finish(self, process: subprocess.Popen[str]) -> None:
-        assert process.stderr is not None
-        with process:
-            errors = process.stderr.read()
+    def _finish(self) -> None:
+        failure = ""
+        if self._process is not None:
+            assert self._process.stderr is not None
+            with self._process as process:
+                errors = self._process.stderr.read()
+            if process.returncode:
+                failure = errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"
         if self._stopped:
             return
-        failure = ""
-        if process.returncode:
-            failure = errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"
-        else:
+        if not failure:
             try:
-                load()
-            except (ImportError, OSError) as error:
+                compile_fit(self._scene)
+                LOADED.add(compiled_parts(self._scene))
+            except (ValueError, OSError) as error:
                 failure = str(error)
         self.failure, self.done = failure, True
         if not self._stopped:

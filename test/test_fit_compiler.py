@@ -192,8 +192,9 @@ def test_where_nothing_can_be_kept_the_reason_is_told_with_the_cure(tmp_path, sc
     occupied = tmp_path / "file"
     occupied.touch()
     program = (
-        "from uuv_optical_array.nodes.shared import fit_compiler; "
-        f"fit_compiler.fill_cache({scene.settings()!r})"
+        "from uuv_optical_array.estimation.estimator import compile_fit; "
+        "from uuv_optical_array.forward.scene import scene_from_settings; "
+        f"compile_fit(scene_from_settings({scene.settings()!r}, 'small'))"
     )
     ran = run(program, NUMBA_CACHE_DIR=str(occupied))
     assert ran.returncode == 1

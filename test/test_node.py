@@ -67,10 +67,7 @@ HEAVY = ("matplotlib", "numba", "scipy.stats")
 NODES = [
     "simulator",
     "feature",
-    pytest.param(
-        "estimator",
-        marks=pytest.mark.xfail(reason="estimator and posterior import scipy.stats", strict=True),
-    ),
+    "estimator",
     "formation",
     "vehicles",
 ]

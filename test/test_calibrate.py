@@ -416,7 +416,7 @@ def test_ctrl_c_while_it_reads_the_bag_leaves_all_as_it_was(
                 raise KeyboardInterrupt
             yield message
 
-    monkeypatch.setattr(calibrate, "bar", cut_short)
+    monkeypatch.setattr(calibrate.cli, "bar", cut_short)
     run(*command(bag, tmp_path, "--picture", tmp_path / "x.png"), code=130)
     assert capsys.readouterr().out == "interrupted: nothing was written\n"
     assert list(tmp_path.iterdir()) == [sea_of_before]

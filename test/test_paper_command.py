@@ -151,7 +151,7 @@ def stop(monkeypatch):
                     raise KeyboardInterrupt
                 yield item
 
-        monkeypatch.setattr(command, "bar", bar)
+        monkeypatch.setattr(command.cli, "bar", bar)
 
     return at
 

@@ -12,7 +12,7 @@ from peers import light, report
 from peers.exact import hard_cases, verdict
 from peers.libraries import BUILDERS, missing
 from peers.search import compare, figures, one_thread, signatures
-from uuv_optical_array.commands.parser import INTERRUPTED, add_json, add_scene, bar
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward import light_batch
@@ -51,7 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_scene(parser, "reference")
+    cli.add_scene(parser, "reference")
     parser.add_argument(
         "--rows",
         nargs="+",
@@ -65,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=1, help="random numbers (default: 1)")
     parser.add_argument("--output", type=Path, metavar="PNG", help="draw time against rows too")
-    add_json(parser)
+    cli.add_json(parser)
     return parser
 
 
@@ -73,11 +73,11 @@ def search(
     scene: Scene, rows: int, rng: np.random.Generator, verdicts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
     """Compare all peers on one table; returns the figures of each, by name."""
-    table = signatures(scene, rows, rng, lambda blocks: bar(blocks, "block"))
+    table = signatures(scene, rows, rng, lambda blocks: cli.bar(blocks, "block"))
     queries = signatures(scene, QUERIES, rng)
     builders = {name: BUILDERS[name] for name in verdicts}
     answers = compare(
-        builders, table, queries, SEARCH_ROUNDS, progress=lambda rounds: bar(rounds, "round")
+        builders, table, queries, SEARCH_ROUNDS, progress=lambda rounds: cli.bar(rounds, "round")
     )
     return {"rows": rows, "peers": figures(answers, verdicts)}
 
@@ -114,12 +114,12 @@ def run(options: argparse.Namespace) -> int:
             say(report.verdicts(verdicts))
             if count:
                 result["simulation"] = light.simulate(
-                    scene, count, rng, lambda rounds: bar(rounds, "round")
+                    scene, count, rng, lambda rounds: cli.bar(rounds, "round")
                 )
                 say(report.light(result["simulation"]))
         except KeyboardInterrupt:
             say("interrupted: what is above stands")
-            code = INTERRUPTED
+            code = cli.INTERRUPTED
     if searches:
         result |= {**searches[-1], "smaller": searches[:-1]}
     if options.json:

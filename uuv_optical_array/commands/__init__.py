@@ -3,8 +3,7 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import calibrate, follow, render, table
-from uuv_optical_array.commands.parser import INTERRUPTED
+from uuv_optical_array.commands import calibrate, cli, follow, render, table
 from uuv_optical_array.commands.studies import (
     accuracy,
     advise,
@@ -53,4 +52,4 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(f"uuv_array {options.command}: {error}")
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        sys.exit(cli.INTERRUPTED)

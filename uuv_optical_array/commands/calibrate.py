@@ -10,18 +10,7 @@ from tqdm import tqdm
 
 from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
 from uuv_optical_array.calibration.calibrate import NAMES, Calibration, FittedParameter, calibrate
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    bar,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
@@ -44,13 +33,13 @@ Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
 BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 NUMBERS = {
-    "max-gap-s": Number(
+    "max-gap-s": cli.Number(
         Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), 0.5
     ),
-    "position-std": Number(
+    "position-std": cli.Number(
         Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10), 0.0
     ),
-    "attitude-std-deg": Number(
+    "attitude-std-deg": cli.Number(
         Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90), 0.0
     ),
 }
@@ -58,9 +47,9 @@ LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "calibrate",
         run,
@@ -69,7 +58,7 @@ def add_parser(subparsers: Subparsers) -> None:
         EPILOG,
     )
     parser.add_argument("bag", type=Path, help="folder of a rosbag2, or its .mcap or .db3 file")
-    add_scene(parser, "follow")
+    cli.add_scene(parser, "follow")
     parser.add_argument(
         "-o",
         "--output",
@@ -78,7 +67,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help="scene to write (default: %(default)s)",
     )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the residuals")
-    add_json(parser)
+    cli.add_json(parser)
     topics = Topics()
     for name, topic in (
         ("image", topics.image),
@@ -99,7 +88,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
     )
-    add_numbers(parser, NUMBERS)
+    cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--hold",
         action="append",
@@ -227,7 +216,7 @@ def run(options: argparse.Namespace) -> int:
     beacon = [
         check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position
     ]
-    gap, position, attitude = numbers_of(options, NUMBERS)
+    gap, position, attitude = cli.numbers_of(options, NUMBERS)
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
@@ -236,11 +225,17 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
     topics = Topics(options.image_topic, options.leader_topic, options.follower_topic)
     bag = files.user_path(options.bag)
-    picture = file_to_write(options.picture, "--picture") if options.picture else None
+    picture = cli.file_to_write(options.picture, "--picture") if options.picture else None
     side = scene.array.detectors_per_side
     try:
         recording = read_recording(
-            bag, side, topics, beacon, options.odometry_axes, gap, lambda each: bar(each, "message")
+            bag,
+            side,
+            topics,
+            beacon,
+            options.odometry_axes,
+            gap,
+            lambda each: cli.bar(each, "message"),
         )
         with tqdm(unit="step") as steps:
             found = calibrate(
@@ -255,7 +250,7 @@ def run(options: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
     save_scene(found.scene, output, comment)
     if options.json:

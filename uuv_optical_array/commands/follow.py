@@ -8,7 +8,7 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from uuv_optical_array.commands.parser import Subparsers, add_command
+from uuv_optical_array.commands import cli
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core import files
 
@@ -27,9 +27,9 @@ Ctrl-C ends the run early and reports what there is. While it runs, `ros2 topic 
 shows the estimates. The exit code is 1 when the follower lost the leader."""
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "follow",
         run,

@@ -5,16 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands.parser import (
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_numbers,
-    add_scene,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -32,16 +23,16 @@ examples:
   uuv_array render --scene sea.yaml --seed 2     your own scene, another draw of its noise"""
 
 NUMBERS = {
-    "seed": Number(SEED, 0),
-    "time-s": Number(
+    "seed": cli.Number(cli.SEED, 0),
+    "time-s": cli.Number(
         Quantity("moment of the images, for a flicker, a drift or a plume", "s", 0, 1e10), 0.0
     ),
 }
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "render",
         run,
@@ -49,8 +40,8 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "follow")
-    add_numbers(parser, NUMBERS)
+    cli.add_scene(parser, "follow")
+    cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--output", type=Path, default=Path("render.png"), help="picture (default: render.png)"
     )
@@ -58,9 +49,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
-    seed, time_s = numbers_of(options, NUMBERS)
+    seed, time_s = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = file_to_write(options.output, "--output")
+    output = cli.file_to_write(options.output, "--output")
     from uuv_optical_array.plots.scene import draw_scene, sheet_poses
 
     model, rng = ForwardModel(scene), np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands.parser import INTERRUPTED, Subparsers, add_command, add_scene, bar
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core import memory
 from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.estimation.table.signature_table import build_table, save_table
@@ -37,9 +37,9 @@ examples:
                                                on a cluster, into a folder that all of it sees"""
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "table",
         run,
@@ -47,7 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "follow")
+    cli.add_scene(parser, "follow")
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
@@ -65,10 +65,10 @@ def run(options: argparse.Namespace) -> int:
         return run_chunks(options, scene)
     output = options.output or Path(f"{scene.name}.table")
     try:
-        table = build_table(scene, progress=lambda blocks: bar(blocks, "block"))
+        table = build_table(scene, progress=lambda blocks: cli.bar(blocks, "block"))
     except KeyboardInterrupt:
         print("interrupted: nothing written")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     save_table(table, output)
     size_mb = 2 * table.parameters.nbytes / 1e6
     print(f"{output}: {len(table.poses)} signatures, {size_mb:.0f} MB, scene {scene.name}")
@@ -98,7 +98,7 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
             f"interrupted: {len(store.present())} of {len(store.chunks)} chunks are in {output}; "
             "the same command goes on from there"
         )
-        return INTERRUPTED
+        return cli.INTERRUPTED
     store.finish(lit)
     size_mb = sum(file.stat().st_size for file in store.path.iterdir()) / 1e6
     print(

@@ -6,19 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    add_shape,
-    bar,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
@@ -50,16 +38,20 @@ examples:
 Ctrl-C ends the study early and reports the frames it has."""
 
 NUMBERS = {
-    "poses": Number(Quantity("how many random poses; 4000 with --nuisances", "", 1, 1e7), 20_000),
-    "seed": Number(SEED, 1),
-    "candidates": Number(Quantity("table entries from which least_squares starts", "", 1, 1000), 4),
+    "poses": cli.Number(
+        Quantity("how many random poses; 4000 with --nuisances", "", 1, 1e7), 20_000
+    ),
+    "seed": cli.Number(cli.SEED, 1),
+    "candidates": cli.Number(
+        Quantity("table entries from which least_squares starts", "", 1, 1000), 4
+    ),
 }
 NUISANCE_POSES = 4_000
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "accuracy",
         run,
@@ -67,12 +59,12 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "reference")
-    add_shape(parser)
+    cli.add_scene(parser, "reference")
+    cli.add_shape(parser)
     parser.add_argument(
         "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
     )
-    add_numbers(parser, NUMBERS)
+    cli.add_numbers(parser, NUMBERS)
     parser.set_defaults(poses=None)
     parser.add_argument(
         "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
@@ -85,7 +77,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--moving", action="store_true", help="images of random moments, for what moves in a scene"
     )
-    add_json(parser)
+    cli.add_json(parser)
 
 
 def _fixed(value: float | None) -> str:
@@ -158,7 +150,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the study and print it."""
     if options.poses is None:
         options.poses = NUISANCE_POSES if options.nuisances else NUMBERS["poses"].default
-    count, seed, candidates = numbers_of(options, NUMBERS)
+    count, seed, candidates = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
     check_truth(options, scene)
@@ -172,7 +164,7 @@ def run(options: argparse.Namespace) -> int:
     }
     try:
         if options.nuisances:
-            cases = compare_nuisances(scene, count, seed, candidates, bar)
+            cases = compare_nuisances(scene, count, seed, candidates, cli.bar)
             rows = [
                 {"off": off, "nuisances": nuisances, **as_object(found)}
                 for off, nuisances, found in cases
@@ -183,11 +175,11 @@ def run(options: argparse.Namespace) -> int:
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
             images = exposed(model, poses, seed, options.drawn, options.moving, rng)
-            answer = as_object(measure(estimator, poses, images, bar))
+            answer = as_object(measure(estimator, poses, images, cli.bar))
             text = report(answer)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     about = (
         f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{answer['poses']} random poses, "

@@ -6,16 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.commands.studies.tradeoff import measure_rest
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import YAW, X
@@ -52,11 +43,11 @@ Ctrl-C while it measures keeps what there is; the next call goes on."""
 
 # The fields of `Need`.
 NEEDS = {
-    "rate": Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
-    "position": Number(
+    "rate": cli.Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
+    "position": cli.Number(
         Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), float(SPECIFICATION[X])
     ),
-    "angle": Number(
+    "angle": cli.Number(
         Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
         float(SPECIFICATION[YAW]),
     ),
@@ -70,9 +61,9 @@ UNITS = {
 }
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "advise",
         run,
@@ -80,9 +71,9 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "reference")
-    add_numbers(parser, NEEDS)
-    add_json(parser)
+    cli.add_scene(parser, "reference")
+    cli.add_numbers(parser, NEEDS)
+    cli.add_json(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -126,7 +117,7 @@ def report(scene: Scene, need: Need, found: Advice) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Find measurements or make them, and choose."""
-    need = Need(*numbers_of(options, NEEDS))
+    need = Need(*cli.numbers_of(options, NEEDS))
     scene = load_scene(options.scene)
     folder = files.user_path(options.output or f"{scene.name}.tradeoff")
     origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
@@ -147,7 +138,7 @@ def run(options: argparse.Namespace) -> int:
         origin, rows = measured.origin, measured.settings.lines
     if not rows:
         print("interrupted: nothing measured")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     found = advise(rows, need)
     about = {
         "measured": str(folder / SETTINGS_CSV),
@@ -175,5 +166,5 @@ def run(options: argparse.Namespace) -> int:
         if not complete:
             print("interrupted: some settings are not measured yet")
     if not complete:
-        return INTERRUPTED
+        return cli.INTERRUPTED
     return 1 if found.lacks else 0

@@ -7,18 +7,7 @@ from typing import Any, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -47,15 +36,15 @@ examples:
 Ctrl-C ends it early and reports the runs it has."""
 
 NUMBERS = {
-    "runs": Number(Quantity("runs of each case", "", 1, 1e6), 100),
-    "seed": Number(SEED, 1),
+    "runs": cli.Number(Quantity("runs of each case", "", 1, 1e6), 100),
+    "seed": cli.Number(cli.SEED, 1),
 }
 OFFSETS = {"whole": 1.0, "half": 0.5}
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "approach",
         run,
@@ -63,8 +52,8 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "eren2017_tank")
-    add_numbers(parser, NUMBERS)
+    cli.add_scene(parser, "eren2017_tank")
+    cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--noise",
         choices=get_args(Noise),
@@ -82,7 +71,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--choices", action="store_true", help="compare what the paper leaves open, at the end"
     )
-    add_json(parser)
+    cli.add_json(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("approach.png"), help="picture (default: approach.png)"
     )
@@ -156,15 +145,15 @@ def comparison(rows: list[dict[str, Any]]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs, seed = numbers_of(options, NUMBERS)
+    runs, seed = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = file_to_write(options.output, "--output")
+    output = cli.file_to_write(options.output, "--output")
     told: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
     if options.choices:
         rows = compare(scene, runs, seed)
         if not rows:
             print("interrupted: nothing measured")
-            return INTERRUPTED
+            return cli.INTERRUPTED
         print(json.dumps({**told, "rows": rows}) if options.json else comparison(rows))
         return 0
     choices = Choices(options.noise, OFFSETS[options.offsets])
@@ -172,7 +161,7 @@ def run(options: argparse.Namespace) -> int:
         found = dict(all_cases(scene, choices, runs, seed, bar.update))
     if not found:
         print("interrupted: nothing measured")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     cases = {name: as_object(CASES[name], errors) for name, errors in found.items()}
     about = f"noise {options.noise}, offsets {options.offsets}, seed {seed}"
     from uuv_optical_array.plots.eren2017 import draw_approach

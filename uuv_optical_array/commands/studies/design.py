@@ -7,19 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, get_args
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    bar,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
@@ -52,8 +40,8 @@ criterion at 4 m, `any` of all. A design is left out for one that has no more de
 no more than 10 % larger. Ctrl-C ends it early and draws what there is."""
 
 NUMBERS = {
-    "poses": Number(Quantity("poses at which the bound is taken", "", 1, 10_000_000), 1000),
-    "seed": Number(SEED, 1),
+    "poses": cli.Number(Quantity("poses at which the bound is taken", "", 1, 10_000_000), 1000),
+    "seed": cli.Number(cli.SEED, 1),
 }
 HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
 # Option and field of `Sweep`.
@@ -66,9 +54,9 @@ LISTS: dict[str, tuple[str, type, str]] = {
 }
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "design",
         run,
@@ -76,7 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "follow")
+    cli.add_scene(parser, "follow")
     sweep = parser.add_argument_group("what is swept (default: a grid about the scene's own)")
     for option, (field, kind, text) in LISTS.items():
         sweep.add_argument(
@@ -103,7 +91,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help="what stays in its place: the foremost point, or the array's frame, which is the "
         "centre of a sphere as in the paper (default: %(default)s)",
     )
-    add_numbers(about, NUMBERS)
+    cli.add_numbers(about, NUMBERS)
     written = parser.add_argument_group("what is written")
     written.add_argument(
         "--csv",
@@ -117,7 +105,7 @@ def add_parser(subparsers: Subparsers) -> None:
     written.add_argument(
         "--take", type=int, metavar="NO", help="write design NO of the table as a scene, too"
     )
-    add_json(parser)
+    cli.add_json(parser)
 
 
 def sweep_of(options: argparse.Namespace, scene: Scene) -> Sweep:
@@ -174,12 +162,12 @@ def summary(rows: Sequence[ScoredDesign]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
-    poses, seed = numbers_of(options, NUMBERS)
+    poses, seed = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     sweep = sweep_of(options, scene)
     study = DesignStudy(scene, sweep, options.power, options.mount, poses, seed)
-    csv = file_to_write(options.csv or f"{scene.name}.design.csv", "--csv")
-    picture = file_to_write(options.picture or csv.with_suffix(".png"), "--picture")
+    csv = cli.file_to_write(options.csv or f"{scene.name}.design.csv", "--csv")
+    picture = cli.file_to_write(options.picture or csv.with_suffix(".png"), "--picture")
     results = Results(csv, ScoredDesign, study.origin)
 
     def tell(text: str) -> None:
@@ -191,13 +179,13 @@ def run(options: argparse.Namespace) -> int:
         tell(f"{csv}: {len(there)} designs are there already")
     complete = True
     try:
-        study.score_rest(results, lambda rounds: bar(rounds, "design"))
+        study.score_rest(results, lambda rounds: cli.bar(rounds, "design"))
     except KeyboardInterrupt:
         complete = False
     rows = study.swept(results)
     if not rows:
         print("interrupted: nothing scored")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     from uuv_optical_array.plots.design import draw_designs
 
     draw_designs(study, rows, picture)
@@ -218,4 +206,4 @@ def run(options: argparse.Namespace) -> int:
         if not complete:
             count = len(study.sweep.designs())
             print(f"interrupted: {len(rows)} of {count} designs; the same command goes on")
-    return 0 if complete else INTERRUPTED
+    return 0 if complete else cli.INTERRUPTED

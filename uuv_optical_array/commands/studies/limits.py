@@ -5,16 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands.parser import (
-    Number,
-    Subparsers,
-    add_command,
-    add_numbers,
-    add_scene,
-    add_shape,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
@@ -41,17 +32,17 @@ than another: the planar array can hardly tell being aside from being turned. An
 exceeds 180 deg is not known at all. Averaging n independent images divides a bound by sqrt(n)."""
 
 POSE = {
-    "x": Number(Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000), -6.0),
-    "y": Number(Quantity("to port", "m", -1000, 1000), 0.0),
-    "z": Number(Quantity("up", "m", -1000, 1000), 0.0),
-    "pitch-deg": Number(Quantity("bow down", "deg", -90, 90), 0.0),
-    "yaw-deg": Number(Quantity("bow to port", "deg", -180, 180), 0.0),
+    "x": cli.Number(Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000), -6.0),
+    "y": cli.Number(Quantity("to port", "m", -1000, 1000), 0.0),
+    "z": cli.Number(Quantity("up", "m", -1000, 1000), 0.0),
+    "pitch-deg": cli.Number(Quantity("bow down", "deg", -90, 90), 0.0),
+    "yaw-deg": cli.Number(Quantity("bow to port", "deg", -180, 180), 0.0),
 }
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "limits",
         run,
@@ -59,9 +50,9 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "follow")
-    add_numbers(parser, POSE)
-    add_shape(parser)
+    cli.add_scene(parser, "follow")
+    cli.add_numbers(parser, POSE)
+    cli.add_shape(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
     )
@@ -101,9 +92,9 @@ def report(model: ForwardModel, pose: Array) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
-    pose = np.array(numbers_of(options, POSE))
+    pose = np.array(cli.numbers_of(options, POSE))
     scene = load_scene(options.scene)
-    output = file_to_write(options.output, "--output")
+    output = cli.file_to_write(options.output, "--output")
     model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
     from uuv_optical_array.plots.bound_map import draw_bound_map

@@ -5,19 +5,7 @@ import json
 import math
 from pathlib import Path
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    bar,
-    file_to_write,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -38,12 +26,12 @@ examples:
   uuv_array paper --scene sea.yaml             your own lamp, water and sphere
 Ctrl-C ends it early and reports what there is. docs/paper.md explains every figure."""
 
-NUMBERS = {"seed": Number(SEED, 1)}
+NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "paper",
         run,
@@ -51,12 +39,12 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "eren2016")
-    add_numbers(parser, NUMBERS)
+    cli.add_scene(parser, "eren2016")
+    cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--output", type=Path, default=Path("paper.png"), help="picture (default: paper.png)"
     )
-    add_json(parser)
+    cli.add_json(parser)
 
 
 def number(ours: float) -> str:
@@ -111,16 +99,16 @@ def report(found: Reproduction) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Compute, print and draw."""
-    (seed,) = numbers_of(options, NUMBERS)
+    (seed,) = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = file_to_write(options.output, "--output")
+    output = cli.file_to_write(options.output, "--output")
     found = Reproduction()
     try:
-        found.compute(scene, seed, bar)
+        found.compute(scene, seed, cli.bar)
     except KeyboardInterrupt:
         if not found.points:
             print("interrupted: nothing computed")
-            return INTERRUPTED
+            return cli.INTERRUPTED
     picture = None
     if found.drawable:
         from uuv_optical_array.plots.eren2016 import draw_paper
@@ -135,4 +123,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"picture: {picture}" if picture else "no picture")
         if not found.complete:
             print("interrupted: the tables end where the work ended")
-    return 0 if found.complete else INTERRUPTED
+    return 0 if found.complete else cli.INTERRUPTED

@@ -10,17 +10,7 @@ from typing import Any, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands.parser import (
-    INTERRUPTED,
-    SEED,
-    Number,
-    Subparsers,
-    add_command,
-    add_json,
-    add_numbers,
-    add_scene,
-    numbers_of,
-)
+from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
@@ -55,13 +45,13 @@ examples:
   uuv_array tradeoff --scene sea.yaml        your own scene, into sea.tradeoff/
 Ctrl-C ends it early and draws what there is."""
 
-NUMBERS = {"seed": Number(SEED, 1)}
+NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
 PICTURE, TABLES_PICTURE = "tradeoff.png", "table_cost.png"
 
 
-def add_parser(subparsers: Subparsers) -> None:
+def add_parser(subparsers: cli.Subparsers) -> None:
     """Add the subcommand."""
-    parser = add_command(
+    parser = cli.add_command(
         subparsers,
         "tradeoff",
         run,
@@ -69,12 +59,12 @@ def add_parser(subparsers: Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_scene(parser, "reference")
+    cli.add_scene(parser, "reference")
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
-    add_numbers(parser, NUMBERS)
-    add_json(parser)
+    cli.add_numbers(parser, NUMBERS)
+    cli.add_json(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -143,7 +133,7 @@ def report(rows: Sequence[Measurement]) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Measure what is left, and draw and print what there is."""
-    (seed,) = numbers_of(options, NUMBERS)
+    (seed,) = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     mode: Mode = get_args(Mode)[options.full]
     folder = files.user_path(options.output or f"{scene.name}.tradeoff")
@@ -156,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
     rows, costs = measured.settings.lines, measured.tables.lines
     if not rows:
         print("interrupted: nothing measured")
-        return INTERRUPTED
+        return cli.INTERRUPTED
     loads = [row.load_average for row in rows]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {measured.frames} frames each; {measured.origin.machine}"
@@ -180,4 +170,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"pictures: {', '.join(map(str, pictures))}")
         if not complete:
             print(f"interrupted: {len(rows)} of {measured.count} settings; run it again to go on")
-    return 0 if complete else INTERRUPTED
+    return 0 if complete else cli.INTERRUPTED

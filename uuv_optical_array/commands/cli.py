@@ -1,4 +1,4 @@
-"""What the parsers of the commands have in common."""
+"""What the commands have in common: how options are added and read, and progress is shown."""
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping

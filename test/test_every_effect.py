@@ -10,6 +10,7 @@ import typing
 import numpy as np
 import pytest
 import second_forward
+from differences import extrapolated_slopes
 from drawn_effects import any_scenes, poses, scenes, settings_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -45,29 +46,8 @@ def offsets_for(data, model):
     return {name: np.array(data.draw(numbers)) for name in names}
 
 
-def slopes_of(function, at, step):
-    """Differentiate ``function((..., p)) -> (..., n)`` by each of p numbers, shape ``(n, p)``.
-
-    Central differences over ever smaller steps, extrapolated to none (Richardson), each entry where
-    two extrapolations agree best; and how far it may be off, by that and by rounding.
-    """
-    sizes = step * 0.5 ** np.arange(8)
-    moves = sizes[:, None, None] * np.eye(len(at))
-    high, low = function(at + moves), function(at - moves)
-    rows = (high - low) / (2 * sizes[:, None, None])
-    rounding = 1e-15 * np.abs(high).max(axis=-1, keepdims=True) / sizes[:, None, None]
-    best, error = rows[0], np.full(rows[0].shape, np.inf)
-    for order in range(1, len(sizes)):
-        finer = (4**order * rows[1:] - rows[:-1]) / (4**order - 1)
-        apart = np.maximum(np.abs(finer - rows[1:]), np.abs(finer - rows[:-1]))
-        for value, off in zip(finer, apart + rounding[order:], strict=True):
-            best, error = np.where(off < error, value, best), np.minimum(off, error)
-        rows = finer
-    return best.T, error.T
-
-
 def assert_slopes(found, function, at, step=1e-2):
-    expected, error = slopes_of(function, at, step)
+    expected, error = extrapolated_slopes(function, at, step)
     scale = np.abs(expected).max(axis=0)
     assume((error <= 1e-6 * scale + 1e-9).all())  # or the differences prove nothing
     assert (np.abs(found - expected) <= 10 * error + 1e-8 * scale + 1e-9).all()

@@ -13,6 +13,7 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 WAYS = {name: ways(name) for name in EFFECTS}
 SHAPES = ("planar", "curved")
+REFERENCE = load_scene("reference")
 
 places = st.tuples(st.floats(-9, -2), st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
 angles = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
@@ -59,7 +60,7 @@ def settings_of(draw, name, side):
 
 def scene_with(effects, shape="curved", side=5, **lamp):
     """Return the reference scene with these effects and no others."""
-    settings = load_scene("reference").settings()
+    settings = REFERENCE.settings()
     settings["array"].update(shape=shape, detectors_per_side=side)
     if shape == "planar":
         del settings["array"]["radius_m"]

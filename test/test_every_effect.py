@@ -12,7 +12,7 @@ import pytest
 import second_forward
 from differences import extrapolated_slopes
 from drawn_effects import any_scenes, poses, scenes, settings_of
-from hypothesis import assume, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from uuv_optical_array.core import compilation
@@ -25,7 +25,12 @@ from uuv_optical_array.forward.light import COSINE, LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import detect, illuminate, project
 
-reproducible = settings(deadline=None, derandomize=True, max_examples=25)
+reproducible = settings(
+    deadline=None,
+    derandomize=True,
+    max_examples=25,
+    suppress_health_check=[HealthCheck.too_slow],  # which is a timed assertion
+)
 each_effect = pytest.mark.parametrize("name", list(EFFECTS))
 ARRAY = build_array(ArraySettings("planar", 5))
 times = st.floats(0, 1e5)

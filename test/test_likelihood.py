@@ -171,8 +171,8 @@ def test_compiled_readings_are_as_likely_as_in_numpy(slope, limits):
     )
     noise = Noise(2.0, slope, *limits)
     plain, fast = np.empty((2, 3, 3100))
-    likelihood_of(readings, light, noise, *plain)
-    compilation.compiled(likelihood_of)(readings, light, noise, *fast)
+    likelihood_of(readings, light, noise, plain)
+    compilation.compiled(likelihood_of)(readings, light, noise, fast)
     np.testing.assert_allclose(fast[:2], plain[:2], rtol=1e-11, atol=1e-300)
     # Far beyond a limit the curvature is the difference of two numbers 1000 times its size.
     np.testing.assert_allclose(fast[2], plain[2], rtol=1e-9, atol=1e-300)

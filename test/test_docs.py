@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from uuv_optical_array.commands import build_parser
+from uuv_optical_array.forward.effects.reference import effects_table, settings_table
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "uuv_optical_array"
@@ -85,3 +86,9 @@ def test_every_target_of_make_is_there(page):
     targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
     for piece in code(page):
         assert set(re.findall(r"^make ([a-z]+)", piece)) <= targets, piece
+
+
+def test_the_tables_of_effects_are_those_of_the_list():
+    page = (ROOT / "docs/scenes.md").read_text(encoding="utf-8")
+    for table in (effects_table(), settings_table()):
+        assert f"\n\n{table}\n\n" in page

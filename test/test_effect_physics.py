@@ -7,9 +7,8 @@ import pytest
 from scipy import stats
 
 from uuv_optical_array.forward import effects
-from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects.electronics import PARTS, photodiode_variances
-from uuv_optical_array.forward.light import LampSettings, Light, lamp_in_body, trace
+from uuv_optical_array.forward.light import COSINE, LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
@@ -221,19 +220,20 @@ def test_dead_and_stuck_detectors_tell_an_estimator_nothing():
 @pytest.mark.parametrize("power", [1.0, 2.0, 4.5])
 def test_a_lensed_detector_answers_by_a_power_of_the_cosine(power):
     bare, lensed = model_with(), model_with(field_of_view={"cosine_power": power})
-    cosine = trace(bare.array, *lamp_in_body(AHEAD)).cos_incidence.reshape(5, 5)
+    cosine = bare.rays(np.array([AHEAD]), np.zeros(1))[COSINE].reshape(5, 5)
     found = lensed.light(AHEAD) / lensed.power
     expected = bare.light(AHEAD) / bare.power * cosine ** (power - 1)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
-    array = build_array(ArraySettings("planar", 2, 0.01, 0.0))
-    for angle, share, tolerance in ((0, 1, 1e-3), (40, 0.5, 0.03), (50, 0, 1e-3), (60, 0, 1e-6)):
-        rays = trace(array, *lamp_in_body([-5.0, 0, 0, 0, math.radians(angle)]))
-        light = Light(np.ones((2, 2)))
-        effects.field_of_view(array, half_angle_deg=40.0, edge_deg=5.0)(light, rays)
-        np.testing.assert_allclose(light.image, share, atol=tolerance)
+    form = effects.field_of_view(None, half_angle_deg=40.0, edge_deg=5.0)
+    for angle, share, tolerance in ((0, 1, 1e-3), (40, 0.5, 1e-12), (50, 0, 1e-3), (60, 0, 1e-6)):
+        found = form.law(5.0, 0.0, math.cos(math.radians(angle)), *form.settings)[0]
+        assert found == pytest.approx(share, abs=tolerance)
+    # The edge is where 12 % are left, as of a hyperbolic tangent at -1.
+    beyond = form.law(5.0, 0.0, math.cos(math.radians(42.5)), *form.settings)[0]
+    assert beyond == pytest.approx(0.5 * (1 - math.tanh(1)), abs=0.01)
 
 
 def spread_of_a_thin_beam(b, theta, length, number):
@@ -257,20 +257,11 @@ def test_the_beam_spreads_as_a_simulation_of_photons_says(b, length):
     theta, sigma = math.radians(2.0), math.radians(6.0)
     lamp = LampSettings(6.0, 900.0, 4.0)
     eta = np.linspace(0, 10 * sigma, 4001)
-    rays = trace(
-        build_array(ArraySettings("planar", 2, 0.01, 0.0)),
-        np.zeros((len(eta), 3)),
-        np.zeros((len(eta), 3)),
-    )
-    for name, values in (("range_m", np.full(eta.shape, length)), ("off_axis_rad", eta)):
-        object.__setattr__(rays, name, np.repeat(values[:, None], 4, axis=1))
-    light = Light(np.repeat(np.exp(-(eta**2) / (2 * sigma**2)), 4).reshape(-1, 2, 2))
-    step = effects.beam_spread(
+    form = effects.beam_spread(
         None, lamp, scattering_per_m=b, scattering_angle_deg=math.degrees(theta)
     )
-    before = light.image[:, 0, 0].copy()
-    step(light, rays)
-    after = light.image[:, 0, 0]
+    before = np.exp(-(eta**2) / (2 * sigma**2))
+    after = before * form.law(length, eta**2 / 2, 1.0, *form.settings)[0]
     power = (after * eta).sum() * (eta[1] - eta[0])
     lamp_power = sigma**2  # of the Gaussian, over 2 pi
     assert power == pytest.approx(lamp_power, rel=1e-6), "scatter loses no light"

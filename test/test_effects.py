@@ -1,5 +1,6 @@
 """Water and electronics: each effect alone, and that a scene runs what it names and no more."""
 
+import functools
 import itertools
 from typing import Annotated
 
@@ -9,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage, signal, stats
 
+from uuv_optical_array.core.elementwise import sandwich
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
-from uuv_optical_array.forward.effects import water
+from uuv_optical_array.forward.effects import EFFECTS, Effect, water
+from uuv_optical_array.forward.effects.forms import Noise
+from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.effects.water import hanning_blur
-from uuv_optical_array.forward.light import LampSettings, Light
+from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
 
@@ -22,8 +26,8 @@ reproducible = settings(deadline=None, derandomize=True)
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 
-# In physical order: water, noise, amplifier, converter.
-EVERY = {
+# Where the middle of the bounds would drown everything else.
+TYPICAL = {
     "attenuation": {"k_per_m": 0.1},
     "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
     "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
@@ -51,14 +55,14 @@ EVERY = {
     "saturation": {"level_counts": 700.0},
     "adc": {"bits": 10},
 }
-STAGES = {name: effects.EFFECTS[name][0].name.lower() for name in EVERY}
+EVERY = {name: TYPICAL.get(name) or middle_settings(name) for name in EFFECTS}
 NOISES = ("sensor_noise", "shot_noise", "photodiode")
 LAMP = LampSettings(8.0, 900.0, 4.0)
 
 
-def test_every_effect_there_is_is_tried_here():
-    assert list(EVERY) == list(effects.check_effects(EVERY))
-    assert set(EVERY) == set(effects.EFFECTS)
+def test_effects_are_checked_into_their_physical_order():
+    assert list(effects.check_effects(dict(reversed(EVERY.items())))) == list(EFFECTS)
+    assert set(TYPICAL) <= set(EFFECTS)
 
 
 def make_model(**chosen):
@@ -69,14 +73,6 @@ def make_model(**chosen):
         "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
     }
     return ForwardModel(scene_from_settings(values, "test"))
-
-
-def step_names(plan):
-    """Names of the effects behind a plan's steps, by stage."""
-    return {
-        stage: [step.__qualname__.split(".")[0] for step in getattr(plan, stage)]
-        for stage in ("light", "noise", "analogue", "digital")
-    }
 
 
 def refusal(chosen):
@@ -103,9 +99,9 @@ def test_forward_scatter_blurs_both_axes_of_a_stack_of_images():
     expected = images
     for axis in (1, 2):
         expected = ndimage.convolve1d(expected, window, axis=axis, mode="reflect")
-    light = Light(images)
-    effects.forward_scatter(array, window_m=0.2)(light, None)
-    np.testing.assert_allclose(light.image, expected, rtol=1e-12)
+    found = images.reshape(3, 441).copy()
+    sandwich(effects.forward_scatter(array, window_m=0.2).matrix, found)
+    np.testing.assert_allclose(found.reshape(3, 21, 21), expected, rtol=1e-12)
 
 
 @given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), window=st.floats(0.001, 10))
@@ -141,14 +137,14 @@ def test_sensor_noise_has_the_stated_mean_and_variance():
 
 
 def test_saturation_clips_at_its_level_and_leaves_the_rest():
-    step = effects.saturation(ARRAY, level_counts=700.0)
+    step = make_model(saturation={"level_counts": 700.0}).converted
     readings = np.array([-3.2, 0.0, 699.999, 700.0, 700.001, 1e9])
     np.testing.assert_array_equal(step(readings), [-3.2, 0.0, 699.999, 700.0, 700.0, 700.0])
 
 
 @pytest.mark.parametrize("bits", range(1, 17))
 def test_the_converter_reads_whole_counts_from_zero_to_its_last_code(bits):
-    step = effects.adc(ARRAY, bits=bits)
+    step = make_model(adc={"bits": bits}).converted
     last = sum(2**bit for bit in range(bits))
     readings = np.random.default_rng(bits).uniform(-2, last + 3, 500)
     expected = [min(max(int(np.floor(value + 0.5)), 0), last) for value in readings]
@@ -157,14 +153,12 @@ def test_the_converter_reads_whole_counts_from_zero_to_its_last_code(bits):
 
 
 def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(monkeypatch):
-    monkeypatch.setattr(effects, "EFFECTS", dict(effects.EFFECTS))
-
-    @effects.effect(effects.Stage.NOISE)
     def mains_hum(
         array, *, per_count: Annotated[float, Quantity("variance a count", "counts", 0, 10)]
     ):
-        return lambda image: (per_count * image, per_count)
+        return Noise(0.0, per_count)
 
+    monkeypatch.setitem(EFFECTS, "mains_hum", Effect(mains_hum))
     model = make_model(sensor_noise={"sigma_counts": 2.0}, mains_hum={"per_count": 0.5})
     light = model.light(AHEAD)
     variance, slope = model.variance(light)
@@ -216,25 +210,35 @@ def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_ou
     def never(*args, **keys):
         raise AssertionError(f"{left_out} was called")
 
-    stage, _ = effects.EFFECTS[left_out]
     others = {name: EVERY[name] for name in EVERY if name != left_out}
     model = make_model(**others)
     expected = model.expose(AHEAD, np.random.default_rng(10), time_s=3.0)
-    monkeypatch.setitem(effects.EFFECTS, left_out, (stage, never))
+    monkeypatch.setitem(EFFECTS, left_out, Effect(never, never))
     again = make_model(**others).expose(AHEAD, np.random.default_rng(10), time_s=3.0)
     np.testing.assert_array_equal(again, expected)
 
 
-@given(data=st.data())
+@given(names=st.lists(st.sampled_from(list(EVERY)), unique=True))
 @reproducible
-def test_a_plan_holds_the_named_steps_in_physical_order_whatever_the_order_in_the_scene(data):
-    named = data.draw(st.lists(st.sampled_from(list(EVERY)), unique=True))
-    plan = effects.plan(effects.check_effects({name: EVERY[name] for name in named}), ARRAY, LAMP)
-    expected = {
-        stage: [name for name in EVERY if name in named and STAGES[name] == stage]
-        for stage in ("light", "noise", "analogue", "digital")
-    }
-    assert step_names(plan) == expected
+def test_the_named_effects_are_planned_in_physical_order_whatever_that_in_the_scene(names):
+    planned = []
+
+    def noted(name, function):
+        @functools.wraps(function)
+        def note(*args, **values):
+            planned.append(name)
+            return function(*args, **values)
+
+        return note
+
+    checked = effects.check_effects({name: EVERY[name] for name in names})
+    with pytest.MonkeyPatch.context() as patch:
+        for name, (function, resolved) in list(EFFECTS.items()):
+            patch.setitem(EFFECTS, name, Effect(noted(name, function), resolved))
+        forms = effects.plan(checked, ARRAY, LAMP)
+    assert planned == [name for name in EFFECTS if name in names]
+    alone = [effects.plan({name: values}, ARRAY, LAMP) for name, values in checked.items()]
+    assert [type(form) for form in forms] == [type(form) for forms in alone for form in forms]
 
 
 def test_the_order_in_the_scene_changes_no_reading():

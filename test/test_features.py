@@ -8,14 +8,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from uuv_optical_array.core import compilation
 from uuv_optical_array.estimation.features import (
     FEATURE_NAMES,
-    SignatureSettings,
     key_parameters,
     lifted,
     no_pattern,
     skewness,
+    write_parameters,
 )
+from uuv_optical_array.forward.scene import SignatureSettings
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -269,6 +271,27 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
         assert single.shape == (5,)
         np.testing.assert_allclose(batch[place], single, atol=1e-15)
     np.testing.assert_array_equal(images, kept)
+
+
+@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@pytest.mark.parametrize("side", [2, 4, 5])
+@pytest.mark.parametrize("peak", PEAKS)
+def test_compiled_parameters_are_those_of_numpy(side, peak):
+    rng = np.random.default_rng(side)
+    images = np.concatenate(
+        [
+            rng.uniform(0, 900, (50, side, side)),
+            rng.integers(0, 4, (50, side, side)),  # many ties
+            np.zeros((1, side, side)),
+            np.full((1, side, side), FULL_SCALE),
+        ]
+    )
+    found = np.empty((5, len(images)))
+    readings = np.ascontiguousarray(images.reshape(len(images), -1).T)
+    fast = compilation.compiled(write_parameters)
+    fast(readings, side, FULL_SCALE, peak == "subdetector", found)
+    expected = key_parameters(images, FULL_SCALE, peak)
+    np.testing.assert_allclose(found.T, expected, rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("shape", [(0,), (3, 0)])

@@ -1,22 +1,31 @@
-"""The light of the lamp: each law in closed form, and the chain against a scalar loop."""
+"""The light of the lamp: each law in closed form, and the whole by the second forward model."""
 
 import math
 import warnings
 
 import numpy as np
 import pytest
+import second_forward
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.forward import effects
-from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.light import Light, irradiance, lamp_in_body, trace
+from uuv_optical_array.core.geometry import lamp_in_body
+from uuv_optical_array.forward.effects.water import beer
+from uuv_optical_array.forward.light import (
+    COSINE,
+    HALF_SQUARE,
+    MIN_RANGE_M,
+    RANGE,
+    lamp_light,
+    off_axis,
+    slopes_by_lamp,
+)
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import trace
 from uuv_optical_array.forward.scene import scene_from_settings
 
 reproducible = settings(deadline=None, derandomize=True)
-ONE = DetectorArray(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]), 1, 0.4)
+ONE = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]).T  # a detector at the follower's origin
 SIGMA = math.radians(8)
 
 curved = st.fixed_dictionaries(
@@ -33,12 +42,14 @@ arrays = st.one_of(curved, planar)
 
 
 def seen(pose, roll=0.0):
-    return trace(ONE, *lamp_in_body(pose, roll))
+    """Rays to a single detector at the follower's origin, shape ``(8, ...)``."""
+    components = np.moveaxis(np.asarray(pose, dtype=float), -1, 0)[..., None]
+    return trace(ONE, lamp_in_body(*components, roll))[..., 0]
 
 
-def one_detector(pose, sigma=SIGMA):
-    """Light on a single detector at the follower's origin, of a lamp of unit power."""
-    return irradiance(seen(pose), sigma)[..., 0]
+def one_detector(pose, sigma=SIGMA, roll=0.0):
+    """Light on it, of a lamp of unit power."""
+    return lamp_light(*seen(pose, roll)[: COSINE + 1], 1.0, sigma)[0]
 
 
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
@@ -63,30 +74,6 @@ def facing(pose, tilt=0.0):
     x, y, z = pose
     yaw = math.atan2(-y, -x)
     return [x, y, z, math.atan2(z, math.hypot(x, y)), yaw + tilt]
-
-
-def slow_image(array, sigma_deg, k, pose, roll=0.0):
-    """Equations 1 to 5 and 8 to 12 for a lamp of unit power, one detector at a time."""
-    side, width, bow, radius = (
-        array[key] for key in ("detectors_per_side", "width_m", "bow_m", "radius_m")
-    )
-    x, y, z, pitch, yaw = pose
-    attitude = Rotation.from_euler("ZYX", [yaw, pitch, roll])
-    image = []
-    for row in range(side):
-        for column in range(side):
-            port = width / 2 - column * width / (side - 1)
-            up = width / 2 - row * width / (side - 1)
-            depth = 0.0 if radius is None else math.sqrt(radius**2 - port**2 - up**2)
-            looks = (1, 0, 0) if radius is None else (depth / radius, port / radius, up / radius)
-            px, py, pz = np.array([x, y, z]) + attitude.apply((bow + depth, port, up))
-            nx, ny, nz = attitude.apply(looks)
-            r = math.sqrt(px * px + py * py + pz * pz)
-            eta = math.acos(max(-1.0, min(1.0, -px / r)))
-            cosine = -(nx * px + ny * py + nz * pz) / r
-            beam = math.exp(-(eta**2) / (2 * math.radians(sigma_deg) ** 2))
-            image.append(beam * math.exp(-k * r) * max(0.0, cosine) / r**2)
-    return np.reshape(image, (side, side))
 
 
 def test_twice_the_range_gives_a_quarter_of_the_light():
@@ -119,15 +106,14 @@ def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():
 @given(r_axial=st.floats(0.5, 30), eta=st.floats(0.0, 1.2), k=st.floats(0, 1))
 @reproducible
 def test_beer_dims_along_the_slant_path(r_axial, eta, k):
-    rays = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])
-    light = Light(np.ones((1, 1)))
-    effects.attenuation(ONE, k_per_m=k)(light, rays)
-    assert light.image[0, 0] == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
+    range_m = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])[RANGE]
+    factor = beer(range_m, 0.0, 1.0, k, 0.0, 0.0)[0]
+    assert factor == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
 
 
 @pytest.mark.parametrize("eta", [0.05, 0.1, 0.2])
 def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
-    ours = seen([-6.0, 6.0 * math.tan(eta), 0, 0, 0]).range_m[0]
+    ours = seen([-6.0, 6.0 * math.tan(eta), 0, 0, 0])[RANGE]
     papers = 2 * 6.0 / (2 - eta**2)
     # 2 / (2 - eta^2) and 1 / cos(eta) part at fourth order, by eta^4 / 24.
     assert papers - ours == pytest.approx(6.0 * eta**4 / 24, rel=0.1)
@@ -136,7 +122,7 @@ def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
 @given(tilt=st.floats(-math.pi, math.pi), roll=st.floats(-3, 3))
 @reproducible
 def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, roll):
-    light = irradiance(seen([-1, 0, 0, 0, tilt], roll), SIGMA)[0]
+    light = one_detector([-1, 0, 0, 0, tilt], roll=roll)
     assert light == pytest.approx(max(0.0, math.cos(tilt)), abs=1e-15)
     if abs(tilt) > math.pi / 2 + 1e-12:
         assert light == 0.0
@@ -146,7 +132,75 @@ def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, r
 def test_a_small_off_axis_angle_is_not_lost(axis):
     pose = np.array([-1.0, 0, 0, 0, 0])
     pose[axis] = 1e-9
-    assert seen(pose).off_axis_rad[0] == pytest.approx(1e-9, rel=1e-12)
+    assert math.sqrt(2 * seen(pose)[HALF_SQUARE]) == pytest.approx(1e-9, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "degrees", [0.0, 1e-6, 0.01, 1.0, 10.0, 44.9, 45.1, 89.9, 90.0, 90.1, 135.0, 179.9, 180.0]
+)
+@pytest.mark.parametrize("range_m", [1e-3, 1.0, 300.0])
+def test_the_off_axis_angle_is_exact_ahead_and_behind(degrees, range_m):
+    eta = math.radians(degrees)
+    along, across = range_m * math.cos(eta), range_m * math.sin(eta)
+    half_square, turn = off_axis(along, across**2, range_m)
+    assert half_square == pytest.approx(eta**2 / 2, rel=2e-15)
+    if 0 < degrees < 180:
+        assert turn == pytest.approx(eta / math.sin(eta) / range_m, rel=1e-12)
+    many = off_axis(np.full(3, along), np.full(3, across**2), np.full(3, range_m))
+    np.testing.assert_allclose(many, [[half_square] * 3, [turn] * 3], rtol=1e-15)
+
+
+def test_the_turn_stays_finite_on_the_axis_on_either_side():
+    assert off_axis(2.0, 0.0, 2.0) == (0.0, 0.5)
+    half_square, turn = off_axis(-2.0, 0.0, 2.0)
+    assert half_square == pytest.approx(math.pi**2 / 2, rel=1e-15)
+    assert 0 < turn <= math.pi * 1e9 / 2.0
+
+
+@given(
+    ray=st.tuples(st.floats(0.5, 50), st.floats(0, 0.5), st.floats(-1, 1)),
+    power=st.floats(1e-3, 1e6),
+    sigma=st.floats(math.radians(3), math.radians(60)),
+)
+@reproducible
+def test_the_slopes_of_the_light_are_those_of_its_logarithm(ray, power, sigma):
+    range_m, half_square, cosine = ray
+    light, *slopes = lamp_light(*ray, power, sigma)
+    beam = math.exp(-half_square / sigma**2) if half_square / sigma**2 < 700 else 0.0
+    expected = power / range_m**2 * beam * max(cosine, 0.0)
+    assert light == pytest.approx(expected, rel=1e-12, abs=1e-300)
+    by_cosine = 1 / cosine if cosine > 0 else 0.0
+    np.testing.assert_allclose(slopes, [-2 / range_m, -1 / sigma**2, by_cosine], rtol=1e-14)
+
+
+@given(
+    lamp=st.tuples(st.floats(2, 9), st.floats(-2, 2), st.floats(-2, 2)),
+    turn=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+    slopes=st.tuples(*[st.floats(-3, 3)] * 3),
+)
+@reproducible
+def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slopes):
+    """Of a function that is linear in range, half square and cosine."""
+    axis = np.array([-1.0, *turn]) / math.hypot(1, *turn)
+
+    def value(moved, axis=axis):
+        rays = trace(ONE, (*moved, *axis))[: COSINE + 1, 0]
+        return float(np.dot(slopes, rays))
+
+    rays = trace(ONE, (*lamp, *axis))[:, 0]
+    radial, facing, bend = slopes_by_lamp(*slopes, rays[0], rays[2], rays[6], rays[7])
+    place = np.array(lamp)
+    by_lamp = radial * place + facing * np.array([1.0, 0, 0]) + bend * axis
+    h = 1e-5
+    steps = h * np.eye(3)
+    expected = [(value(place + step) - value(place - step)) / (2 * h) for step in steps]
+    np.testing.assert_allclose(by_lamp, expected, atol=1e-7)
+    # The axis is a unit vector: only its turns count.
+    for across in (np.cross(axis, [0, 0, 1.0]), np.cross(axis, [0, 1.0, 0])):
+        ahead, back = (axis + sign * h * across for sign in (1, -1))
+        ahead, back = (value(place, one / np.linalg.norm(one)) for one in (ahead, back))
+        expected = (ahead - back) / (2 * h)
+        assert bend * place @ across == pytest.approx(expected, abs=1e-7)
 
 
 @given(
@@ -161,11 +215,12 @@ def test_a_small_off_axis_angle_is_not_lost(axis):
     roll=st.floats(-math.pi, math.pi),
 )
 @reproducible
-def test_the_whole_chain_agrees_with_a_scalar_loop(array, sigma_deg, k, x, y, z, pitch, yaw, roll):
-    pose = (x, y, z, pitch, yaw)
-    power = 900 / slow_image(array, sigma_deg, k, (-4, 0, 0, 0, 0)).max()
-    expected = power * slow_image(array, sigma_deg, k, pose, roll)
-    found = make_model(array, sigma_deg, k).light(pose, roll)
+def test_the_whole_chain_is_that_of_the_second_forward_model(
+    array, sigma_deg, k, x, y, z, pitch, yaw, roll
+):
+    model = make_model(array, sigma_deg, k)
+    expected = second_forward.light(model.scene.settings(), (x, y, z, pitch, yaw), roll)
+    found = model.light((x, y, z, pitch, yaw), roll)
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-9)
 
 
@@ -209,6 +264,70 @@ def test_extreme_poses_give_finite_light_without_a_warning(
         image = model.light([*place, *attitude])
     assert np.isfinite(image).all()
     assert (image >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        (-0.402, 0.0, 0.0),  # the middle detector 2 mm behind the lamp
+        (-0.398, 0.0, 0.0),  # and 2 mm ahead of it
+        (-1.0, 0.0, 0.0),
+        (-1e-9, 0.0, 0.0),
+        (0.4, 0.0, 0.0),
+        (1000.0, 0.0, 0.0),  # straight behind the lamp
+        (-1000.0, 1e-9, 0.0),
+        (-2.0, 1.6, 0.0),  # 45 deg off the axis, for some detectors
+        (0.0, 5.0, 0.0),
+    ],
+)
+def test_singular_places_have_the_light_of_the_second_forward_model(place):
+    model = make_model({"shape": "planar", "detectors_per_side": 5}, 8.0, 0.1)
+    plain = model.scene.settings()
+    for attitude, roll in (((0.0, 0.0), 0.0), ((0.3, math.pi), 1.0), ((-math.pi / 2, 2.0), 3.0)):
+        found = model.light([*place, *attitude], roll)
+        expected = second_forward.light(plain, (*place, *attitude), roll)
+        # So near to a detector the direction to the lamp is lost in the place's rounding.
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * model.power / 4e-6)
+
+
+def test_a_lamp_in_a_detector_is_as_bright_as_at_a_millimetre():
+    model = make_model({"shape": "planar", "detectors_per_side": 5}, 8.0, 0.0)
+    for place in (-0.4, -0.4 - 1e-4, -0.4 + 1e-4):
+        light = model.light([place, 0, 0, 0, 0])
+        assert np.isfinite(light).all()
+        assert (light <= model.power / MIN_RANGE_M**2).all()
+
+
+def test_light_whose_exponential_is_subnormal_is_right():
+    model = make_model({"shape": "planar", "detectors_per_side": 5}, 60.0, 10.0)
+    pose = [-72.5, 0, 0, 0, 0]
+    model.power = 1e9
+    light = model.light(pose)
+    for found, ray in zip(
+        light.ravel(), second_forward.rays(model.scene.settings()["array"], pose), strict=True
+    ):
+        assert -745 < -10 * ray.range_m < -708
+        beam = second_forward.ideal(ray, 60.0)
+        expected = 1e9 * beam * math.exp(-5 * ray.range_m) * math.exp(-5 * ray.range_m)
+        assert 0 < found == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_turn_of_a_thousand_rounds_is_none():
+    model = make_model({"shape": "planar", "detectors_per_side": 5}, 12.0, 0.1)
+    rng = np.random.default_rng(3)
+    poses = rng.uniform([-8, -1, -1, -0.4, -0.4], [-4, 1, 1, 0.4, 0.4], (40, 5))
+    turned = poses + 2 * math.pi * np.array([0, 0, 0, 1000, -1000])
+    expected, found = model.light(poses), model.light(turned, np.full(40, 2000 * math.pi))
+    # 2000 pi itself is known to 5e-13.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * expected.max())
+
+
+def test_a_pose_that_is_no_number_has_no_light_that_is_one():
+    model = make_model({"shape": "planar", "detectors_per_side": 3}, 8.0, 0.1)
+    with np.errstate(invalid="ignore"):
+        light = model.light([[math.nan, 0, 0, 0, 0], [-4, 0, 0, math.nan, 0], [-4, 0, 0, 0, 0]])
+    assert np.isnan(light[:2]).all()
+    assert np.isfinite(light[2]).all()
 
 
 def test_light_too_dim_for_a_number_is_zero():

@@ -7,38 +7,40 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from uuv_optical_array.estimation.likelihood import Limits, information, log_likelihood
+from uuv_optical_array.core import compilation
+from uuv_optical_array.estimation.likelihood import information, likelihood_of, log_likelihood
+from uuv_optical_array.forward.optics import MIN_VARIANCE, Noise
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
     pytest.mark.usefixtures("strict_arithmetic"),
 ]
 
-ADC = Limits(0.0, 1023.0)
+ADC, FREE = (0.0, 1023.0), (-np.inf, np.inf)
 
 
 def one(reading, light, variance=1.0, slope=0.0, limits=ADC):
-    """Return value, score and curvature of one detector."""
-    value, score, curvature = log_likelihood(
-        *(np.array([each], dtype=float) for each in (reading, light, variance, slope)), limits
+    """Return value, score and curvature of one detector; the variance is that in the dark."""
+    found = log_likelihood(
+        np.array([reading], dtype=float),
+        np.array([light], dtype=float),
+        Noise(variance, slope, *limits),
     )
-    return float(value), float(score[0]), float(curvature[0])
+    return tuple(float(part[0]) for part in found)
 
 
 def told_by(light, variance=1.0, slope=0.0, limits=ADC):
     """Return the information of one detector."""
-    found = information(
-        *(np.array([each], dtype=float) for each in (light, variance, slope)), limits
-    )
-    return float(found[0])
+    return float(information(np.array([light], dtype=float), Noise(variance, slope, *limits))[0])
 
 
 def scipy_value(reading, light, std, limits=ADC):
     """Log-probability of a reading; that of a censored one is the tail beyond half a count."""
-    if reading >= limits.high:
-        return norm.logsf(limits.high - 0.5, light, std)
-    if reading <= limits.low:
-        return norm.logcdf(limits.low + 0.5, light, std)
+    low, high = limits
+    if reading >= high:
+        return norm.logsf(high - 0.5, light, std)
+    if reading <= low:
+        return norm.logcdf(low + 0.5, light, std)
     return norm.logpdf(reading, light, std)
 
 
@@ -119,8 +121,8 @@ def test_noise_that_grows_with_the_light_is_in_value_and_score(reading, light, s
     def variance(at):
         return dark + slope * at
 
-    value, score, curvature = one(reading, light, variance(light), slope)
-    other = one(reading, 500.0, variance(500.0), slope)[0]
+    value, score, curvature = one(reading, light, dark, slope)
+    other = one(reading, 500.0, dark, slope)[0]
     expected = norm.logpdf(reading, light, variance(light) ** 0.5)
     expected -= norm.logpdf(reading, 500.0, variance(500.0) ** 0.5)
     assert value - other == pytest.approx(expected, rel=1e-9, abs=1e-9)
@@ -128,22 +130,53 @@ def test_noise_that_grows_with_the_light_is_in_value_and_score(reading, light, s
         lambda at: norm.logpdf(reading, at, variance(at) ** 0.5), light, 1e-3 * light
     )
     assert score == pytest.approx(by_light, rel=1e-5, abs=1e-6)
-    assert curvature == pytest.approx(told_by(light, variance(light), slope, Limits()), rel=1e-12)
+    assert curvature == pytest.approx(told_by(light, dark, slope, FREE), rel=1e-12)
 
 
-def test_values_add_up_over_detectors_and_starts_stand_side_by_side():
+@pytest.mark.parametrize("slope", [0.0, 1 / 50])
+def test_each_reading_of_many_images_is_as_it_is_alone(slope):
     rng = np.random.default_rng(1)
     readings = np.array([0.0, 0.0, 17.0, 900.0, 1023.0, 1023.0])
-    light = rng.uniform(0, 1100, (3, 6))
-    variance, slope = 1 + light / 50, np.full((3, 6), 1 / 50)
-    value, score, curvature = log_likelihood(readings, light, variance, slope, ADC)
-    assert value.shape == (3,)
-    for i in range(3):
-        singles = [one(readings[j], light[i, j], variance[i, j], 1 / 50) for j in range(6)]
-        # The constant of a reading is half the logarithm of the variance, as far as it varies.
-        np.testing.assert_allclose(score[i], [single[1] for single in singles], rtol=1e-12)
-        np.testing.assert_allclose(curvature[i], [single[2] for single in singles], rtol=1e-12)
-        assert value[i] == pytest.approx(sum(single[0] for single in singles), rel=1e-12)
+    light = rng.uniform(0, 1100, (2, 3, 6))
+    found = log_likelihood(readings, light, Noise(1.0, slope, *ADC))
+    for part in found:
+        assert part.shape == (2, 3, 6)
+    for i in np.ndindex(2, 3, 6):
+        alone = one(readings[i[-1]], light[i], 1.0, slope)
+        np.testing.assert_allclose([part[i] for part in found], alone, rtol=1e-12)
+
+
+def test_a_variance_below_the_least_counts_as_that():
+    found, least = (one(40.3, 40.0, variance) for variance in (1e-9, MIN_VARIANCE))
+    assert found == least == pytest.approx((-0.045e6, 0.3e6, 1e6))
+
+
+def test_the_light_below_zero_has_the_noise_of_the_dark():
+    for light in (-3.0, 0.0):
+        found, score, _ = one(5.0, light, 2.0, 0.5, FREE)
+        # Less the constant, which two lights of one variance share.
+        assert found + 0.5 * np.log(2.0) == pytest.approx(-0.5 * (5.0 - light) ** 2 / 2.0)
+        assert score == pytest.approx((5.0 - light) / 2.0)
+
+
+@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@pytest.mark.parametrize("slope", [0.0, 1 / 50])
+@pytest.mark.parametrize("limits", [ADC, FREE])
+@np.errstate(under="ignore")
+def test_compiled_readings_are_as_likely_as_in_numpy(slope, limits):
+    rng = np.random.default_rng(2)
+    light = np.concatenate([rng.uniform(-60, 1100, 3000), rng.choice([-1e9, 0.0, 1e9], 100)])
+    readings = np.clip(
+        light + rng.choice([0.1, 3.0, 40.0], 3100) * rng.standard_normal(3100), 0, 1023
+    )
+    noise = Noise(2.0, slope, *limits)
+    plain, fast = np.empty((2, 3, 3100))
+    likelihood_of(readings, light, noise, plain)
+    compilation.compiled(likelihood_of)(readings, light, noise, fast)
+    np.testing.assert_allclose(fast[:2], plain[:2], rtol=1e-11, atol=1e-300)
+    # Far beyond a limit the curvature is the difference of two numbers 1000 times its size.
+    np.testing.assert_allclose(fast[2], plain[2], rtol=1e-9, atol=1e-300)
+    assert np.isfinite(plain).all()
 
 
 def expected_square_of_score(light, std, limits):
@@ -152,7 +185,7 @@ def expected_square_of_score(light, std, limits):
     def score_squared(reading):
         return ((reading - light) / std**2) ** 2 * norm.pdf(reading, light, std)
 
-    low, high = limits.low + 0.5, limits.high - 0.5
+    low, high = limits[0] + 0.5, limits[1] - 0.5
     bottom, top = max(low, light - 12 * std), min(high, light + 12 * std)
     total = quad(score_squared, bottom, top, epsabs=1e-14)[0] if bottom < top else 0.0
     for u in ((low - light) / std, (light - high) / std):
@@ -163,7 +196,7 @@ def expected_square_of_score(light, std, limits):
 
 @pytest.mark.parametrize("std", [0.5, 1.0, 20.0])
 @pytest.mark.parametrize("u", [-8.0, -3.0, -1.0, 0.0, 0.5, 2.0, 6.0, 30.0])
-@pytest.mark.parametrize("limits", [ADC, Limits(0.0), Limits(high=1023.0)])
+@pytest.mark.parametrize("limits", [ADC, (0.0, np.inf), (-np.inf, 1023.0)])
 @np.errstate(under="ignore")
 def test_the_information_is_the_mean_square_of_the_score(std, u, limits):
     for light in (0.5 + u * std, 1022.5 - u * std):
@@ -187,14 +220,14 @@ def test_without_limits_the_information_is_the_textbooks():
 
     with np.errstate(under="ignore"):
         expected = quad(integrand, light - 12 * variance**0.5, light + 12 * variance**0.5)[0]
-    assert told_by(light, variance, slope, Limits()) == pytest.approx(expected, rel=1e-6)
+    assert told_by(light, dark, slope, FREE) == pytest.approx(expected, rel=1e-6)
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e3), st.floats(0.0, 10.0))
 def test_limits_never_add_information(light, std, slope):
     limited = told_by(light, std**2, slope)
-    free = told_by(light, std**2, slope, Limits())
+    free = told_by(light, std**2, slope, FREE)
     assert 0 <= limited <= free * (1 + 1e-12)
 
 

@@ -91,9 +91,9 @@ class ForwardModel:
         self.nuisances = ("lamp.power", *(form.nuisance for form in uncertain if form.nuisance))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
-        lit = self.light(aligned)
-        self.power = 0.0
-        unit_reading = float((lit - self.light(aligned)).max())
+        # The slope by the lamp's power is its share of the light, which daylight would round off.
+        _, slopes = self.linearised(aligned, offsets={"lamp.power": np.zeros(())})
+        unit_reading = float(slopes[:, -1].max())
         if unit_reading < 1e-200:
             raise ValueError(
                 f"scene {scene.name}: lamp.reference_range_m: {scene.lamp.reference_range_m:g} m "

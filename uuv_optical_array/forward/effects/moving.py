@@ -88,10 +88,11 @@ def plume(
         return depth * total
 
     def factor(time_s: Array, rays: Array, axis: Array) -> Array:
-        # Level vehicles: beacon's y and z as base_link knows them, by way of the beam axis.
-        aside = np.stack([axis[1], -axis[0], np.zeros(axis[0].shape)])
-        aside /= np.linalg.norm(aside, axis=0)
-        above = np.cross(-axis, aside, axis=0)
+        # Beacon's y and z as base_link knows them, by way of the beam axis: without roll, beacon's
+        # z has no part along base_link's y, and points up.
+        above = np.stack([axis[2], np.zeros(axis[2].shape), -axis[0]])
+        above /= np.copysign(np.linalg.norm(above, axis=0), -axis[0])
+        aside = np.cross(above, -axis, axis=0)
         along_m, to_lamp = rays[ALONG], rays[TO_X : TO_Z + 1]
         share = distance_m / np.maximum(along_m, distance_m)
         across, up = (-(to_lamp * unit).sum(axis=0) * share for unit in (aside, above))

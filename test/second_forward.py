@@ -1,0 +1,326 @@
+"""The forward model written a second time, number by number, from the formulas as published.
+
+It shares with the package the names of a scene's settings, the data sheets of the photodiodes and
+the seeds of what is drawn, and no law. A scene is the mapping that `Scene.settings` returns.
+"""
+
+import copy
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.forward.effects.electronics import PARTS
+
+CHARGE, BOLTZMANN = 1.602176634e-19, 1.380649e-23  # C, J/K: exact by definition of the SI
+
+
+class Ray(NamedTuple):
+    """From the lamp to a detector: m, rad, and where the detector is in ``beacon``."""
+
+    range_m: float
+    off_axis: float
+    cosine: float
+    x: float
+    y: float
+    z: float
+    time_s: float | None
+
+
+def product(a, b):
+    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+
+
+def turned(matrix, vector):
+    return [sum(matrix[i][k] * vector[k] for k in range(3)) for i in range(3)]
+
+
+def attitude(pitch, yaw, roll):
+    """Rotation from ``base_link`` to ``beacon``: yaw about z, pitch about y, roll about x."""
+    about_x = [[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]]
+    about_y = [
+        [math.cos(pitch), 0, math.sin(pitch)],
+        [0, 1, 0],
+        [-math.sin(pitch), 0, math.cos(pitch)],
+    ]
+    about_z = [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
+    return product(about_z, product(about_y, about_x))
+
+
+def detectors(array):
+    """Places and normals in ``base_link``: rows from the top, columns from port (eqs 9 to 12)."""
+    side, width = array["detectors_per_side"], array["width_m"]
+    for row in range(side):
+        for column in range(side):
+            y = width / 2 - column * width / (side - 1)
+            z = width / 2 - row * width / (side - 1)
+            if array["shape"] == "planar":
+                yield [array["bow_m"], y, z], [1.0, 0.0, 0.0]
+            else:
+                radius = array["radius_m"]
+                x = math.sqrt(radius**2 - y**2 - z**2)
+                yield [array["bow_m"] + x, y, z], [x / radius, y / radius, z / radius]
+
+
+def rays(array, pose, roll=0.0, time_s=None):
+    """Return the ray to each detector; the lamp at the origin of ``beacon`` shines along -x."""
+    turn = attitude(pose[3], pose[4], roll)
+    found = []
+    for place, normal in detectors(array):
+        x, y, z = (pose[i] + turned(turn, place)[i] for i in range(3))
+        looks = turned(turn, normal)
+        range_m = math.sqrt(x * x + y * y + z * z)
+        cosine = -(x * looks[0] + y * looks[1] + z * looks[2]) / range_m
+        off_axis = math.atan2(math.hypot(y, z), -x)
+        found.append(Ray(range_m, off_axis, cosine, x, y, z, time_s))
+    return found
+
+
+def gaussian(angle, sigma):
+    return math.exp(-(angle**2) / (2 * sigma**2))
+
+
+def ideal(ray, sigma_deg):
+    """Light of a lamp of unit power: inverse square, Gaussian beam, Lambert (eqs 1 to 4, 8)."""
+    beam = gaussian(ray.off_axis, math.radians(sigma_deg))
+    return beam * max(0.0, ray.cosine) / ray.range_m**2
+
+
+# On the way: the factor of the light of a ray.
+
+
+def attenuation(ray, lamp, k_per_m):
+    return math.exp(-k_per_m * ray.range_m)
+
+
+def lamp_flicker(ray, lamp, depth, frequency_hz):
+    if ray.time_s is None:
+        return 1.0
+    return 1 + depth * math.sin(2 * math.pi * math.fmod(ray.time_s * frequency_hz, 1.0))
+
+
+@functools.cache
+def waves(seed):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal(16).tolist(), rng.uniform(0, 2 * math.pi, 16).tolist()
+
+
+def lamp_drift(ray, lamp, std, time_scale_s, seed):
+    if ray.time_s is None:
+        return 1.0
+    rates, phases = waves(seed)
+    total = 0.0
+    for rate, phase in zip(rates, phases, strict=True):
+        total += math.cos(rate / time_scale_s * ray.time_s + phase)
+    return math.exp(std * math.sqrt(2 / 16) * total)
+
+
+@functools.cache
+def clouds(seed, extent_m, size_m):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(0, extent_m, 12).tolist(), rng.normal(0, size_m, 12).tolist()
+
+
+def plume(ray, lamp, depth, size_m, speed_m_per_s, distance_m, seed, extent_m):
+    if ray.time_s is None or -ray.x < distance_m:
+        return 1.0
+    # Where the ray pierces the plane of the clouds.
+    y, z = ray.y * distance_m / -ray.x, ray.z * distance_m / -ray.x
+    thickness = 0.0
+    for place, height in zip(*clouds(seed, extent_m, size_m), strict=True):
+        gap = math.remainder(y - place - speed_m_per_s * ray.time_s, extent_m)
+        thickness += math.exp(-(gap**2 + (z - height) ** 2) / (2 * size_m**2))
+    return math.exp(-depth * thickness)
+
+
+def beam_spread(ray, lamp, scattering_per_m, scattering_angle_deg):
+    sigma, theta = math.radians(lamp["beam_sigma_deg"]), math.radians(scattering_angle_deg)
+    straight = math.exp(-scattering_per_m * ray.range_m)
+    scattered = -math.expm1(-scattering_per_m * ray.range_m)
+    # Of the whole beam the plane second moment grows by b theta^2 r^3 / 3, over r^2 as an angle.
+    spread = scattering_per_m * theta**2 * ray.range_m / 3 / scattered
+    wide = math.sqrt(sigma**2 + spread)
+    pattern = straight * gaussian(ray.off_axis, sigma)
+    pattern += scattered * (sigma / wide) ** 2 * gaussian(ray.off_axis, wide)
+    return pattern / gaussian(ray.off_axis, sigma)
+
+
+def field_of_view(ray, lamp, cosine_power=None, half_angle_deg=None, edge_deg=None):
+    if ray.cosine <= 0:
+        return 1.0  # of no light
+    if cosine_power is not None:
+        return ray.cosine**cosine_power / ray.cosine
+    half, edge = math.radians(half_angle_deg), math.radians(edge_deg)
+    within = (ray.cosine - math.cos(half)) / (math.sin(half) * edge / 2)
+    return (1 + math.tanh(within)) / 2
+
+
+# On the array: the image, a list of rows, is changed in place.
+
+
+def ambient(image, array, level_counts):
+    for row in image:
+        for column in range(len(row)):
+            row[column] += level_counts
+
+
+def forward_scatter(image, array, window_m):
+    side = array["detectors_per_side"]
+    spacing = array["width_m"] / (side - 1)
+    weights = {}
+    for step in range(-math.ceil(window_m / spacing), math.ceil(window_m / spacing) + 1):
+        if abs(step * spacing) < window_m / 2:
+            weights[step] = 0.5 * (1 + math.cos(2 * math.pi * step * spacing / window_m))
+    total = sum(weights.values())
+
+    def mirrored(i):
+        while not 0 <= i < side:
+            i = -1 - i if i < 0 else 2 * side - 1 - i
+        return i
+
+    def blurred(line):
+        return [
+            sum(weight / total * line[mirrored(i + step)] for step, weight in weights.items())
+            for i in range(side)
+        ]
+
+    lines = [blurred(row) for row in image]
+    columns = [blurred([line[column] for line in lines]) for column in range(side)]
+    for row in range(side):
+        for column in range(side):
+            image[row][column] = columns[column][row]
+
+
+def responsivity(image, array, drift_per_c, spread=None, seed=None, gains=None, temperature_c=0.0):
+    side = array["detectors_per_side"]
+    if gains is None:
+        draws = np.random.default_rng(seed).standard_normal((side, side))
+        gains = [[max(1 + spread * float(draw), 0.0) for draw in row] for row in draws]
+    for row in range(side):
+        for column in range(side):
+            image[row][column] *= gains[row][column] * (1 + drift_per_c * temperature_c)
+
+
+def detector_faults(image, array, dead, stuck, stuck_counts):
+    for row, column in dead:
+        image[row][column] = 0.0
+    for row, column in stuck:
+        image[row][column] = stuck_counts
+
+
+# In the electronics: the variance of a reading by its light, and what becomes of a reading.
+
+
+def sensor_noise(light, sigma_counts):
+    return sigma_counts**2
+
+
+def shot_noise(light, electrons_per_count):
+    # A count of electrons is Poisson.
+    return light * electrons_per_count / electrons_per_count**2
+
+
+def photodiode(
+    light,
+    part,
+    bandwidth_hz,
+    load_ohm,
+    amplifier_a_per_rthz,
+    temperature_c,
+    amps_per_count=None,
+    watts_per_m2_per_count=None,
+):
+    sheet = PARTS[part]
+    if amps_per_count is None:
+        amps_per_count = watts_per_m2_per_count * sheet.area_m2 * sheet.responsivity_a_per_w
+    parallel = load_ohm * sheet.shunt_resistance_ohm / (load_ohm + sheet.shunt_resistance_ohm)
+    current = light * amps_per_count + sheet.dark_current_a
+    shot = 2 * CHARGE * current * bandwidth_hz
+    johnson = 4 * BOLTZMANN * (temperature_c + 273.15) * bandwidth_hz / parallel
+    return (shot + johnson + amplifier_a_per_rthz**2 * bandwidth_hz) / amps_per_count**2
+
+
+def saturation(reading, level_counts):
+    return min(reading, level_counts)
+
+
+def adc(reading, bits):
+    return float(min(max(math.floor(reading + 0.5), 0), 2**bits - 1))
+
+
+def named(*functions):
+    return {function.__name__: function for function in functions}
+
+
+# Within each stage in physical order.
+WAY = named(attenuation, lamp_flicker, lamp_drift, plume, beam_spread, field_of_view)
+ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
+NOISE = named(sensor_noise, shot_noise, photodiode)
+LIMITS = named(saturation, adc)
+EFFECTS = {**WAY, **ARRAY, **NOISE, **LIMITS}
+
+
+def with_offsets(effects, offsets):
+    """Return the settings of effects with offsets added, by dotted name."""
+    changed = copy.deepcopy(effects)
+    for name, offset in offsets.items():
+        effect, setting = name.split(".")
+        if effect != "lamp":
+            changed[effect][setting] = changed[effect].get(setting, 0.0) + offset
+    return changed
+
+
+def image_of(scene, power, effects, pose, roll=0.0, time_s=None):
+    """Return the light of a lamp of some power, shape ``(side, side)``."""
+    lamp, array = scene["lamp"], scene["array"]
+    readings = []
+    for ray in rays(array, pose, roll, time_s):
+        light = power * ideal(ray, lamp["beam_sigma_deg"])
+        for name, law in WAY.items():
+            if name in effects and light > 0:
+                light *= law(ray, lamp, **effects[name])
+        readings.append(light)
+    side = array["detectors_per_side"]
+    image = [readings[row * side : (row + 1) * side] for row in range(side)]
+    for name, step in ARRAY.items():
+        if name in effects:
+            step(image, array, **effects[name])
+    return np.array(image)
+
+
+def power_of(scene):
+    """Return the power of the lamp, counts m^2: its own share of the reference reading."""
+    lamp = scene["lamp"]
+    aligned = (-lamp["reference_range_m"], 0, 0, 0, 0)
+    # Of a lamp so strong that beside it daylight and stuck detectors are nothing.
+    strong = image_of(scene, 1e100, scene["effects"], aligned)
+    return lamp["reference_counts"] / (strong.max() / 1e100)
+
+
+def light(scene, pose, roll=0.0, offsets=None, time_s=None, power=None):
+    """Return the light on the detectors, counts, shape ``(side, side)``."""
+    offsets = offsets or {}
+    power = power_of(scene) if power is None else power
+    power *= math.exp(offsets.get("lamp.power", 0.0))
+    return image_of(scene, power, with_offsets(scene["effects"], offsets), pose, roll, time_s)
+
+
+def noise_variance(scene, light):
+    """Return the variance of an analogue reading about its light, counts^2."""
+    effects = scene["effects"]
+    return sum(law(light, **effects[name]) for name, law in NOISE.items() if name in effects)
+
+
+def variance(scene, light):
+    """Return that of a reading: rounding is uniform within a count; a thousandth is the least."""
+    rounding = 1 / 12 if "adc" in scene["effects"] else 0.0
+    return max(noise_variance(scene, light) + rounding, 1e-6)
+
+
+def converted(scene, reading):
+    """Return what the electronics make of an analogue reading."""
+    for name, law in LIMITS.items():
+        if name in scene["effects"]:
+            reading = law(reading, **scene["effects"][name])
+    return reading

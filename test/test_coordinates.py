@@ -1,0 +1,181 @@
+"""The coordinates of the fit: what they mean, there and back, and their derivatives."""
+
+import math
+
+import numpy as np
+import pytest
+from differences import assert_close, differentiate
+from drawn_effects import SHAPES, poses, scene_with
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.core.geometry import lamp_in_body
+from uuv_optical_array.estimation.least_squares.coordinates import (
+    Frame,
+    frame_of,
+    from_pose,
+    quarter_turn,
+    slopes_at,
+    to_lamp,
+)
+from uuv_optical_array.forward.model import ForwardModel
+
+pytestmark = pytest.mark.filterwarnings("error")
+reproducible = settings(deadline=None, derandomize=True, max_examples=100)
+ALIGNED = (-6.0, 0.0, 0.0, 0.0, 0.0)
+rolls = st.floats(-0.5, 0.5)
+
+
+def frame_like(centre, sigma_rad, k_per_m=0.0, planar=False):
+    weight = sigma_rad**-2
+    return Frame(*centre, sigma_rad, k_per_m, weight / (weight + 3) if planar else 0.0)
+
+
+frames = st.builds(
+    frame_like,
+    st.tuples(st.floats(-0.5, 1), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
+    st.floats(math.radians(2), math.radians(30)),
+    st.one_of(st.just(0.0), st.floats(1e-3, 0.2)),
+    st.booleans(),
+)
+
+
+def lamp_and_pose(frame, at, roll):
+    lamp, pose, _ = to_lamp(frame, at, roll)
+    return np.array(lamp), np.array(pose)
+
+
+def facing(frame, pose, roll):
+    """Cosine between the array's axis and the way to the lamp; positive where it sees it."""
+    sight = np.array(lamp_in_body(*pose, roll)[:3]) - frame[:3]
+    return sight[0] / np.linalg.norm(sight)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_frame_of_a_scene_is_that_of_its_array_lamp_and_water(shape):
+    model = ForwardModel(scene_with({"attenuation": {"k_per_m": 0.1}}, shape))
+    # The mean of the detectors: on the curved array they bulge ahead of its frame.
+    offsets = (-0.2, -0.1, 0.0, 0.1, 0.2)
+    depths = [math.sqrt(0.32**2 - y**2 - z**2) for y in offsets for z in offsets]
+    ahead = 0.4 + (sum(depths) / 25 if shape == "curved" else 0.0)
+    expected = frame_like((ahead, 0, 0), math.radians(8), 0.1, shape == "planar")
+    np.testing.assert_allclose(frame_of(model), expected, rtol=1e-12, atol=1e-15)
+
+
+@given(frame=frames, pose=poses, roll=rolls)
+@reproducible
+def test_from_pose_to_coordinates_and_back(frame, pose, roll):
+    assume(facing(frame, pose, roll) > 0.01)
+    coordinates = from_pose(frame, np.array(pose), roll)
+    lamp, back = lamp_and_pose(frame, coordinates, roll)
+    np.testing.assert_allclose(back, pose, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(lamp, lamp_in_body(*pose, roll), rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(from_pose(frame, back, roll), coordinates, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize(("k", "r"), [(0.1, 100.0), (0.5, 20.0), (3.0, 4.0), (10.0, 1.0)])
+def test_the_coordinates_hold_in_thick_water_too(k, r):
+    frame = frame_like((0.0, 0.0, 0.0), math.radians(8), k)
+    pose = np.array([-r, 0.0, 0.0, 0.0, 0.0])
+    _, back = lamp_and_pose(frame, from_pose(frame, pose, 0.0), 0.0)
+    np.testing.assert_allclose(back, pose, rtol=1e-7)
+
+
+@given(frame=frames, pose=poses, roll=rolls)
+@reproducible
+def test_the_coordinates_are_where_the_lamp_stands_and_how_dim_it_is(frame, pose, roll):
+    assume(facing(frame, pose, roll) > 0.01)
+    turn = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    centre = turn.apply(frame[:3]) + pose[:3]
+    x, y, z = turn.inv().apply(-centre)
+    r = np.linalg.norm(centre)
+    off_axis = math.atan2(math.hypot(centre[1], centre[2]), -centre[0])
+    dimness = math.log(r) + frame.k_per_m * r / 2 + (off_axis / frame.beam_sigma_rad) ** 2 / 4
+    azimuth, elevation = math.atan2(y, x), math.asin(z / r)
+    if frame.share > 0:
+        ahead = turn.inv().apply([1.0, 0.0, 0.0])  # against the beam
+        weight = frame.beam_sigma_rad**-2
+        share = weight / (weight + 3)
+        azimuth -= share * math.atan2(ahead[1], ahead[0])
+        elevation -= share * math.asin(ahead[2])
+        dimness -= 0.5 * math.log(facing(frame, pose, roll))
+    coordinates = from_pose(frame, np.array(pose), roll)
+    expected = [azimuth, elevation, dimness, *pose[3:]]
+    np.testing.assert_allclose(coordinates, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(frame=frames, pose=poses, roll=rolls)
+@reproducible
+def test_the_volume_of_the_coordinates_is_the_determinant_of_their_derivative(frame, pose, roll):
+    assume(facing(frame, pose, roll) > 0.05)
+    coordinates = from_pose(frame, np.array(pose), roll)
+    derivative = differentiate(lambda at: lamp_and_pose(frame, at, roll)[1], coordinates)
+    _, _, log_volume = to_lamp(frame, coordinates, roll)
+    assert log_volume == pytest.approx(np.linalg.slogdet(derivative)[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("turn", [(0.1, -0.05), (-0.08, 0.12)])
+def test_the_lookalikes_of_a_planar_array_look_alike(turn):
+    """Turned as far in pitch and yaw without them, the image is a quite different one."""
+    model = ForwardModel(scene_with({"attenuation": {"k_per_m": 0.1}}, "planar"))
+    frame = frame_of(model)
+    pose = np.array([-6.0, 0.2, -0.1, *turn])
+    image = model.light(pose)
+    coordinates, others = from_pose(frame, pose, 0.0), []
+    for _ in range(4):
+        coordinates[3:] = quarter_turn(*coordinates[3:])
+        others.append(lamp_and_pose(frame, coordinates, 0.0)[1])
+    np.testing.assert_allclose(others.pop(), pose, rtol=1e-9, atol=1e-9)  # four are a whole turn
+    naive = np.array([[*pose[:3], -turn[0], -turn[1]], [*pose[:3], turn[1], -turn[0]]])
+    off = [np.abs(model.light(other) - image).max() for other in (*others, *naive)]
+    assert max(off[:3]) < 0.01 * image.max()
+    assert min(off[3:]) > 0.05 * image.max()
+
+
+@example(
+    frame=frame_like((0.4, 0.0, 0.0), math.radians(8), 0.1), pose=ALIGNED, roll=0.0
+)  # on the beam's axis, where eta / sin(eta) is 0 / 0
+@given(frame=frames, pose=poses, roll=rolls)
+@reproducible
+def test_the_derivatives_of_the_coordinates_are_those_of_lamp_and_pose(frame, pose, roll):
+    assume(facing(frame, pose, roll) > 0.05)
+    coordinates = from_pose(frame, np.array(pose), roll)
+    lamp, there, log_volume = to_lamp(frame, coordinates, roll)
+    slopes, pose_slopes = slopes_at(frame, coordinates, roll, lamp)
+
+    def lamp_at(at):
+        return np.array(lamp_in_body(*lamp_and_pose(frame, at, roll)[1], roll))
+
+    def pose_at(at):
+        return lamp_and_pose(frame, at, roll)[1]
+
+    np.testing.assert_allclose(lamp, lamp_at(coordinates), rtol=1e-9, atol=1e-9)
+    assert_close(slopes, differentiate(lamp_at, coordinates))
+    np.testing.assert_allclose(there, pose_at(coordinates), rtol=1e-9, atol=1e-9)
+    assert_close(pose_slopes, differentiate(pose_at, coordinates))
+    assert log_volume == pytest.approx(np.linalg.slogdet(pose_slopes)[1], abs=1e-9)
+
+
+def test_many_poses_at_once_have_the_coordinates_of_each():
+    rng = np.random.default_rng(4)
+    many = np.array(ALIGNED)[:, None] + 0.2 * rng.standard_normal((5, 7))
+    roll = 0.2 * rng.standard_normal(7)
+    for planar in (False, True):
+        frame = frame_like((0.4, 0.0, 0.0), math.radians(8), 0.1, planar)
+        coordinates = from_pose(frame, many, roll)
+        lamp, pose, log_volume = to_lamp(frame, coordinates, roll)
+        slopes, pose_slopes = slopes_at(frame, coordinates, roll, lamp)
+        for i in range(7):
+            at = from_pose(frame, many[:, i], roll[i])
+            one_lamp, one_pose, one_volume = to_lamp(frame, at, roll[i])
+            one_slopes, one_pose_slopes = slopes_at(frame, at, roll[i], one_lamp)
+            for found, expected in (
+                (coordinates[:, i], at),
+                (np.array(lamp)[:, i], one_lamp),
+                (np.array(pose)[:, i], one_pose),
+                (log_volume[i], one_volume),
+                (slopes[..., i], one_slopes),
+                (pose_slopes[..., i], one_pose_slopes),
+            ):
+                np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)

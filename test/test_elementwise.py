@@ -1,0 +1,295 @@
+"""What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
+
+import os
+import subprocess
+import sys
+from collections import namedtuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy import cos, exp, maximum, minimum, sin
+from scipy.special import erfcx, log_ndtr
+
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.elementwise import (
+    any_of,
+    at_place,
+    choose,
+    choose_state,
+    each,
+    not_,
+    room,
+    sandwich,
+    stack,
+    total,
+    transmit,
+    when,
+    zeros,
+)
+from uuv_optical_array.forward.effects.water import beer, spread
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+numba = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
+reproducible = settings(deadline=None, derandomize=True)
+Pair = namedtuple("Pair", ["value", "vector"])
+
+
+def as_given(function, fast):
+    return compilation.compiled(function) if fast else function
+
+
+@pytest.fixture(scope="module")
+def mathematics():
+    return pytest.importorskip(
+        "uuv_optical_array.core.compiled_math", reason="Numba is not installed"
+    )
+
+
+def clipped_sum(values, limits):
+    """The sum of values up to their own limits, and how many reach them."""
+    kept, reached = np.zeros(len(values)), 0.0
+    for j in each(len(values)):
+        kept[j] = choose(values[j] < limits[j], values[j], limits[j])
+        for i in when(not_(values[j] < limits[j]), j):
+            reached += total(np.ones(len(values))[i])
+    sums = 0.0
+    for j in each(len(values)):
+        sums += total(kept[j])
+    return sums, reached, kept
+
+
+@both
+def test_a_loop_over_readings_takes_each_of_them_once(fast):
+    found = as_given(clipped_sum, fast)(np.array([1.0, 5.0, 2.0, 7.0]), np.array([3.0, 3, 2, 9]))
+    assert found[:2] == (13.0, 2.0)
+    np.testing.assert_array_equal(found[2], [1.0, 3.0, 2.0, 7.0])
+
+
+def chosen_state(first, other, better):
+    state = choose_state(better, first, other)
+    return state, any_of(better)
+
+
+@pytest.mark.parametrize("better", [True, False])
+@both
+def test_a_state_is_chosen_whole(fast, better):
+    first, other = Pair(1.0, np.array([1.0, 2.0])), Pair(3.0, np.array([5.0, 6.0]))
+    state, found = as_given(chosen_state, fast)(first, other, better)
+    assert found == better
+    assert state.value == (1.0 if better else 3.0)
+    np.testing.assert_array_equal(state.vector, [1.0, 2.0] if better else [5.0, 6.0])
+
+
+def test_states_of_many_problems_are_chosen_problem_by_problem():
+    first, other = (
+        Pair(np.array([1.0, 2]), np.ones((3, 2))),
+        Pair(np.array([3.0, 4]), np.zeros((3, 2))),
+    )
+    state = choose_state(np.array([True, False]), first, other)
+    np.testing.assert_array_equal(state.value, [1.0, 4.0])
+    np.testing.assert_array_equal(state.vector, [[1.0, 0.0]] * 3)
+    assert any_of(np.array([False, True]))
+    assert not any_of(np.array([False, False]))
+    np.testing.assert_array_equal(not_(np.array([True, False])), [False, True])
+
+
+def shapes(component, count):
+    return (
+        room(3, component, count).shape,
+        zeros(2, 4, component).shape,
+        zeros(2, 4, component).sum(),
+    )
+
+
+@both
+def test_rooms_of_one_pose_have_no_axis_for_poses(fast):
+    assert as_given(shapes, fast)(1.5, 7) == ((3, 7), (2, 4), 0.0)
+
+
+def test_rooms_of_many_poses_have_one():
+    found = shapes(np.zeros((5, 1)), 7)
+    assert found == ((3, 5, 7), (2, 4, 5, 1), 0.0)
+
+
+def stacked(one, other):
+    return stack(one, 2.0, other)
+
+
+@both
+def test_components_are_stacked_in_their_order(fast):
+    np.testing.assert_array_equal(as_given(stacked, fast)(1.0, 3.0), [1.0, 2.0, 3.0])
+
+
+def test_components_of_many_poses_are_broadcast():
+    found = stacked(np.array([1.0, 5.0]), 3.0)
+    np.testing.assert_array_equal(found, [[1.0, 5.0], [2.0, 2.0], [3.0, 3.0]])
+
+
+def blurred(matrix, image):
+    sandwich(matrix, image)
+    return image
+
+
+@pytest.mark.parametrize("side", [1, 2, 5])
+@both
+def test_a_sandwich_is_the_product_of_three_matrices(fast, side):
+    rng = np.random.default_rng(side)
+    matrix, image = rng.uniform(-1, 1, (side, side)), rng.uniform(0, 9, (side, side))
+    matrix[rng.uniform(size=(side, side)) < 0.3] = 0.0
+    expected = np.einsum("ik,kl,jl->ij", matrix, image, matrix)
+    found = as_given(blurred, fast)(matrix, image.ravel().copy())
+    np.testing.assert_allclose(found.reshape(side, side), expected, rtol=1e-13, atol=1e-13)
+
+
+def test_a_sandwich_of_many_images_is_that_of_each():
+    rng = np.random.default_rng(1)
+    matrix, images = rng.uniform(-1, 1, (3, 3)), rng.uniform(0, 9, (2, 4, 9))
+    expected = np.einsum("ik,abkl,jl->abij", matrix, images.reshape(2, 4, 3, 3), matrix)
+    np.testing.assert_allclose(blurred(matrix, images).reshape(2, 4, 3, 3), expected, rtol=1e-12)
+
+
+def picked(rows, places):
+    found = np.empty(rows.shape[1])
+    for j in each(rows.shape[1]):
+        found[j] = at_place(rows, places[j], j)
+    return found
+
+
+@both
+def test_each_column_gives_the_row_of_its_own_place(fast):
+    rows = np.arange(12.0).reshape(3, 4)
+    found = as_given(picked, fast)(rows, np.array([2.0, 0.0, 1.0, 2.0]))
+    np.testing.assert_array_equal(found, [8.0, 1.0, 6.0, 11.0])
+
+
+def arithmetic(x, y):
+    return exp(x), sin(y), cos(y), maximum(x, y), minimum(x, y), erfcx(-x / 100), log_ndtr(y)
+
+
+@numba
+@given(st.floats(-700, 5), st.floats(-30, 30))
+@reproducible
+def test_numpys_functions_have_their_values_in_compiled_code(x, y):
+    found = compilation.compiled(arithmetic)(x, y)
+    np.testing.assert_allclose(found, arithmetic(x, y), rtol=2e-13, atol=1e-15)
+
+
+def spaced(low, high, count=20_000):
+    return np.random.default_rng(5).uniform(low, high, count)
+
+
+def test_the_exponential_is_that_of_numpy_to_the_last_digit(mathematics):
+    numbers = np.concatenate([spaced(-708, 700), spaced(-1, 1), [0.0, -0.0, -1e-300, -707.99, 700]])
+    found = np.array([mathematics.exponential(x) for x in numbers])
+    np.testing.assert_allclose(found, np.exp(numbers), rtol=4e-16)
+    assert [mathematics.exponential(x) for x in (-708.1, -1e5, -1e200, -np.inf)] == [0.0] * 4
+    assert np.isnan(mathematics.exponential(np.nan))
+
+
+def test_sine_and_cosine_are_those_of_numpy_for_some_turns(mathematics):
+    quarters = np.arange(-40, 41) * np.pi / 2
+    angles = np.concatenate([spaced(-30, 30), quarters, [0.0, 1e-9, -1e-300]])
+    for found, expected in ((mathematics.sine, np.sin), (mathematics.cosine, np.cos)):
+        values = np.array([found(x) for x in angles])
+        np.testing.assert_allclose(values, expected(angles), rtol=0, atol=1e-15)
+    # Small angles keep their digits.
+    small = 10 ** spaced(-200, -1)
+    np.testing.assert_allclose([mathematics.sine(x) for x in small], np.sin(small), rtol=4e-16)
+    # What 2000 pi itself is known to, and some digits more.
+    far = spaced(-1, 1) + 2000 * np.pi
+    np.testing.assert_allclose([mathematics.sine(x) for x in far], np.sin(far), atol=1e-11)
+
+
+def test_the_scaled_complementary_error_function_is_scipys(mathematics):
+    numbers = np.concatenate([spaced(-26, 40), 10 ** spaced(1, 150), [0.0, 24.99, 25.0, 25.01]])
+    found = np.array([mathematics.scaled_complementary_error(x) for x in numbers])
+    np.testing.assert_allclose(found, erfcx(numbers), rtol=1e-12)
+
+
+def test_the_logarithm_of_the_normal_distribution_is_scipys(mathematics):
+    numbers = np.concatenate([spaced(-40, 10), -(10 ** spaced(0, 100)), [0.0, -1.0, -0.999, 37.0]])
+    found = np.array([mathematics.log_normal_distribution(u) for u in numbers])
+    np.testing.assert_allclose(found, log_ndtr(numbers), rtol=1e-12, atol=1e-300)
+    assert mathematics.log_normal_distribution(-1e100) == pytest.approx(-5e199)
+
+
+def test_the_larger_and_the_smaller_number(mathematics):
+    assert [mathematics.larger(1.0, 2.0), mathematics.larger(2.0, 1.0)] == [2.0, 2.0]
+    assert [mathematics.smaller(1.0, 2.0), mathematics.smaller(2.0, 1.0)] == [1.0, 1.0]
+
+
+def transmitted(law, rays, a, b, c, beam, row, differentiate):
+    transmit(law, rays, a, b, c, beam, row, differentiate)
+    return beam
+
+
+@pytest.mark.parametrize("differentiate", [True, False])
+@both
+def test_a_law_of_transmission_dims_the_light_and_adds_its_slopes(fast, differentiate):
+    """By its address in compiled code; the rows of other laws stay as they are."""
+    rng = np.random.default_rng(4)
+    rays = rng.uniform(0.1, 1.0, (8, 6))
+    beam = rng.uniform(1, 2, (7, 6))
+    for law, values in ((beer, (0.3, 0.0, 0.0)), (spread, (0.4, 0.01, 0.02))):
+        factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], *values)
+        expected = beam.copy()
+        expected[0] *= factor
+        if differentiate:
+            expected[1:4] += [
+                by_range + 0 * factor,
+                by_half_square + 0 * factor,
+                by_cosine + 0 * factor,
+            ]
+            expected[5] = by_setting
+        given_law = compilation.law_address(law) if fast else law
+        found = as_given(transmitted, fast)(given_law, rays, *values, beam.copy(), 5, differentiate)
+        np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on():
+    code = (
+        "import sys; sys.modules['numba'] = None\n"
+        "from uuv_optical_array.core import compilation\n"
+        "from uuv_optical_array.forward.model import ForwardModel\n"
+        "from uuv_optical_array.forward.scene import load_scene\n"
+        "model = ForwardModel(load_scene('reference'))\n"
+        "print(compilation.usable(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
+        "model.optics((), compiled=True)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    usable, light = run.stdout.split()
+    assert usable == "False"
+    assert float(light) == pytest.approx(900.0)
+    assert "ValueError: compiled: " in run.stderr
+    assert "pip install -e '.[fast]'" in run.stderr
+
+
+@numba
+def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
+    """The folder for it lies below a file."""
+    (tmp_path / "file").write_text("")
+    code = (
+        "from uuv_optical_array.core import compilation\n"
+        "from uuv_optical_array.core.linear_algebra import cholesky\n"
+        "import numpy as np\n"
+        "matrix = np.array([[4.0, 0.0], [2.0, 10.0]])\n"
+        "done = compilation.compiled(cholesky)(matrix)\n"
+        "print(compilation.cache_folder(), done, matrix.tolist())\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file" / "below")}
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert run.stdout.strip() == "None True [[2.0, 0.0], [1.0, 3.0]]"
+
+
+@numba
+def test_a_law_is_found_at_an_address_of_its_own():
+    addresses = [compilation.law_address(law) for law in (beer, spread, beer)]
+    assert addresses[0] == addresses[2] != addresses[1]
+    optics = ForwardModel(load_scene("harbour")).optics((), compiled=True)
+    assert optics.laws.tolist() == addresses[:2]

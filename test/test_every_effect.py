@@ -1,0 +1,183 @@
+"""Every effect of the list, anywhere in its bounds: against the second forward model, its
+derivatives against finite differences, and compiled against NumPy.
+
+A new effect is tried here as soon as `second_forward` has it.
+"""
+
+import inspect
+import typing
+
+import numpy as np
+import pytest
+import second_forward
+from differences import extrapolated_slopes
+from drawn_effects import any_scenes, poses, scenes, settings_of
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.geometry import lamp_slopes
+from uuv_optical_array.forward import effects
+from uuv_optical_array.forward.array import ArraySettings, build_array
+from uuv_optical_array.forward.effects import EFFECTS, MOVING
+from uuv_optical_array.forward.effects.forms import Transmission
+from uuv_optical_array.forward.light import COSINE, LampSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import detect, illuminate, project
+
+reproducible = settings(
+    deadline=None,
+    derandomize=True,
+    max_examples=25,
+    suppress_health_check=[HealthCheck.too_slow],  # which is a timed assertion
+)
+each_effect = pytest.mark.parametrize("name", list(EFFECTS))
+ARRAY = build_array(ArraySettings("planar", 5))
+times = st.floats(0, 1e5)
+rolls = st.floats(-3, 3)
+numbers = st.floats(-0.3, 0.3)
+
+
+def model_of(scene):
+    try:
+        return ForwardModel(scene)
+    except ValueError:  # all detectors dead, or gains of 0
+        assume(False)
+
+
+def offsets_for(data, model):
+    """Offsets of some of the settings that a prior may leave uncertain."""
+    names = data.draw(st.lists(st.sampled_from(model.nuisances), unique=True))
+    return {name: np.array(data.draw(numbers)) for name in names}
+
+
+def assert_slopes(found, function, at, step=1e-2):
+    expected, error = extrapolated_slopes(function, at, step)
+    scale = np.abs(expected).max(axis=0)
+    assume((error <= 1e-6 * scale + 1e-9).all())  # or the differences prove nothing
+    assert (np.abs(found - expected) <= 10 * error + 1e-8 * scale + 1e-9).all()
+
+
+def test_the_second_forward_model_has_every_effect_in_the_same_order():
+    assert list(second_forward.EFFECTS) == list(EFFECTS)
+
+
+@each_effect
+@given(data=st.data())
+@reproducible
+def test_the_light_is_that_of_the_second_forward_model(name, data):
+    scene = data.draw(scenes([name]))
+    model = model_of(scene)
+    # What moves is seen by a follower without roll.
+    time_s = data.draw(times) if name in MOVING else None
+    roll = 0.0 if name in MOVING else data.draw(rolls)
+    assert_light(model, data.draw(poses), roll, offsets_for(data, model), time_s)
+
+
+@given(scene=any_scenes(), pose=poses, data=st.data())
+@settings(reproducible, max_examples=200)
+def test_effects_together_give_the_light_of_the_second_forward_model(scene, pose, data):
+    model = model_of(scene)
+    assert_light(model, pose, 0.0, offsets_for(data, model), data.draw(times))
+
+
+def assert_light(model, pose, roll, offsets, time_s):
+    found = model.light(pose, roll, offsets, time_s)
+    expected = second_forward.light(model.scene.settings(), pose, roll, offsets, time_s)
+    # Of the sine of a fast flicker after a long time, and of the rim of a narrow housing, the
+    # argument's rounding is what is left.
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * expected.max())
+
+
+@each_effect
+@given(data=st.data())
+@reproducible
+def test_variance_and_limits_are_those_of_the_second_forward_model(name, data):
+    model = model_of(data.draw(scenes([name])))
+    plain = model.scene.settings()
+    light = np.array(data.draw(st.lists(st.floats(1e-3, 2e6), min_size=4, max_size=4)))
+    variance, slope = model.variance(light)
+    expected = np.array([second_forward.variance(plain, float(value)) for value in light])
+    np.testing.assert_allclose(variance, expected, rtol=1e-9)
+    growth = second_forward.noise_variance(plain, 1e6) - second_forward.noise_variance(plain, 0.0)
+    more = expected > 1e-6  # than the least there is
+    atol = 1e-15 * expected.max()
+    np.testing.assert_allclose(slope[more], growth / 1e6, rtol=1e-6, atol=atol)
+    readings = np.concatenate([light, [-3.2, 0.4, 0.6, 700.6, 2e6]])
+    expected = [second_forward.converted(plain, float(reading)) for reading in readings]
+    np.testing.assert_array_equal(model.converted(readings), expected)
+
+
+@each_effect
+@given(data=st.data())
+@reproducible
+def test_the_jacobian_is_that_of_finite_differences(name, data):
+    model = model_of(data.draw(scenes([name])))
+    pose, roll = data.draw(poses), data.draw(rolls)
+    offsets = offsets_for(data, model)
+    # Lambert's max(0, cos) has a kink where a detector turns away.
+    cosines = model.rays(np.array([pose]), np.array([roll]))[COSINE]
+    assume(np.abs(cosines).min() > 0.04)
+    values = np.array([*pose, *offsets.values()])
+
+    def light(at):
+        moved = {key: at[..., 5 + i] for i, key in enumerate(offsets)}
+        return model.light(at[..., :5], roll, moved).reshape(*at.shape[:-1], -1)
+
+    image, jacobian = model.linearised(pose, roll, offsets)
+    np.testing.assert_allclose(image, light(values), rtol=1e-12)
+    assert_slopes(jacobian, light, values)
+
+
+def dims_on_the_way(name):
+    forms = inspect.signature(EFFECTS[name].function).return_annotation
+    return Transmission in (forms, *typing.get_args(forms))
+
+
+@pytest.mark.parametrize("name", filter(dims_on_the_way, EFFECTS))
+@given(
+    data=st.data(),
+    ray=st.tuples(st.floats(0.5, 20), st.floats(1e-4, 0.5), st.floats(0.1, 0.99)),
+)
+@reproducible
+def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ray):
+    chosen = effects.check_effects({name: data.draw(settings_of(name, 5))})
+    forms = effects.plan(chosen, ARRAY, LampSettings(8.0, 900.0, 4.0))
+    for form in (form for form in forms if isinstance(form, Transmission)):
+        # The ray, and the first setting where it may be uncertain.
+        count = 4 if form.nuisance else 3
+        at = np.array([*ray, form.settings[0]])
+
+        def logarithm(values, form=form, at=at, count=count):
+            some = np.broadcast_to(at, (*values.shape[:-1], 4)).copy()
+            some[..., :count] = values
+            return np.log(form.law(*np.moveaxis(some, -1, 0), *form.settings[1:])[0])[..., None]
+
+        factor, *found = form.law(*at, *form.settings[1:])
+        assume(factor > 1e-12)  # what a housing cuts off is known to rounding only
+        assert_slopes(np.array([found[:count]]), logarithm, at[:count], 1e-3)
+
+
+def image_with_slopes(optics, lamp, slopes, nuisances):
+    """Light and its slopes, as a package's function would, so that `compiled` takes it."""
+    rays, beam = illuminate(optics, lamp, nuisances, True)
+    image = project(optics, lamp, slopes, rays, beam, True)
+    detect(optics, nuisances, image)
+    return image
+
+
+@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@each_effect
+@given(data=st.data())
+@reproducible
+def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
+    model = model_of(data.draw(scenes([name])))
+    offsets = offsets_for(data, model)
+    pose, roll = np.array(data.draw(poses)), data.draw(rolls)
+    lamp, slopes = lamp_slopes(pose, roll)
+    given_values = tuple(lamp.tolist()), slopes, np.array(list(offsets.values()))
+    plain = image_with_slopes(model.optics(tuple(offsets)), *given_values)
+    fast = compilation.compiled(image_with_slopes)
+    found = fast(model.optics(tuple(offsets), compiled=True), *given_values)
+    scale = np.abs(plain).max(axis=1, keepdims=True)
+    assert (np.abs(found - plain) <= 1e-12 * scale + 1e-300).all()

@@ -4,6 +4,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
+# The same on the long-term release, for the tests that run nodes.
+JAZZY := .venv-jazzy
+ROS_TESTS := $(wildcard test/test_*node*.py) $(addprefix test/test_, attitude.py demo.py \
+  end_to_end.py fit_compiler.py isolation.py messages.py)
 
 # rclpy logs here, so the home may be read-only.
 export ROS_LOG_DIR ?= $(CURDIR)/.venv/log
@@ -25,11 +29,12 @@ tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options
 
 # A process for each core, and in each of them one thread for algebra.
 test: export OPENBLAS_NUM_THREADS = 1
-test: $(INSTALLED)  ## check style and types, and run all tests
+test: $(INSTALLED) $(JAZZY)/installed  ## check style and types, run all tests, those of nodes on Jazzy too
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/pytest -n logical --maxprocesses 8 --dist worksteal
+	$(JAZZY)/bin/pytest -n logical --maxprocesses 8 --dist worksteal $(ROS_TESTS)
 
 format: $(INSTALLED)  ## bring the code into the house style
 	$(BIN)/ruff check --fix
@@ -42,17 +47,20 @@ peers: $(INSTALLED)  ## compare search and simulation with other libraries; opti
 	@PYTHONPATH=benchmarks $(BIN)/python -m peers $(ARGS)
 
 clean:  ## remove .venv and all that can be made again
-	rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	rm -rf .venv $(JAZZY) .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 FIT := import ensurepip, platform as p, sys; sys.exit(not ((3, 10) <= sys.version_info < (3, 15) \
   and (p.system(), p.machine()) == ("Linux", "x86_64")))
 
-$(INSTALLED): setup.py constraints.txt
+.venv/installed: constraints-kilted.txt
+$(JAZZY)/installed: constraints-jazzy.txt
+%/installed: setup.py constraints.txt
 	@$(PYTHON) -c '$(FIT)' 2>/dev/null || { echo 'This needs Python 3.10 to 3.14 with its venv' \
 	  'module on x86-64 Linux; name one with PYTHON=..., as in: make PYTHON=python3.12' >&2; exit 1; }
-	@echo 'Installing into .venv; this takes a minute, once'
-	@$(PYTHON) -m venv --clear .venv
-	@$(BIN)/pip install -qq --disable-pip-version-check -c constraints.txt pip setuptools
-	@$(BIN)/pip install -qq --no-build-isolation -c constraints.txt -e '.[ros,test]'
+	@echo 'Installing into $*; this takes a minute, once'
+	@$(PYTHON) -m venv --clear $*
+	@$*/bin/pip install -qq --disable-pip-version-check -c constraints.txt pip setuptools
+	@$*/bin/pip install -qq --no-build-isolation $(patsubst %,-c %,$(filter constraints%,$^)) \
+	  -e '.[ros,test]'
 	@touch $@

@@ -9,7 +9,7 @@ BAGS = ["rosbags>=0.10"]
 
 setup(
     name=package_name,
-    version="0.1.0",
+    version="0.2.0",
     description="One underwater vehicle follows another by light",
     author="uuv_optical_array developers",
     maintainer="uuv_optical_array developers",
@@ -61,6 +61,7 @@ setup(
             "numba",
             "pytest<9",
             "pytest-benchmark",
+            "pytest-timeout",
             "pytest-xdist",
             "ruff",
             *BAGS,

@@ -5,10 +5,17 @@ import pytest
 from scipy.optimize import least_squares, minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.least_squares.solver import ImageFit, Prior
+from uuv_optical_array.estimation.least_squares.problem import (
+    MOST_STEPS,
+    PosePrior,
+    evaluate,
+    problem_of,
+    refine,
+)
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -86,8 +93,35 @@ def drawn(scene, count, seed, roll=0.0):
     return poses, model.expose(poses, rng, roll).reshape(count, -1)
 
 
+class Fitter:
+    """Fits of a scene's images, as NumPy runs them."""
+
+    def __init__(self, scene, stds=None, pose_std=WIDE):
+        self.problem = problem_of(
+            ForwardModel(scene), PosePrior(MIDDLE, pose_std, stds or {}), False
+        )
+
+    def place(self, pose, roll=0.0):
+        """Coordinates of a pose, and offsets of 0."""
+        offsets = np.zeros(len(self.problem.mean) - 5)
+        return np.concatenate([from_pose(self.problem.frame, pose, roll), offsets])
+
+    def of(self, readings, roll):
+        return self.problem._replace(readings=np.ravel(readings).astype(float), roll=roll)
+
+    def refine(self, readings, starts, roll=0.0):
+        """Refine each start; best first."""
+        problem = self.of(readings, roll)
+        with np.errstate(all="ignore"):
+            fits = [refine(problem, self.place(start, roll), MOST_STEPS) for start in starts]
+        return sorted((fit for fit in fits if np.isfinite(fit.cost)), key=lambda fit: fit.cost)
+
+    def cost(self, readings, place, roll):
+        return evaluate(self.of(readings, roll), place).cost
+
+
 def fit_of(scene, stds=None):
-    return ImageFit(ForwardModel(scene), Prior(MIDDLE, WIDE, stds or {}))
+    return Fitter(scene, stds)
 
 
 def own_minimum(scene, readings, start, roll, stds):
@@ -116,17 +150,17 @@ def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, 
     for pose, readings in zip(*drawn(sea, 3, 11, roll), strict=True):
         best = fit.refine(readings, pose[None], roll)[0]
         with np.errstate(under="ignore"):
-            ours = cost_of(sea, readings, best.pose, roll, best.coordinates[5:], stds.values())
+            ours = cost_of(sea, readings, best.pose, roll, best.at[5:], stds.values())
             whole, cost = own_minimum(sea, readings, best.pose, roll, tuple(stds.values()))
         # A cost of 1e-3 above the minimum is a twentieth of a standard deviation.
         assert -1e-6 <= ours - cost < 2e-3
-        off = fit.chart.from_pose(whole[:5], roll) - best.coordinates[:5]
-        off = np.concatenate([off, whole[5:] - best.coordinates[5:]])
+        off = fit.place(whole[:5], roll)[:5] - best.at[:5]
+        off = np.concatenate([off, whole[5:] - best.at[5:]])
         assert off @ best.information @ off < 0.02
-        truth = np.concatenate([fit.chart.from_pose(pose, roll), np.zeros(len(stds))])
+        truth = fit.place(pose, roll)
         with np.errstate(under="ignore"):
             theirs = cost_of(sea, readings, pose, roll, np.zeros(len(stds)), stds.values())
-        _, [at_truth], _ = fit.cost(readings, truth[None], roll)
+        at_truth = fit.cost(readings, truth, roll)
         assert at_truth - best.cost == pytest.approx(theirs - ours, abs=2e-3)
 
 
@@ -144,8 +178,8 @@ def test_the_information_is_that_of_scipys_least_squares():
             xtol=1e-12,
         )
         steps = 1e-6 * np.eye(5)
-        by_pose = [fit.chart.from_pose(own.x + step, 0.0) for step in steps]
-        by_pose = (np.array(by_pose) - fit.chart.from_pose(own.x, 0.0)).T / 1e-6
+        by_pose = [fit.place(own.x + step) for step in steps]
+        by_pose = (np.array(by_pose) - fit.place(own.x)).T / 1e-6
         ours = by_pose.T @ best.information @ by_pose
         scale = 1 / np.sqrt(ours.diagonal())
         np.testing.assert_allclose(
@@ -164,13 +198,7 @@ def estimator():
 
 def same_minimum(fits):
     best = fits[0]
-    return [
-        (fit.coordinates - best.coordinates)
-        @ best.information
-        @ (fit.coordinates - best.coordinates)
-        < 0.1
-        for fit in fits
-    ]
+    return [(fit.at - best.at) @ best.information @ (fit.at - best.at) < 0.1 for fit in fits]
 
 
 def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
@@ -196,7 +224,7 @@ def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll):
         [best] = fit.refine(readings, pose[None], roll)
         starts = pose + reach * rng.choice([-1, 1], (4, 5))
         fits = fit.refine(readings, starts, roll)
-        off = np.array([fit.coordinates - best.coordinates for fit in fits])
+        off = np.array([fit.at - best.at for fit in fits])
         arrived += list(((off @ best.information) * off).sum(axis=1) < 0.1)
     assert len(arrived) == 4 * 60
     assert np.mean(arrived) > 0.95
@@ -215,9 +243,9 @@ def test_an_offset_of_the_scene_is_found_and_its_error_is_as_said(name):
         light = model.light(pose, 0.0, {name: np.array(offset)}).ravel()
         readings = np.clip(np.rint(light + rng.standard_normal(light.shape)), 0, 1023)
         best = fit.refine(readings, pose[None])[0]
-        off = best.coordinates - [*fit.chart.from_pose(pose, 0.0), offset]
+        off = best.at - [*fit.place(pose)[:5], offset]
         squares.append(off @ best.information @ off)
-        found.append(best.coordinates[5])
+        found.append(best.at[5])
         given.append(offset)
         # What is known can only become better known.
         assert np.linalg.inv(best.information)[5, 5] <= STDS[name] ** 2 * (1 + 1e-9)
@@ -233,8 +261,8 @@ def test_an_offset_under_a_narrow_prior_stays(name):
     free, bound = fit_of(sea), fit_of(sea, {name: narrow})
     for pose, readings in zip(*drawn(sea, 5, 18), strict=True):
         [known], [held] = free.refine(readings, pose[None]), bound.refine(readings, pose[None])
-        assert abs(held.coordinates[5]) < 3 * narrow
-        off = held.coordinates[:5] - known.coordinates
+        assert abs(held.at[5]) < 3 * narrow
+        off = held.at[:5] - known.at
         assert off @ known.information @ off < 1e-2
 
 
@@ -242,7 +270,7 @@ def test_the_prior_of_the_pose_holds_what_no_light_says():
     """In the dark all readings are zero, and the best pose is one that is dark enough."""
     sea = scene()
     half = 5 * np.array([2, 0.6, 0.6, *np.radians([20, 20])])
-    fit = ImageFit(ForwardModel(sea), Prior(MIDDLE, half, {}))
+    fit = Fitter(sea, pose_std=half)
     fits = fit.refine(np.zeros(25), MIDDLE + np.array([[0, 0.1, 0, 0.1, 0], [1, 0, 0.1, 0, 0.1]]))
     assert fits
     for each in fits:
@@ -256,7 +284,7 @@ def test_the_prior_of_the_pose_holds_what_no_light_says():
     ids=["dark", "full", "half", "diagonal"],
 )
 def test_any_readings_leave_fits_in_the_order_of_their_cost(readings):
-    fit = ImageFit(ForwardModel(scene()), Prior(MIDDLE, np.array([10, 3, 3, 2, 2.0]), {}))
+    fit = Fitter(scene(), pose_std=np.array([10, 3, 3, 2, 2.0]))
     starts = MIDDLE + np.random.default_rng(19).normal(0, 0.3, (4, 5))
     fits = fit.refine(np.ravel(readings), starts)
     costs = [each.cost for each in fits]

@@ -6,7 +6,9 @@ from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.likelihood import Limits, log_likelihood
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose, to_lamp
+from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine
+from uuv_optical_array.estimation.likelihood import log_likelihood
 from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -53,30 +55,39 @@ def scene(changes=(), effects=(), array=()):
 
 def chain_moments(estimator, readings, roll):
     """Mean and covariance of the pose under its prior, by brute force."""
-    fit, table = estimator._fit, estimator.table
+    table, problem = estimator.table, estimator._problem
+    frame = problem.frame
     model = ForwardModel(table.scene)
-    best = fit.refine(readings, table.poses[estimator_rows(estimator, readings)], roll)[0]
+    one = problem._replace(readings=readings, roll=roll, optics=model.optics())
+    with np.errstate(all="ignore"):
+        fits = [
+            refine(one, from_pose(frame, pose, roll), MOST_STEPS)
+            for pose in table.poses[estimator_rows(estimator, readings)]
+        ]
+    best = min(fits, key=lambda fit: fit.cost)
     factor = np.linalg.cholesky(np.linalg.inv(best.information))
-    start = best.coordinates + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
+    start = best.at + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
+
+    def poses_at(coordinates):
+        return np.stack(to_lamp(frame, np.moveaxis(coordinates, -1, 0), roll)[1], axis=-1)
 
     axes = grid_axes(table.scene.table)
     middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
     wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
 
     def log_density(coordinates):
-        poses = fit.chart.to_pose(coordinates, roll)[0]
+        poses = poses_at(coordinates)
         steps = 1e-5 * np.concatenate([np.eye(5), -np.eye(5)])[:, None]
-        there = fit.chart.to_pose(coordinates + steps, roll)[0]
+        there = poses_at(coordinates + steps)
         _, volume = np.linalg.slogdet(np.moveaxis(there[:5] - there[5:], 0, -1))
         prior = 0.5 * (((poses - middle) / wide) ** 2).sum(axis=1)
         light = model.light(poses, roll).reshape(len(poses), -1)
-        variance, slope = model.variance(light)
-        likely = log_likelihood(readings, light, variance, slope, Limits(0.0, 1023.0))[0]
+        likely = log_likelihood(readings, light, model.noise)[0].sum(axis=1)
         return likely + volume - prior
 
     with np.errstate(under="ignore"):
         samples = chains(log_density, start, STEPS, 2)
-        poses = fit.chart.to_pose(samples, roll)[0]
+        poses = poses_at(samples)
     return poses.mean(axis=0), np.cov(poses.T)
 
 

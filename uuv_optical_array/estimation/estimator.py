@@ -287,10 +287,11 @@ class Estimator:
             )
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        known = np.sqrt(found.covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
+        covariance = (found.covariance + found.covariance.T) / 2
+        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
         return Estimate(
             found.pose,
-            found.covariance,
+            covariance,
             found.angle,
             None if np.isnan(found.runner_up_misfit) else found.runner_up,
             found.runner_up_angle,

@@ -61,6 +61,7 @@ setup(
             "numba",
             "pytest<9",
             "pytest-benchmark",
+            "pytest-timeout",
             "pytest-xdist",
             "ruff",
             *BAGS,

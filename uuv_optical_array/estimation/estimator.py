@@ -197,8 +197,7 @@ class Estimator:
         self._frame = estimate_frame
         if self._compiled:
             self._frame = compilation.compiled(estimate_frame)
-            # So that no frame waits for the compiler.
-            self._frame(self._problem, self._guide, np.ones(5))
+            compilation.prepare(self._frame, self._problem, self._guide, np.ones(5))
 
     def estimate(
         self,

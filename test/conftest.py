@@ -42,6 +42,8 @@ os.environ.update(
     ROS_LOG_DIR=f"{SCRATCH.name}/log",
     XDG_CACHE_HOME=f"{SCRATCH.name}/cache",
 )
+# What is compiled is the same for every run of the same sources, and for all workers of a run.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache"))
 # A shell ignores Ctrl-C for what it starts in the background, and so would every process of a test.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -6,6 +6,8 @@ of this package that it calls, with the array helpers of `elementwise` and some 
 and SciPy replaced by what they are for numbers (`compiled_math`).
 """
 
+import contextlib
+import fcntl
 import hashlib
 import importlib
 import importlib.util
@@ -53,6 +55,20 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         Where Numba is not installed, or not for this NumPy.
     """
     return _jit(_twin(function, {}), keep=True)
+
+
+def prepare(function: Any, *arguments: Any) -> None:
+    """Call a compiled function, so that no later call with arguments of these types has to wait.
+
+    Of processes that do so at once one compiles, and the others find on disk what it left.
+    """
+    folder = cache_folder()
+    if folder is None or function.signatures:
+        function(*arguments)
+        return
+    with (folder / "turn").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        function(*arguments)
 
 
 @cache
@@ -179,10 +195,11 @@ def cache_folder() -> Path | None:
     folder = home / digest.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "used").touch()
+        os.utime(folder)
     except OSError:
         return None
-    others = sorted(home.iterdir(), key=lambda path: -path.stat().st_mtime)
-    for stale in others[KEPT:]:
-        shutil.rmtree(stale, ignore_errors=True)
+    with contextlib.suppress(OSError):  # where another process tidies up too
+        others = sorted(home.iterdir(), key=lambda path: -path.stat().st_mtime)
+        for stale in others[KEPT:]:
+            shutil.rmtree(stale, ignore_errors=True)
     return folder

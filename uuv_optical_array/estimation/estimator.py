@@ -188,7 +188,7 @@ class Estimator:
         readings = model.array.side**2
         self._guide = Guide(
             np.ascontiguousarray(units.T),
-            np.ascontiguousarray(table.poses[rows]),
+            np.array(table.poses[rows], dtype=float),
             table.vectors(np.ones(5)),
             self.settings.candidates,
             float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
@@ -197,8 +197,7 @@ class Estimator:
         self._frame = estimate_frame
         if self._compiled:
             self._frame = compilation.compiled(estimate_frame)
-            # So that no frame waits for the compiler.
-            self._frame(self._problem, self._guide, np.ones(5))
+            compilation.prepare(self._frame, self._problem, self._guide, np.ones(5))
 
     def estimate(
         self,
@@ -235,7 +234,8 @@ class Estimator:
             write = compilation.compiled(write_parameters) if self._compiled else write_parameters
             write(readings.reshape(-1, 1), *self._signature, found)
             parameters = found[:, 0]
-        parameters = np.asarray(parameters, dtype=float)
+        # A copy, as compiled code is made anew for every layout of the memory.
+        parameters = np.array(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
         if parameters.shape != (5,) or not (np.abs(parameters) < 1e100).all():
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")

@@ -222,7 +222,7 @@ def joined(one: Moments, other: Moments) -> Moments:
     covariance = (1 - share) * one.covariance + share * other.covariance
     for i in range(5):
         for j in range(5):
-            covariance[i, j] += share * (1 - share) * apart[i] * apart[j]
+            covariance[i, j] += share * (1 - share) * (apart[i] * apart[j])
     return Moments(
         largest + np.log(weight + rest),
         one.mean + share * apart,

@@ -1,0 +1,59 @@
+"""What is compiled is kept on disk: once for all processes, and not for ever."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from uuv_optical_array.core import compilation
+
+pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+
+WAIT_AND_COMPILE = """
+import sys
+from uuv_optical_array.core import compilation
+from uuv_optical_array.estimation.least_squares.coordinates import quarter_turn
+function = compilation.compiled(quarter_turn)
+print("ready", flush=True)
+sys.stdin.readline()
+compilation.prepare(function, 0.1, 0.2)
+print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
+"""
+FOLDER = "from uuv_optical_array.core import compilation; print(compilation.cache_folder())"
+
+
+def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", WAIT_AND_COMPILE]
+    processes = [subprocess.Popen(command, env=environment, **pipes) for _ in range(3)]
+    for process in processes:
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    answers = sorted(process.communicate()[0].strip() for process in processes)
+    assert answers == ["0 (0.2, -0.1)", "0 (0.2, -0.1)", "1 (0.2, -0.1)"]
+
+
+def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def folder():
+        command = [sys.executable, "-c", FOLDER]
+        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return run.stdout.strip()
+
+    own = folder()
+    assert os.path.isdir(own)
+    # Other versions were used since, the last one most recently.
+    for hours in range(6):
+        other = tmp_path / "compiled" / f"version {hours}"
+        other.mkdir()
+        os.utime(other, (time.time(), time.time() - 3600 * (6 - hours)))
+    os.utime(own, (0, 0))
+    assert folder() == own
+    kept = {path.name for path in (tmp_path / "compiled").iterdir()}
+    assert kept == {os.path.basename(own), "version 5", "version 4", "version 3"}

@@ -11,37 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
-EFFECTS: dict[str, dict[str, Any]] = {
-    "attenuation": {"k_per_m": 0.1},
-    "lamp_flicker": {"depth": 0.1, "frequency_hz": 100.0},
-    "lamp_drift": {"std": 0.05, "time_scale_s": 60.0, "seed": 4},
-    "plume": {
-        "depth": 1.0,
-        "size_m": 0.2,
-        "speed_m_per_s": 0.1,
-        "distance_m": 3.0,
-        "seed": 5,
-    },
-    "beam_spread": {"scattering_per_m": 0.2, "scattering_angle_deg": 3.0},
-    "field_of_view": {"cosine_power": 2.0},
-    "ambient": {"level_counts": 15.0},
-    "forward_scatter": {"window_m": 0.3},
-    "responsivity": {"spread": 0.008, "seed": 1},
-    "detector_faults": {"dead": [[0, 1]]},
-    "sensor_noise": {"sigma_counts": 1.0},
-    "shot_noise": {"electrons_per_count": 1000.0},
-    "photodiode": {
-        "part": "SM05PD1A",
-        "bandwidth_hz": 100.0,
-        "load_ohm": 1e6,
-        "amps_per_count": 1e-12,
-    },
-    "saturation": {"level_counts": 1023.0},
-    "adc": {"bits": 10},
-}
+SETTINGS = {name: middle_settings(name) for name in EFFECTS}
 IDEAL, WHOLE = "ideal light", "all of them"
 MILLION = 40_000  # images of 25 readings
 POSES = np.random.default_rng(1).uniform(
@@ -50,15 +25,15 @@ POSES = np.random.default_rng(1).uniform(
 
 
 def model(**chosen: Any) -> ForwardModel:
-    """Return the reference scene with these effects and no others, by NumPy."""
+    """Return the reference scene with these effects and no others."""
     settings = load_scene("reference").settings()
-    return ForwardModel(scene_from_settings({**settings, "effects": chosen}, "costs"), False)
+    return ForwardModel(scene_from_settings({**settings, "effects": chosen}, "costs"))
 
 
 def models() -> dict[str, ForwardModel]:
     """Return a model for nothing, each effect, and all."""
-    alone = {name: model(**{name: values}) for name, values in EFFECTS.items()}
-    return {IDEAL: model(), **alone, WHOLE: model(**EFFECTS)}
+    alone = {name: model(**{name: values}) for name, values in SETTINGS.items()}
+    return {IDEAL: model(), **alone, WHOLE: model(**SETTINGS)}
 
 
 def costs(poses: Any, rounds: int, number: int = 1) -> dict[str, float]:

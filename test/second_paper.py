@@ -1,6 +1,9 @@
 """A second implementation of Eren et al. (2016): x ahead, y to starboard, z down."""
 
+import functools
+
 import numpy as np
+import second_forward
 from scipy import ndimage, stats
 
 
@@ -9,21 +12,20 @@ def second_image(shape, n, at, yaw_deg, *, sigma_deg=4.5, k=0.1, centre=0.0, bit
 
     Rotation is about the point `centre` m ahead of the centre of mass.
     """
-    y, z = np.meshgrid(np.linspace(-0.2, 0.2, n), np.linspace(-0.2, 0.2, n))
-    if shape == "planar":
-        body, normal = np.stack([np.full_like(y, 0.4), y, z]), np.stack([1 + 0 * y, 0 * y, 0 * y])
-    else:
-        x = np.sqrt(0.32**2 - y**2 - z**2)
-        body, normal = np.stack([0.4 + x, y, z]), np.stack([x, y, z]) / 0.32
-    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    pivot = np.array([centre, 0, 0])[:, None, None]
-    place = np.array(at)[:, None, None] + pivot + np.einsum("ij,jkl->ikl", turn, body - pivot)
-    r = np.sqrt((place**2).sum(axis=0))
-    eta = np.arccos(np.clip(-place[0] / r, -1, 1))
-    cosine = -(np.einsum("ij,jkl->ikl", turn, normal) * place).sum(axis=0) / r
-    light = np.exp(-(eta**2) / (2 * np.radians(sigma_deg) ** 2)) * np.exp(-k * r) / r**2
-    return second_blur(light * np.maximum(cosine, 0), 0.4 / (n - 1), **blur)
+    x, y, z = at
+    x += centre * (1 - np.cos(np.radians(yaw_deg)))
+    y -= centre * np.sin(np.radians(yaw_deg))
+    light = unit_light(shape, n, float(x), float(y), float(z), float(yaw_deg), sigma_deg, k)
+    return second_blur(light, 0.4 / (n - 1), **blur)
+
+
+@functools.cache
+def unit_light(shape, n, x, y, z, yaw_deg, sigma_deg, k):
+    """Light of a lamp of unit power, by the second forward model: y to port, z up."""
+    array = {"shape": shape, "detectors_per_side": n, "width_m": 0.4, "bow_m": 0.4}
+    scene = {"lamp": {"beam_sigma_deg": sigma_deg}, "array": {**array, "radius_m": 0.32}}
+    pose = (x, -y, -z, 0.0, -np.radians(yaw_deg))
+    return second_forward.image_of(scene, 1.0, {"attenuation": {"k_per_m": k}}, pose)
 
 
 def second_blur(image, spacing, window=0.2, samples=None, mode="reflect"):

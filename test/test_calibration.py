@@ -1,9 +1,11 @@
 """Calibration: beside a second implementation, its standard errors, and what it cannot know."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
+import second_forward
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
@@ -96,28 +98,24 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     images = ForwardModel(scene).expose(poses, rng, rolls)
     found = calibrate(start, images, poses, rolls)
 
-    offsets = np.linspace(0.2, -0.2, 5)
-    z, y = (grid.ravel() for grid in np.meshgrid(offsets, offsets, indexing="ij"))
-    normals = np.stack([np.sqrt(0.32**2 - y**2 - z**2), y, z], axis=1)
-    places = normals + np.array([0.4, 0, 0])
-    normals = normals / 0.32
     readings = images.reshape(60, 25)
-    turns = []
-    for (_, _, _, pitch, yaw), roll in zip(poses, rolls, strict=True):
-        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-        cy, sy = np.cos(yaw), np.sin(yaw)
-        about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-        about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-        turns.append(np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]) @ about_y @ about_x)
-    there = np.einsum("mij,nj->mni", turns, places) + poses[:, None, :3]
-    looks = np.einsum("mij,nj->mni", turns, normals)
+    array = start.settings()["array"]
+    rays = [second_forward.rays(array, pose, roll) for pose, roll in zip(poses, rolls, strict=True)]
+
+    @functools.cache
+    def unit_light(sigma_deg, k):
+        return np.array(
+            [
+                [
+                    second_forward.ideal(ray, sigma_deg) * second_forward.attenuation(ray, None, k)
+                    for ray in image
+                ]
+                for image in rays
+            ]
+        )
 
     def light(power, sigma_deg, k, background, gains):
-        far = np.sqrt((there**2).sum(axis=-1))
-        angle = np.arccos(-there[..., 0] / far)
-        beam = np.exp(-0.5 * (angle / np.radians(sigma_deg)) ** 2)
-        facing = np.maximum(-(looks * there).sum(axis=-1) / far, 0)
-        return gains * (power / far**2 * beam * np.exp(-k * far) * facing + background)
+        return gains * (power * unit_light(float(sigma_deg), float(k)) + background)
 
     def residuals(x):
         gains = np.exp(x[4:] - x[4:].mean())

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import second_forward
 from designs import CURVED, PLANAR, SMALL, scene_with
 from hypothesis import given
 from hypothesis import strategies as st
@@ -150,7 +151,10 @@ def test_the_gain_is_turned_down_where_the_array_would_read_more(name, sigma_deg
         ForwardModel(ranged).light(pose), gain * ForwardModel(fixed).light(pose), rtol=1e-12
     )
     models = ForwardModel(fixed), ForwardModel(ranged)
-    noise = [sum(step(model.light(pose))[0] for step in model.plan.noise) for model in models]
+    noise = []
+    for model in models:
+        settings, light = model.scene.settings(), model.light(pose).ravel()
+        noise.append(np.array([second_forward.noise_variance(settings, each) for each in light]))
     before_gain = {"shot_noise", "photodiode"} & set(base.effects)
     behind_gain = {"sensor_noise"} & set(base.effects)
     if before_gain and not behind_gain:

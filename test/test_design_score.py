@@ -1,13 +1,12 @@
 """What a design is worth, against implementations of its own."""
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
 import pytest
+import second_forward
 from designs import CURVED, PLANAR, rng, scene_with
-from scipy.spatial.transform import Rotation
 from scipy.stats import skew
 
 from uuv_optical_array.forward.model import ForwardModel
@@ -17,32 +16,21 @@ from uuv_optical_array.studies.design.score import score, signature_noise_deg
 from uuv_optical_array.studies.shared.working_volume import HIGH, LOW, uniform_poses
 
 
-def own_light(design, bow_m, power, k_per_m, pose):
-    """Light on each detector, from the formulas and with SciPy's rotations."""
-    side, half = design.detectors_per_side, design.width_m / 2
-    attitude = Rotation.from_euler("ZY", [pose[4], pose[3]])
-    image = np.empty((side, side))
-    for row, column in itertools.product(range(side), repeat=2):
-        y, z = half - column * design.width_m / (side - 1), half - row * design.width_m / (side - 1)
-        if design.radius_m is None:
-            place, normal = [bow_m, y, z], [1, 0, 0]
-        else:
-            x = math.sqrt(design.radius_m**2 - y * y - z * z)
-            place, normal = [bow_m + x, y, z], np.array([x, y, z]) / design.radius_m
-        at = pose[:3] + attitude.apply(place)
-        r = np.linalg.norm(at)
-        eta = math.acos(-at[0] / r)
-        cosine = max(0.0, attitude.apply(normal) @ -at / r)
-        sigma = math.radians(design.beam_sigma_deg)
-        beam = math.exp(-(eta**2) / (2 * sigma**2))
-        image[row, column] = power / r**2 * beam * cosine * math.exp(-k_per_m * r)
-    return image
-
-
-def own_power(design, bow_m, k_per_m, reference_counts):
-    """Power for a reading at 4 m."""
-    aligned = np.array([-4.0, 0, 0, 0, 0])
-    return reference_counts / own_light(design, bow_m, 1.0, k_per_m, aligned).max()
+def own_scene(design, k_per_m, reference_counts=1.0):
+    """The scene of a design, as the second forward model takes it."""
+    array = {
+        "shape": "planar" if design.radius_m is None else "curved",
+        "detectors_per_side": design.detectors_per_side,
+        "width_m": design.width_m,
+        "bow_m": 0.72 - (design.radius_m or 0.0),
+        "radius_m": design.radius_m,
+    }
+    lamp = {
+        "beam_sigma_deg": design.beam_sigma_deg,
+        "reference_counts": reference_counts,
+        "reference_range_m": 4.0,
+    }
+    return {"lamp": lamp, "array": array, "effects": {"attenuation": {"k_per_m": k_per_m}}}
 
 
 @pytest.mark.parametrize("design", [PLANAR, CURVED])
@@ -55,19 +43,18 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
     found = score(designed(scene, design, "counts"), poses, rng())
-    bow_m = 0.72 - (design.radius_m or 0.0)
-    power = own_power(design, bow_m, 0.15, 150.0)
+    own = own_scene(design, 0.15, 150.0)
     alone, known, lit = [], [], []
     for pose in poses:
         slopes = []
         for i in range(5):
             move = np.zeros(5)
             move[i] = 1e-5
-            up, down = (own_light(design, bow_m, power, 0.15, pose + s * move) for s in (1, -1))
+            up, down = (second_forward.light(own, pose + s * move) for s in (1, -1))
             slopes.append((up - down).ravel() / 2e-5)
         information = np.array(slopes) @ np.array(slopes).T / 2.0**2
         spread = np.diag(1 / np.array([4.0, 1.8, 1.8, *np.radians([40.0, 40.0])]) ** 2 * 12)
-        lit.append(own_light(design, bow_m, power, 0.15, pose).max() > 20)
+        lit.append(second_forward.light(own, pose).max() > 20)
         known.append(np.linalg.inv(information + spread).diagonal())
         alone.append(np.linalg.inv(information).diagonal())
     known, alone = np.array(known), np.array(alone)[np.array(lit)]
@@ -97,13 +84,10 @@ def test_the_angles_are_those_of_an_implementation_of_its_own(design):
     del effects["forward_scatter"], effects["adc"]
     scene = dataclasses.replace(scene, effects=effects)
     found = score(designed(scene, design, "counts"), uniform_poses(2, rng()), rng())
-    bow_m = 0.72 - (design.radius_m or 0.0)
+    own = own_scene(design, 0.1)
 
     def angles(range_m, *moved):
-        images = [
-            own_light(design, bow_m, 1.0, 0.1, np.array([-range_m, *rest]))
-            for rest in ((0, 0, 0, 0), *moved)
-        ]
+        images = [second_forward.light(own, (-range_m, *rest)) for rest in ((0, 0, 0, 0), *moved)]
         first, *others = (own_signature(image, images[0].max()) for image in images)
         return [
             math.degrees(math.acos(first @ v / math.sqrt((first @ first) * (v @ v))))

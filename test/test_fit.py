@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import second_forward
 from scipy.optimize import least_squares, minimize
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 
@@ -42,28 +42,11 @@ def scene(counts=900.0, ambient=None, prior=None, number=5):
 
 
 def light_of(scene, pose, roll=0.0, power=0.0, k=0.0, ambient=0.0):
-    """The forward model written a second time; the last three are offsets of the scene's."""
-    settings = scene.array
-    across = np.linspace(0.2, -0.2, settings.detectors_per_side)
-    z, y = np.meshgrid(across, across, indexing="ij")
-    normals = np.stack([np.sqrt(0.32**2 - y**2 - z**2), y, z], axis=-1) / 0.32
-    bodies = 0.32 * normals + [0.4, 0, 0]
-    k = k + scene.effects["attenuation"]["k_per_m"]
-    sigma = np.radians(scene.lamp.beam_sigma_deg)
-    level = scene.effects.get("ambient", {"level_counts": 0.0})["level_counts"] + ambient
-
-    def seen(position, turn, k):
-        places = turn.apply(bodies.reshape(-1, 3)) + position
-        looks = turn.apply(normals.reshape(-1, 3))
-        ranges = np.linalg.norm(places, axis=1)
-        off_axis = np.arctan2(np.linalg.norm(places[:, 1:], axis=1), -places[:, 0])
-        lambert = np.maximum(-(looks * places).sum(axis=1) / ranges, 0)
-        return np.exp(-(off_axis**2) / (2 * sigma**2) - k * ranges) / ranges**2 * lambert
-
-    aligned = seen([-4.0, 0, 0], Rotation.identity(), scene.effects["attenuation"]["k_per_m"])
-    strength = scene.lamp.reference_counts / aligned.max()
-    turn = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
-    return strength * np.exp(power) * seen(pose[:3], turn, k) + level
+    """The second forward model's light; the last three are offsets of the scene's."""
+    offsets = {"lamp.power": power, "attenuation.k_per_m": k}
+    if "ambient" in scene.effects:
+        offsets["ambient.level_counts"] = ambient
+    return second_forward.light(scene.settings(), pose, roll, offsets).ravel()
 
 
 def cost_of(scene, readings, pose, roll=0.0, nuisances=(), stds=()):

@@ -7,10 +7,11 @@ import shutil
 
 import numpy as np
 import pytest
+import second_forward
 import yaml
 from test_features import slow_key_parameters
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core import compilation, files
 from uuv_optical_array.estimation.table import signature_table as table_module
 from uuv_optical_array.estimation.table.signature_table import (
     build_table,
@@ -18,6 +19,7 @@ from uuv_optical_array.estimation.table.signature_table import (
     grid_axes,
     load_table,
     save_table,
+    signatures,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -133,6 +135,52 @@ def test_a_block_of_dark_poses_is_left_out_as_a_whole(monkeypatch):
     whole = build_table(scene)
     monkeypatch.setattr(table_module, "BLOCK_POSES", 4)
     assert_equal_tables(build_table(scene), whole)
+
+
+numba = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+both = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=numba)], ids=str)
+WATER = {
+    "attenuation": {"k_per_m": 0.2},
+    "ambient": {"level_counts": 30.0},
+    "forward_scatter": {"window_m": 0.25},
+    "responsivity": {"spread": 0.1, "seed": 3},
+    "saturation": {"level_counts": 300.0},
+    "adc": {"bits": 10},
+}
+
+
+@both
+@pytest.mark.parametrize("effects", [{"attenuation": {"k_per_m": 0.1}}, WATER], ids=len)
+def test_poses_count_from_the_threshold_of_light_on(compiled, effects):
+    settings = load_scene("reference").settings()
+    scene = scene_from_settings({**settings, "effects": effects}, "test")
+    model, rng = ForwardModel(scene), np.random.default_rng(6)
+    # More than fill whole tiles of the compiled loop.
+    poses = rng.uniform([-9, -1, -1, -0.5, -0.5], [-4, 1, 1, 0.5, 0.5], (333, 5))
+    plain, power = scene.settings(), second_forward.power_of(scene.settings())
+    light = np.array([second_forward.light(plain, pose, power=power) for pose in poses])
+    images = np.minimum(light, effects.get("saturation", {}).get("level_counts", np.inf))
+    peaks = images.max(axis=(1, 2))
+    middle = np.sort(peaks)[150:152].mean()
+    assert ((middle / 1.5 < peaks) & (peaks < middle)).sum() > 5
+    lit, found = signatures(model, poses, middle, compiled)
+    np.testing.assert_array_equal(lit, peaks > middle)
+    expected = [
+        slow_key_parameters(image, scene.full_scale_counts, "subdetector") for image in images[lit]
+    ]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_a_pose_at_the_threshold_counts_and_the_threshold_is_a_count_unless_given():
+    scene = scene_with("lamp", reference_counts=3.0)
+    model = ForwardModel(scene)
+    poses = build_table(scene, min_peak_counts=1e-9).poses
+    peaks = model.expected(poses).max(axis=(1, 2))
+    assert ((peaks > 0.5) & (peaks < 1)).sum() > 5
+    assert ((peaks > 1) & (peaks < 2)).sum() > 5
+    np.testing.assert_array_equal(build_table(scene).poses, poses[peaks >= 1])
+    lit, _ = signatures(model, poses, peaks[7])
+    np.testing.assert_array_equal(lit, peaks >= peaks[7])
 
 
 def test_a_grid_without_any_light_is_refused():

@@ -1,3 +1,4 @@
+import contextlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -5,11 +6,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tracks import Textbook
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import (
+    LEADER_STD,
+    LEADER_WALK,
+    OWN_WALK,
+    FormationController,
+    FormationSettings,
+)
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all
+from uuv_optical_array.estimation.tracker import Outlier
 
 STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 TICK_S = 0.05
@@ -84,7 +93,8 @@ def follow(
         if tick >= latency_ticks:
             stamp, seen = images[tick - latency_ticks]
             if seen is not None:
-                controller.update(stamp, seen, published)
+                with contextlib.suppress(Outlier):  # as the node does
+                    controller.update(stamp, seen, published)
         linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
         errors.append(pose - STATION)
         commands.append([*linear, *angular])
@@ -294,6 +304,25 @@ def test_poses_of_a_clock_that_is_set_back_are_taken_at_once() -> None:
     assert command_at(controller, -99.0)[0] < cruise[0]
 
 
+def test_clock_that_is_set_back_in_the_dark_does_not_bring_the_old_speed_back() -> None:
+    controller, stamp, cruise = under_way()
+    slowed = command_at(controller, stamp + 1.0 + 2.0)
+    assert slowed == pytest.approx(0.5 * cruise, abs=1e-9)
+    for back in (0.5, 0.95):
+        assert command_at(controller, stamp + back) == pytest.approx(slowed, abs=1e-12)
+    for dark in (0.5, 2.0, 4.0):
+        command = command_at(controller, stamp + 1.0 + dark)
+        assert command == pytest.approx(slowed * (1 - dark / 4.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("gap", [1.001, 60.0])
+def test_a_pose_after_a_gap_begins_anew_though_no_command_came_between(gap: float) -> None:
+    controller, stamp, _ = under_way()
+    controller.update(stamp + gap, off_station([9.0, 0, 0, 0, 0]), PUBLISHED)
+    with pytest.raises(Outlier):
+        controller.update(stamp + gap + 0.1, STATION, PUBLISHED)
+
+
 def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> None:
     controller, _, _ = under_way()
     assert (command_at(controller, -100.0) == 0).all()
@@ -308,6 +337,39 @@ def test_a_command_is_the_callers_to_change() -> None:
     for part in controller.command(stamp + 1.0) or ():
         part[:] = 99.0
     assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
+
+
+def test_an_outlier_is_told_and_steers_nothing() -> None:
+    controller, stamp, _ = under_way()
+    without, _, _ = under_way()
+    for later in (0.5, 0.6):
+        with pytest.raises(Outlier, match=r"^outlier: .* standard deviations off, more than 5\.07"):
+            controller.update(stamp + later, off_station([4.0, 0, 0, 0, 0]), PUBLISHED)
+    # It has been taken all the same, so its stamp is not to come again.
+    with pytest.raises(ValueError, match=rf"is not after {stamp + 0.6:.3f} s"):
+        controller.update(stamp + 0.6, STATION, PUBLISHED)
+    for now in (stamp + 1.0, stamp + 1.2, stamp + 3.0):
+        assert command_at(controller, now) == pytest.approx(command_at(without, now), abs=1e-12)
+
+
+def test_outliers_that_agree_are_the_leader() -> None:
+    controller, refused = FormationController(FormationSettings()), []
+    for tick in range(70):
+        now, error = tick * 0.1, -1.0 if tick < 30 else 4.0
+        try:
+            controller.update(now, off_station([error, 0, 0, 0, 0]), PUBLISHED)
+        except Outlier:
+            refused.append(tick)
+        surge = command_at(controller, now)[0]
+        assert surge >= 0 or tick >= 34
+    assert refused == [30, 31, 32, 33]
+    assert surge < 0
+
+
+def test_a_gate_of_one_takes_every_pose() -> None:
+    controller = FormationController(FormationSettings(gate_probability=1.0))
+    for tick in range(10):
+        controller.update(0.1 * tick, off_station([4.0 * (tick % 2), 0, 0, 0, 0]), PUBLISHED)
 
 
 @pytest.mark.parametrize("back", [0.0, 0.05, 0.9])
@@ -338,6 +400,16 @@ def test_pose_of_another_shape_is_refused(pose: object) -> None:
         FormationController(FormationSettings()).update(0.0, pose, PUBLISHED)  # type: ignore[arg-type]
 
 
+def test_a_pause_between_commands_allows_no_leap() -> None:
+    controller = FormationController(FormationSettings())
+    controller.update(0.0, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED)
+    command_at(controller, 0.0)
+    for tick in range(1, 101):
+        controller.update(0.1 * tick, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED)
+    # For the light's timeout of 1 s, not for the 10 s of the pause.
+    assert command_at(controller, 10.0)[0] == pytest.approx(0.2 * 1.0)
+
+
 @given(
     poses=st.lists(
         st.tuples(
@@ -357,11 +429,97 @@ def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float
     hardest = np.array([0.2, 0.2, 0.2, 0, *np.radians([3, 3])])
     for *pose, step in poses:
         now += step
-        controller.update(now, pose, PUBLISHED)
+        with contextlib.suppress(Outlier):
+            controller.update(now, pose, PUBLISHED)
         command = command_at(controller, now)
         assert (np.abs(command) <= fastest + 1e-12).all()
         assert (np.abs(command - before) <= hardest * step + 1e-9).all()
         before = command
+
+
+@pytest.mark.parametrize("stand_off_m", [6.0, 3.0])
+def test_each_command_is_that_of_a_textbook_filter_and_the_law(stand_off_m: float) -> None:
+    # No two alike that could stand for each other.
+    s = FormationSettings(
+        stand_off_m=stand_off_m,
+        position_gain_per_s=0.5,
+        attitude_gain_per_s=0.3,
+        smoothing_s=0.6,
+        gate_probability=1.0,
+    )
+    rng, spread = np.random.default_rng(6), np.linalg.cholesky(PUBLISHED)
+    # The station is carried by the leader's turns: v + w x r, a column for each turn.
+    station = np.array([-stand_off_m, 0, 0, 0, 0])
+    carry = np.eye(5)
+    carry[:3, 3] = np.cross([0, 1, 0], station[:3])
+    carry[:3, 4] = np.cross([0, 0, 1], station[:3])
+    start, walk = (carry @ np.diag(std**2) @ carry.T for std in (LEADER_STD, LEADER_WALK))
+    controller, commands, rate, filtered = FormationController(s), [], np.zeros(5), None
+    turns = np.radians([s.max_turn_deg_per_s] * 2 + [s.max_acceleration_deg_per_s2] * 2)
+    fastest = np.array([s.max_surge_m_per_s, *[s.max_sway_m_per_s] * 2, *turns[:2]])
+    hardest = np.array([*[s.max_acceleration_m_per_s2] * 3, *turns[2:]])
+    gains = np.array([s.position_gain_per_s] * 3 + [s.attitude_gain_per_s] * 2)
+    now = before = 0
+    while now < 10e9:
+        now += int(rng.uniform(20e6, 150e6))
+        stamp = now - 40_000_000
+        pose = station + [0.8, -0.4, 0.3, 0.15, -0.2] + spread @ rng.standard_normal(5)
+        if rng.random() < 0.7 and (filtered is None or stamp > filtered.stamp):
+            controller.update(stamp * 1e-9, pose, PUBLISHED)
+            if filtered is None:
+                frame = (stamp, pose, PUBLISHED)
+                filtered = Textbook(frame, start, walk, np.diag(OWN_WALK**2), commands)
+            else:
+                filtered.take(stamp, pose, PUBLISHED)
+        if filtered is None:
+            continue
+        mean, _ = filtered.ahead(now)
+        wanted = -mean[5:] + gains * (station - mean[:5])
+        wanted[:3] = Rotation.from_euler("ZYX", [mean[4], mean[3], 0]).inv().apply(wanted[:3])
+        wanted = np.clip(wanted, -fastest, fastest)
+        elapsed = (now - before) * 1e-9 if before else 0.0
+        change = (wanted - rate) * min(elapsed / s.smoothing_s, 1.0)
+        rate = rate + np.clip(change, -hardest * elapsed, hardest * elapsed)
+        command = command_at(controller, now * 1e-9)
+        assert command == pytest.approx([*rate[:3], 0, *rate[3:]], rel=1e-7, abs=1e-9)
+        commands.append((now, rate))
+        before = now
+    assert (np.abs(rate) > 0.01).all()
+
+
+def test_a_new_station_keeps_what_was_learnt_of_the_leader() -> None:
+    controller = FormationController(FormationSettings())
+    # A pose that stays while the follower moves means a leader that moves along.
+    for tick in range(300):
+        controller.update(tick * 0.1, off_station([-0.5, 0, 0, 0, 0]), PUBLISHED)
+        before = command_at(controller, tick * 0.1)
+    assert before[0] == pytest.approx(1.0)
+    controller.configure(FormationSettings(stand_off_m=6.5, max_acceleration_m_per_s2=5.0))
+    controller.update(30.0, off_station([-0.5, 0, 0, 0, 0]), PUBLISHED)
+    # On station now, it goes on with the leader.
+    for tick in range(20):
+        command = command_at(controller, 30.0 + 0.01 * tick)
+        assert command[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_pose_of_the_near_future_is_taken_for_the_present() -> None:
+    ahead, present = (
+        FormationController(FormationSettings()),
+        FormationController(FormationSettings()),
+    )
+    ahead.update(0.3, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED)
+    present.update(0.0, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED)
+    for now in (0.0, 0.05):
+        # Nothing has moved up to the first command.
+        assert command_at(ahead, now) == pytest.approx(command_at(present, now), abs=1e-12)
+
+
+@pytest.mark.parametrize("now", [np.nan, np.inf])
+def test_a_present_that_is_not_finite_is_refused(now: float) -> None:
+    controller, stamp, cruise = under_way()
+    with pytest.raises(ValueError, match=rf"now_s is {now:g}, not finite"):
+        controller.command(now)
+    assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 
 def test_declared_defaults_pass_their_own_checks() -> None:

@@ -112,6 +112,10 @@ def not_finite(message):
     message.pose.pose.position.y = np.nan
 
 
+def far_off(message):
+    message.pose.pose.position.x = 40.0
+
+
 def not_unit(message):
     message.pose.pose.orientation.w = 3.0
 
@@ -121,9 +125,10 @@ def not_unit(message):
     [
         (not_finite, ("not finite", "nan")),
         (not_unit, ("bad attitude", "length")),
+        (far_off, ("outlier", "standard deviations off")),
         (lambda message: setattr(message.header, "stamp", time_of(START)), ("100.0", "not after")),
     ],
-    ids=["not finite", "not unit", "repeated stamp"],
+    ids=["not finite", "not unit", "outlier", "repeated stamp"],
 )
 def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     controller = FormationController(FormationSettings())

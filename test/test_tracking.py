@@ -73,6 +73,7 @@ def test_the_track_is_the_least_squares_solution_over_all_frames(seed):
     np.testing.assert_allclose(track.pose, state[:5], rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(track.rate, state[5:], rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(track.covariance, covariance[:5, :5], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(track.joint_covariance, covariance, rtol=1e-7, atol=1e-9)
     assert (track.stamp_ns, track.frames) == (frames[0][-1], 12)
 
 
@@ -82,8 +83,9 @@ def test_the_common_share_of_the_variance_is_not_averaged_but_added():
     track = fed(Tracker(options), *zip(stamps, poses, noises, strict=True))
     state, covariance = least_squares(stamps, poses, 0.7 * noises, options)
     np.testing.assert_allclose(track.pose, state[:5], rtol=1e-7, atol=1e-8)
-    expected = covariance[:5, :5] + 0.3 * noises[-1]
-    np.testing.assert_allclose(track.covariance, expected, rtol=1e-7, atol=1e-9)
+    covariance[:5, :5] += 0.3 * noises[-1]
+    np.testing.assert_allclose(track.covariance, covariance[:5, :5], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(track.joint_covariance, covariance, rtol=1e-7, atol=1e-9)
 
 
 def test_the_distance_is_mahalanobis_from_what_the_frames_before_predict():

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.tracker import TrackerSettings
@@ -23,16 +24,69 @@ OPEN = TrackerSettings(gate_probability=1.0, common_share=0.0)
 GATE = math.sqrt(chi2.ppf(TrackerSettings().gate_probability, 5))
 
 
-def motion(step_s, options):
-    """Return transition and noise covariance of one step, by Van Loan's matrix exponential."""
-    walk = np.repeat(
-        [options.velocity_walk_m_per_s, math.radians(options.turn_walk_deg_per_s)], [3, 2]
-    )
+def van_loan(step_s, rate_walk, pose_walk=None):
+    """Return transition and noise covariance of one step, by Van Loan's matrix exponential.
+
+    The walks are covariances of what rate and pose gather in 1 s.
+    """
     drift = np.eye(10, k=5)
-    diffusion = np.diag([*np.zeros(5), *walk**2])
+    diffusion = np.zeros((10, 10))
+    diffusion[:5, :5] = 0.0 if pose_walk is None else pose_walk
+    diffusion[5:, 5:] = rate_walk
     both = expm(step_s * np.block([[-drift, diffusion], [np.zeros((10, 10)), drift.T]]))
     transition = both[10:, 10:].T
     return transition, transition @ both[:10, 10:]
+
+
+def motion(step_s, options):
+    """Return transition and noise covariance of one step with the settings' own motion."""
+    walk = np.repeat(
+        [options.velocity_walk_m_per_s, math.radians(options.turn_walk_deg_per_s)], [3, 2]
+    )
+    return van_loan(step_s, np.diag(walk**2))
+
+
+def turned(pose, twist):
+    """Return a twist in the follower's frame as the rate of its pose, by SciPy's rotations."""
+    attitude = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0])
+    return np.array([*attitude.apply(twist[:3]), *twist[3:]])
+
+
+class Textbook:
+    """The filter in covariance form, as textbooks have it, for frames in order.
+
+    Commands are pairs of stamp and twist in order; each holds from its stamp to the next.
+    """
+
+    def __init__(self, first, start, rate_walk, pose_walk, commands=()):
+        self.stamp, pose, noise = first
+        self.mean = np.concatenate([pose, np.zeros(5)])
+        self.covariance = np.zeros((10, 10))
+        self.covariance[:5, :5], self.covariance[5:, 5:] = noise, start
+        self.walks, self.commands = (rate_walk, pose_walk), commands
+
+    def ahead(self, stamp):
+        """Return the mean and covariance at a later stamp."""
+        transition, noise = van_loan((stamp - self.stamp) * 1e-9, *self.walks)
+        mean = transition @ self.mean
+        ends = [later for later, _ in self.commands[1:]] + [math.inf]
+        for (since, twist), until in zip(self.commands, ends, strict=False):
+            held_s = (min(until, stamp) - max(since, self.stamp)) * 1e-9
+            if held_s > 0:
+                mean[:5] += turned(self.mean, twist) * held_s
+        return mean, transition @ self.covariance @ transition.T + noise
+
+    def take(self, stamp, pose, noise):
+        """Correct by a frame."""
+        mean, covariance = self.ahead(stamp)
+        gain = covariance[:, :5] @ np.linalg.inv(covariance[:5, :5] + noise)
+        self.stamp, self.mean = stamp, mean + gain @ (pose - mean[:5])
+        self.covariance = covariance - gain @ covariance[:5]
+
+    def rate(self, mean, stamp):
+        """Return the whole rate of a pose, the command that holds then included."""
+        held = [twist for since, twist in self.commands if since <= stamp]
+        return mean[5:] + (turned(mean, held[-1]) if held else 0.0)
 
 
 def whitened(covariance, matrix):

@@ -1,29 +1,35 @@
 """The control law that keeps a follower on station behind the leader.
 
-A Kalman filter estimates the relative pose and the leader's twist, a random walk, from the noisy
-poses and the follower's commanded motion (Bar-Shalom, Li and Kirubarajan, *Estimation with
-Applications to Tracking and Navigation*, 2001, ch. 6). The command is the leader's twist carried
-to the station, so nothing lags at a steady speed or turn, plus a correction proportional to the
-error. There is no integral to wind up: the filter is told the command as it was limited.
+A tracker that is told each command as it was limited estimates the relative pose and its rate. The
+command is changed by the rate that is missing: one proportional to the error, less the present
+one. So nothing lags at a steady speed or turn of the leader, and there is no integral to wind up.
 
 A lateral offset and a turn of the follower move the light across the array alike, so one image
 hardly tells them apart: the errors of y and yaw, and of z and pitch, are all but proportional.
 The covariance says so, and the motion from image to image decides.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import DOF_NAMES, PITCH, YAW, Array, Y, Z, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, Y, Z, rotation_matrix
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.motion import RandomMotion
+from uuv_optical_array.estimation.tracker import (
+    GateProbability,
+    StampRefused,
+    Tracker,
+    TrackerSettings,
+)
 
 # Random walk of the leader's twist per root second: a vehicle turns and speeds up, hardly drifts.
 LEADER_WALK = np.array([0.02, 0.008, 0.008, 0.012, 0.012])  # m/s, rad/s
 # What the command does not say about the follower's own motion, per root second.
-OWN_WALK = np.array([0.02, 0.02, 0.02, 0.005, 0.005])  # m, rad
+OWN_WALK = np.array([0.02, 0.012, 0.012, 0.003, 0.003])  # m, rad
 # Twist of a leader of which nothing is known yet.
 LEADER_STD = np.array([0.5, 0.1, 0.1, 0.03, 0.03])  # m/s, rad/s
 
@@ -53,6 +59,7 @@ class FormationSettings:
         float, Quantity("without a pose for longer, the light is lost", "s", 0.1, 60)
     ] = 1.0
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
+    gate_probability: GateProbability = TrackerSettings.gate_probability
 
 
 class FormationController:
@@ -65,12 +72,12 @@ class FormationController:
     """
 
     def __init__(self, settings: FormationSettings) -> None:
-        self._state: Array | None = None  # pose and leader's twist, shape (10,)
-        self._covariance: Array = np.zeros((10, 10))
-        self._stamp_s = -np.inf
+        self._tracker = Tracker(TrackerSettings())
+        self._seen_ns: int | None = None  # stamp of the newest pose taken
+        self._lit = False  # whether there is a track to steer by
+        self._commanded_ns: int | None = None
         self._rate: Array = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
         self._cruise: Array = np.zeros(5)  # the last rate commanded in the light
-        self._commanded_s: float | None = None
         self.configure(settings)
 
     def configure(self, settings: FormationSettings) -> None:
@@ -83,10 +90,16 @@ class FormationController:
             [s.max_surge_m_per_s, s.max_sway_m_per_s, s.max_sway_m_per_s, turn, turn]
         )
         self._max_slew = np.repeat([s.max_acceleration_m_per_s2, turn_acceleration], [3, 2])
-        # Velocity of the station point, and its turn, from the leader's twist: v + w x station.
-        self._carry = np.eye(5)
-        self._carry[Y, YAW] = -s.stand_off_m
-        self._carry[Z, PITCH] = s.stand_off_m
+        # Poses come in order, and no covariance is published that a common error would widen.
+        self._tracker.configure(
+            TrackerSettings(
+                common_share=0.0,
+                gate_probability=s.gate_probability,
+                reset_after_s=s.light_timeout_s,
+                buffer_s=0.0,
+            ),
+            _leader_motion(s.stand_off_m),
+        )
 
     def update(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
         """Take a relative pose.
@@ -103,38 +116,20 @@ class FormationController:
 
         Raises
         ------
+        Outlier
+            For a pose beyond the gate, which steers nothing unless others confirm it.
         ValueError
             For a pose or stamp that is not finite, a covariance that is not positive definite,
             or a stamp that does not advance; the controller is left as it was.
         """
-        pose = np.asarray(pose, dtype=float)
-        if pose.shape != (5,):
-            raise ValueError(f"pose has shape {pose.shape}; give (x, y, z, pitch, yaw)")
-        for name, value in zip(("stamp", *DOF_NAMES), (stamp_s, *pose), strict=True):
-            if not np.isfinite(value):
-                raise ValueError(f"pose: {name} is {value:g}, not finite")
-        noise = np.asarray(covariance, dtype=float)
-        if noise.shape != (5, 5) or not (np.linalg.eigvalsh(noise) > 0).all():
-            raise ValueError("pose: its covariance is not positive definite")
-        step_s = stamp_s - self._stamp_s
-        if self._state is None or abs(step_s) > self._settings.light_timeout_s:
-            self._state = np.concatenate([pose, np.zeros(5)])
-            self._covariance[:] = 0.0
-            self._covariance[:5, :5] = noise
-            self._covariance[5:, 5:] = np.diag(LEADER_STD**2)
+        try:
+            track = self._tracker.update(_nanoseconds("pose: stamp", stamp_s), pose, covariance)
+        except StampRefused as reason:
+            newest_s = reason.newest_ns * 1e-9
+            raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s") from None
+        if track.frames == 1:
             self._cruise = self._rate
-        elif step_s <= 0:
-            raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {self._stamp_s:.3f} s")
-        else:
-            transition = np.eye(10)
-            transition[:5, 5:] = -self._carry * step_s
-            state = self._ahead(self._state, step_s)
-            prior = transition @ self._covariance @ transition.T
-            prior += np.diag(np.concatenate([OWN_WALK, LEADER_WALK]) ** 2 * step_s)
-            gain = np.linalg.solve(prior[:5, :5] + noise, prior[:5]).T
-            self._state = state + gain @ (pose - state[:5])
-            self._covariance = prior - gain @ prior[:5]
-        self._stamp_s = stamp_s
+        self._seen_ns, self._lit = track.stamp_ns, True
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command.
@@ -150,32 +145,49 @@ class FormationController:
             Linear (m/s) and angular (rad/s) velocity in the follower's frame, shape ``(3,)``
             each; ``None`` before the first pose. When the light is lost it falls linearly to
             zero within ``stop_time_s``.
+
+        Raises
+        ------
+        ValueError
+            For a present that is not finite.
         """
-        if np.isneginf(self._stamp_s):
+        if self._seen_ns is None:
             return None
-        s = self._settings
-        elapsed_s = 0.0 if self._commanded_s is None else now_s - self._commanded_s
-        self._commanded_s = now_s
-        age_s = now_s - self._stamp_s
+        s, now_ns = self._settings, _nanoseconds("now_s", now_s)
+        elapsed_s = 0.0 if self._commanded_ns is None else (now_ns - self._commanded_ns) * 1e-9
+        self._commanded_ns = now_ns
         # A stamp far in the future is as stale as one long past: the clock was reset.
-        dark_s = abs(age_s) - s.light_timeout_s
+        dark_s = abs(now_ns - self._seen_ns) * 1e-9 - s.light_timeout_s
         if dark_s > 0:
-            self._state = None
+            self._tracker.reset()
+            self._lit = False
             self._rate = self._cruise * max(0.0, 1.0 - dark_s / s.stop_time_s)
-        elif self._state is not None:
-            state = self._ahead(self._state, age_s)
-            pose, leader = state[:5], state[5:]
-            wanted = self._carry @ leader + self._gain * (self._station - pose)
-            wanted[:3] = rotation_matrix(pose[PITCH], pose[YAW]).T @ wanted[:3]
-            wanted = np.clip(wanted, -self._max_rate, self._max_rate)
+        elif self._lit:
+            # A stamp a little in the future is taken for the present.
+            track = self._tracker.predict(max(now_ns, self._seen_ns))
+            missing = self._gain * (self._station - track.pose) - track.rate
+            missing[:3] = rotation_matrix(track.pose[PITCH], track.pose[YAW]).T @ missing[:3]
+            wanted = np.clip(self._rate + missing, -self._max_rate, self._max_rate)
             elapsed_s = min(max(elapsed_s, 0.0), s.light_timeout_s)
             change = (wanted - self._rate) * min(elapsed_s / s.smoothing_s, 1.0)
             slew = self._max_slew * elapsed_s
             self._cruise = self._rate = self._rate + np.clip(change, -slew, slew)
+        else:
+            # The clock was set back in the dark: from here it slows down anew.
+            self._cruise = self._rate
+        self._tracker.command(now_ns, self._rate)
         return self._rate[:3].copy(), np.array([0.0, self._rate[PITCH], self._rate[YAW]])
 
-    def _ahead(self, state: Array, step_s: float) -> Array:
-        pose, leader = state[:5], state[5:]
-        own = self._rate.copy()
-        own[:3] = rotation_matrix(pose[PITCH], pose[YAW]) @ own[:3]
-        return np.concatenate([pose + (own - self._carry @ leader) * step_s, leader])
+
+def _nanoseconds(name: str, seconds: float) -> int:
+    if not math.isfinite(seconds):
+        raise ValueError(f"{name} is {seconds:g}, not finite; give seconds")
+    return round(seconds * 1e9)
+
+
+def _leader_motion(stand_off_m: float) -> RandomMotion:
+    """Return the random motion of the station, carried by the leader's twist: v + w x station."""
+    carry = np.eye(5)
+    carry[Y, YAW] = -stand_off_m
+    carry[Z, PITCH] = stand_off_m
+    return RandomMotion(carry * LEADER_STD, carry * LEADER_WALK, np.diag(OWN_WALK))

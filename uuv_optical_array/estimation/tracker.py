@@ -1,9 +1,9 @@
-"""One track through the poses of many frames: a Kalman filter at constant velocity.
+"""One track through the poses of many frames: a Kalman filter of the pose and its rate.
 
-The motion is white-noise acceleration (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation
-with Applications to Tracking and Navigation*, 2001, ch. 6). Covariances are kept as triangular
-roots (T. Kailath, A. H. Sayed and B. Hassibi, *Linear Estimation*, 2000, ch. 12), which stay
-positive definite whatever the rounding.
+Where the tracker is told the follower's commands, the pose moves by them and by what is left, the
+motion of the leader; without commands that rest is the whole relative motion (`motion`).
+Covariances are kept as triangular roots (T. Kailath, A. H. Sayed and B. Hassibi, *Linear
+Estimation*, 2000, ch. 12), which stay positive definite whatever the rounding.
 
 Only errors that are new in every frame average out. The part that is not, such as the bias of a
 grid, is ``common_share``; errors that last for some frames lie between and are not modelled.
@@ -20,12 +20,20 @@ from scipy.linalg import block_diag, solve_triangular
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import YAW, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, YAW, Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.motion import OwnMotion, RandomMotion, in_beacon
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
 RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track
+# The state: the pose, and its rate less what the commands say of it.
+POSE, RATE = slice(0, 5), slice(5, 10)
+
+
+GateProbability = Annotated[
+    float, Quantity("probability that a valid frame passes the gate", "", 0.5, 1)
+]
 
 
 class Outlier(NoPose):
@@ -33,7 +41,19 @@ class Outlier(NoPose):
 
 
 class StampRefused(NoPose):
-    """The frame is older than the buffer, or in it already."""
+    """The frame is older than the buffer, or in it already.
+
+    Parameters
+    ----------
+    message
+        Why, its kind before the colon.
+    newest_ns
+        Stamp of the newest frame, ns.
+    """
+
+    def __init__(self, message: str, newest_ns: int) -> None:
+        super().__init__(message)
+        self.newest_ns = newest_ns
 
 
 @dataclass(frozen=True)
@@ -49,9 +69,7 @@ class TrackerSettings:
     common_share: Annotated[
         float, Quantity("share of a pose's variance that all frames have in common", "", 0, 0.99)
     ] = 0.1
-    gate_probability: Annotated[
-        float, Quantity("share of honest frames that are no outliers", "", 0.5, 1)
-    ] = 0.9999
+    gate_probability: GateProbability = 0.9999
     reacquire_frames: Annotated[
         int, Quantity("outliers in a row that are the track when they agree", "", 2, 100)
     ] = 5
@@ -63,18 +81,18 @@ class TrackerSettings:
 
 @dataclass(frozen=True)
 class Track:
-    """The filtered pose.
+    """The filtered pose and its rate at one instant.
 
     Parameters
     ----------
     stamp_ns
-        Of the newest frame in the track, ns; all else is at that instant.
+        The instant, ns: that of the newest frame in the track, or the one of a prediction.
     pose
         ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``; yaw in [-pi, pi].
-    covariance
-        Of `pose`, shape ``(5, 5)``, positive definite.
     rate
-        Of `pose`, m/s and rad/s, shape ``(5,)``.
+        Of `pose`, the commanded motion included, m/s and rad/s, shape ``(5,)``.
+    joint_covariance
+        Of `pose` and `rate`, shape ``(10, 10)``, positive definite.
     frames
         How many are in the track; 1 where it starts anew, with the pose as measured.
     distance
@@ -83,10 +101,15 @@ class Track:
 
     stamp_ns: int
     pose: Array
-    covariance: Array
     rate: Array
+    joint_covariance: Array
     frames: int
     distance: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of `pose`, shape ``(5, 5)``, positive definite."""
+        return self.joint_covariance[POSE, POSE]
 
 
 class _Frame(NamedTuple):
@@ -98,7 +121,7 @@ class _Frame(NamedTuple):
 @dataclass(frozen=True)
 class _State:
     frame: _Frame  # the newest in the track
-    mean: Array  # pose and rate
+    mean: Array
     root: Array  # of the covariance without the common share
     frames: int = 1
     distance: float = 0.0
@@ -113,17 +136,55 @@ class Tracker:
     ----------
     settings
         Checked settings.
+    random_motion
+        What the commands do not explain; ``None`` is that of `settings`, the same for all axes.
     """
 
-    def __init__(self, settings: TrackerSettings) -> None:
+    def __init__(
+        self, settings: TrackerSettings, random_motion: RandomMotion | None = None
+    ) -> None:
+        # The buffer by stamp and the last frame before it, each with the state it led to.
+        self._history: list[tuple[_Frame, _State]] = []
+        self._own_motion = OwnMotion()
+        self.configure(settings, random_motion)
+
+    def configure(
+        self, settings: TrackerSettings, random_motion: RandomMotion | None = None
+    ) -> None:
+        """Use other settings from now on; the track stays."""
         self._settings = s = settings
         walk = [s.velocity_walk_m_per_s, math.radians(s.turn_walk_deg_per_s)]
-        self._walk = np.diag(np.repeat(walk, [3, 2]))
+        self._random_motion = random_motion or RandomMotion(
+            np.diag(RATE_STD), np.diag(np.repeat(walk, [3, 2]))
+        )
         self._own_share = math.sqrt(1 - s.common_share)
         self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
         self._buffer_ns, self._reset_ns = round(s.buffer_s * 1e9), round(s.reset_after_s * 1e9)
-        # The buffer by stamp and the last frame before it, each with the state it led to.
-        self._history: list[tuple[_Frame, _State]] = []
+
+    def reset(self) -> None:
+        """Forget the track; the commands stay."""
+        self._history = []
+
+    def command(self, stamp_ns: int, twist: ArrayLike) -> None:
+        """Take the follower's own motion, which carries the pose on until the next command.
+
+        Parameters
+        ----------
+        stamp_ns
+            From when on it moves so, ns; commands of later stamps are forgotten.
+        twist
+            Surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
+            ``(5,)``.
+
+        Raises
+        ------
+        ValueError
+            For a twist of wrong shape or out of bounds.
+        """
+        self._own_motion.command(stamp_ns, twist)
+        # A frame may be as late as the buffer, and the one before it as old as the reset; twice
+        # that, as the newest frame is older than the newest command.
+        self._own_motion.forget(stamp_ns - 2 * (self._buffer_ns + self._reset_ns))
 
     def update(self, stamp_ns: int, pose: ArrayLike, covariance: ArrayLike) -> Track:
         """Take a frame; one that comes late is put in its place and those after it are replayed.
@@ -141,7 +202,7 @@ class Tracker:
         Returns
         -------
         Track
-            Of a later stamp where this frame came late.
+            At the newest frame in it: of a later stamp where this frame came late.
 
         Raises
         ------
@@ -154,18 +215,20 @@ class Tracker:
         """
         s, history = self._settings, self._history
         frame = _Frame(stamp_ns, *_checked(pose, covariance))
-        age_ns = _stamp(history[-1]) - stamp_ns if history else 0
+        newest_ns = _stamp(history[-1]) if history else stamp_ns
+        age_ns = newest_ns - stamp_ns
         if age_ns > self._buffer_ns + self._reset_ns:
             history = []
         elif age_ns > self._buffer_ns:
             raise StampRefused(
                 f"late frame: {age_ns * 1e-9:.3f} s older than the newest, more than "
-                f"buffer_s {s.buffer_s:g}"
+                f"buffer_s {s.buffer_s:g}",
+                newest_ns,
             )
         place = bisect_left(history, stamp_ns, key=_stamp)
         history, late = history[:place], history[place:]
         if late and _stamp(late[0]) == stamp_ns:
-            raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already")
+            raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
         state = history[-1][1] if history else None
         for later in (frame, *(entry[0] for entry in late)):
             state = self._next(state, later)
@@ -177,13 +240,54 @@ class Tracker:
                 f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
             )
         newest = history[-1][1]
-        common = math.sqrt(s.common_share) * newest.frame.root
-        root = np.hstack([newest.root[:5], common])
+        return self._track(newest.frame.stamp_ns, newest.mean, newest.root, newest)
+
+    def predict(self, stamp_ns: int) -> Track:
+        """Carry the track on to an instant by its rate and the commands.
+
+        Parameters
+        ----------
+        stamp_ns
+            The instant, ns, from that of the newest frame in the track on.
+
+        Returns
+        -------
+        Track
+            As of the instant, its covariance grown by what may have happened since.
+
+        Raises
+        ------
+        NoPose
+            Where there is no track, or none any more after ``reset_after_s`` without a frame.
+        ValueError
+            For an instant before the newest frame.
+        """
+        if not self._history:
+            raise NoPose("no track: there is no frame yet")
+        newest = self._history[-1][1]
+        age_ns = stamp_ns - newest.frame.stamp_ns
+        if age_ns < 0:
+            raise ValueError(
+                f"stamp_ns: {stamp_ns} is before the newest frame of the track; give "
+                f"{newest.frame.stamp_ns} or later"
+            )
+        if age_ns > self._reset_ns:
+            raise NoPose(
+                f"no track: no frame for {age_ns * 1e-9:.3f} s, more than reset_after_s "
+                f"{self._settings.reset_after_s:g}"
+            )
+        return self._track(stamp_ns, *self._ahead(newest, stamp_ns), newest)
+
+    def _track(self, stamp_ns: int, mean: Array, root: Array, newest: _State) -> Track:
+        own = in_beacon(mean[POSE], self._own_motion.twist(stamp_ns))
+        common = np.zeros((10, 5))
+        common[POSE] = math.sqrt(self._settings.common_share) * newest.frame.root
+        root = np.hstack([root, common])
         return Track(
-            newest.frame.stamp_ns,
-            newest.mean[:5].copy(),
+            stamp_ns,
+            mean[POSE].copy(),
+            mean[RATE] + own,
             root @ root.T,
-            newest.mean[5:].copy(),
             newest.frames,
             newest.distance,
         )
@@ -202,23 +306,28 @@ class Tracker:
         return replace(state, rival=rival, outlier=fused.distance)
 
     def _start(self, frame: _Frame) -> _State:
-        root = block_diag(self._own_share * frame.root, np.diag(RATE_STD))
+        root = block_diag(self._own_share * frame.root, self._random_motion.start)
         return _State(frame, np.concatenate([frame.pose, np.zeros(5)]), root)
 
-    def _fuse(self, state: _State, frame: _Frame) -> _State:
-        step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
+    def _ahead(self, state: _State, stamp_ns: int) -> tuple[Array, Array]:
+        """Return mean and root of a state at a later stamp."""
+        start_ns = state.frame.stamp_ns
+        step_s = (stamp_ns - start_ns) * 1e-9
         ahead = np.eye(10) + step_s * np.eye(10, k=5)
-        # A root of the walk^2 [step^3 / 3, step^2 / 2; step^2 / 2, step] of white noise.
-        shape = np.array([[step_s / math.sqrt(3), 0.0], [math.sqrt(3) / 2, 0.5]])
-        noise = math.sqrt(step_s) * np.kron(shape, self._walk)
-        prior = np.hstack([ahead @ state.root, noise])
+        mean = ahead @ state.mean
+        # The attitude's error turns the own motion by so little that the random motion covers it.
+        mean[POSE] += in_beacon(state.mean[POSE], self._own_motion.way(start_ns, stamp_ns))
+        root = np.hstack([ahead @ state.root, self._random_motion.noise(step_s)])
+        return _wrapped(mean), root
+
+    def _fuse(self, state: _State, frame: _Frame) -> _State:
+        mean, prior = self._ahead(state, frame.stamp_ns)
         joint: Array = np.block(
-            [[self._own_share * frame.root, prior[:5]], [np.zeros((10, 5)), prior]]
+            [[self._own_share * frame.root, prior[POSE]], [np.zeros((10, 5)), prior]]
         )
         # Made triangular, it holds the root of the innovation, the gain and the new root.
         joint = np.asarray(np.linalg.qr(joint.T, mode="r")).T
-        mean = ahead @ state.mean
-        innovation = _wrapped(frame.pose - mean[:5])
+        innovation = _wrapped(frame.pose - mean[POSE])
         innovation = solve_triangular(joint[:5, :5], innovation, lower=True)
         mean = _wrapped(mean + joint[5:, :5] @ innovation)
         distance = float(np.linalg.norm(innovation))
@@ -236,8 +345,12 @@ def _wrapped(state: Array) -> Array:
 
 def _checked(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
-    if pose.shape != (5,) or not (np.abs(pose) <= MAX_POSE).all():
-        raise ValueError(f"pose: {pose.tolist()}; give five numbers within +-{MAX_POSE:g}")
+    cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
+    if pose.shape != (5,):
+        raise ValueError(f"pose: {pose.tolist()}; {cure}")
+    for name, value in zip(DOF_NAMES, pose.tolist(), strict=True):
+        if not abs(value) <= MAX_POSE:
+            raise ValueError(f"pose: {name} is {value}; {cure}")
     if covariance.shape != (5, 5) or not np.isfinite(covariance).all():
         raise ValueError(f"covariance: {covariance.tolist()}; give 5 x 5 finite numbers")
     if np.abs(covariance - covariance.T).max() > 1e-9 * np.abs(covariance).max():

@@ -7,6 +7,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import covariance_5x5
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
@@ -51,7 +52,7 @@ class FormationNode(Node):
             pose = pose_from_message(message)
             covariance = covariance_5x5(pose, covariance_from_message(message))
             self.controller.update(stamp_ns(message.header) * 1e-9, pose, covariance)
-        except (Refused, ValueError) as reason:
+        except (Refused, NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
         self.diagnostics.answer(range_m=f"{-pose[0]:.2f}")

@@ -1,0 +1,108 @@
+"""The motion between frames: against Van Loan's exponential, SciPy's rotations and plain sums."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tracks import START_NS, turned, van_loan
+
+from uuv_optical_array.estimation.motion import MAX_TWIST, OwnMotion, RandomMotion, in_beacon
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+ALONG = np.array([0.5, 0.1, -0.2, 0.03, -0.05])
+
+
+@pytest.mark.parametrize("step_s", [0.0, 1e-9, 0.1, 3.0])
+def test_the_noise_of_a_step_is_van_loans(step_s):
+    rng = np.random.default_rng(3)
+    rate_walk, pose_walk = rng.standard_normal((2, 5, 5))
+    root = RandomMotion(np.eye(5), rate_walk, pose_walk[:, :3]).noise(step_s)
+    _, expected = van_loan(step_s, rate_walk @ rate_walk.T, pose_walk[:, :3] @ pose_walk[:, :3].T)
+    np.testing.assert_allclose(root @ root.T, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_a_motion_without_a_walk_of_the_pose_has_none():
+    root = RandomMotion(np.eye(5), np.eye(5)).noise(0.1)
+    np.testing.assert_allclose(root @ root.T, van_loan(0.1, np.eye(5))[1], rtol=1e-12)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-3, 3), min_size=10, max_size=10))
+def test_a_twist_is_turned_as_by_scipy(numbers):
+    pose, twist = np.split(np.array(numbers), 2)
+    np.testing.assert_allclose(in_beacon(pose, twist), turned(pose, twist), atol=1e-12)
+
+
+def test_each_command_holds_from_its_stamp_until_the_next():
+    own = OwnMotion()
+    own.command(START_NS, ALONG)
+    own.command(START_NS + 100, 2 * ALONG)
+    for offset, times in ((-1, 0), (0, 1), (99, 1), (100, 2), (10**12, 2)):
+        np.testing.assert_array_equal(own.twist(START_NS + offset), times * ALONG)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.integers(-(10**9), 10**9), unique=True, max_size=6),
+    st.integers(-(10**9), 10**9),
+    st.integers(0, 10**9),
+)
+def test_the_way_is_the_sum_of_the_commands_over_the_time(offsets, start, length):
+    own, commands = OwnMotion(), [(-np.inf, np.zeros(5))]
+    for k, offset in enumerate(sorted(offsets)):
+        commands.append((offset, (k + 1) * ALONG))
+        own.command(START_NS + offset, (k + 1) * ALONG)
+    ends = [stamp for stamp, _ in commands[1:]] + [np.inf]
+    expected = np.zeros(5)
+    for (since, twist), until in zip(commands, ends, strict=True):
+        expected += max(min(until, start + length) - max(since, start), 0.0) * 1e-9 * twist
+    way = own.way(START_NS + start, START_NS + start + length)
+    np.testing.assert_allclose(way, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("again", [0, -1, -150, -10_000])
+def test_a_command_replaces_those_from_its_stamp_on(again):
+    own, fresh = OwnMotion(), OwnMotion()
+    stamps = [START_NS - 200, START_NS - 100, START_NS]
+    for k, stamp in enumerate(stamps):
+        own.command(stamp, k * ALONG)
+        if stamp < START_NS + again:
+            fresh.command(stamp, k * ALONG)
+    for motion in (own, fresh):
+        motion.command(START_NS + again, -ALONG)
+    for start in range(-20_000, 300, 70):
+        ends = START_NS + start, START_NS + 400
+        np.testing.assert_array_equal(own.way(*ends), fresh.way(*ends))
+        np.testing.assert_array_equal(own.twist(ends[1]), -ALONG)
+
+
+def test_what_is_forgotten_no_longer_held():
+    own, whole = OwnMotion(), OwnMotion()
+    for k in range(20):
+        for motion in (own, whole):
+            motion.command(START_NS + 10 * k, k * ALONG)
+    own.forget(START_NS + 55)
+    for start in (55, 59, 60, 61, 300):
+        ends = START_NS + start, START_NS + 400
+        np.testing.assert_array_equal(own.way(*ends), whole.way(*ends))
+    # The oldest that is left stands for all before it.
+    np.testing.assert_array_equal(own.twist(START_NS), 5 * ALONG)
+
+
+def test_a_command_is_copied():
+    own, twist = OwnMotion(), np.array(ALONG)
+    own.command(START_NS, twist)
+    twist[:] = 99.0
+    np.testing.assert_array_equal(own.twist(START_NS), ALONG)
+
+
+@pytest.mark.parametrize(
+    "twist", [ALONG[:4], [ALONG], 1.0, [np.nan, 0, 0, 0, 0], [0, 0, 0, 0, -1.1 * MAX_TWIST]]
+)
+def test_a_bad_twist_is_refused_and_the_last_holds(twist):
+    own = OwnMotion()
+    own.command(START_NS, ALONG)
+    with pytest.raises(ValueError, match=r"^twist: .*; give five numbers within \+-1000"):
+        own.command(START_NS - 5, twist)
+    np.testing.assert_array_equal(own.twist(START_NS), ALONG)

@@ -1,0 +1,131 @@
+"""How the relative pose moves from frame to frame: at random, and by the follower's own commands.
+
+The random part is white-noise acceleration (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan,
+*Estimation with Applications to Tracking and Navigation*, 2001, ch. 6) and, beside it, a random
+walk of the pose. Covariances are given as roots: a root times its transpose.
+"""
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+
+MAX_TWIST = 1e3  # beyond any vehicle, m/s and rad/s
+
+
+@dataclass(frozen=True)
+class RandomMotion:
+    """What is known of a rate at the start of a track, and how it changes from then on.
+
+    Parameters
+    ----------
+    start
+        Root of the covariance of the rate at the start, m/s and rad/s, shape ``(5, k)``.
+    rate_walk
+        Root of the covariance of the change of the rate in 1 s, shape ``(5, k)``.
+    pose_walk
+        Root of the covariance of the change of the pose in 1 s that no rate explains, m and rad,
+        shape ``(5, k)``.
+    """
+
+    start: Array
+    rate_walk: Array
+    pose_walk: Array = field(default_factory=lambda: np.zeros((5, 0)))
+
+    def noise(self, step_s: float) -> Array:
+        """Return a root of the covariance that a step adds to pose and rate.
+
+        Parameters
+        ----------
+        step_s
+            Length of the step, s, >= 0.
+
+        Returns
+        -------
+        Array
+            Shape ``(10, k)``: five rows of the pose, five of its rate.
+        """
+        rate, pose = self.rate_walk, self.pose_walk
+        # The first two columns are a root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
+        columns = [
+            np.vstack([step_s / math.sqrt(3) * rate, math.sqrt(3) / 2 * rate]),
+            np.vstack([0 * rate, rate / 2]),
+            np.vstack([pose, 0 * pose]),
+        ]
+        return math.sqrt(step_s) * np.hstack(columns)
+
+
+class OwnMotion:
+    """The follower's own motion: each command holds until the next."""
+
+    def __init__(self) -> None:
+        # By stamp; the first holds before its stamp, too.
+        self._commands: list[tuple[int, Array]] = [(0, np.zeros(5))]
+
+    def command(self, stamp_ns: int, twist: ArrayLike) -> None:
+        """Add a command; those from its stamp on are replaced by it.
+
+        Parameters
+        ----------
+        stamp_ns
+            From when on it holds, ns.
+        twist
+            Surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
+            ``(5,)``.
+
+        Raises
+        ------
+        ValueError
+            For a twist of wrong shape or out of bounds.
+        """
+        twist = np.array(twist, dtype=float)
+        if twist.shape != (5,) or not (np.abs(twist) <= MAX_TWIST).all():
+            raise ValueError(f"twist: {twist.tolist()}; give five numbers within +-{MAX_TWIST:g}")
+        del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
+        self._commands.append((stamp_ns, twist))
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the commands that no longer held at a stamp, ns."""
+        del self._commands[: self._holding(before_ns)]
+
+    def twist(self, stamp_ns: int) -> Array:
+        """Return the command that holds at a stamp, shape ``(5,)``."""
+        return self._commands[self._holding(stamp_ns)][1]
+
+    def way(self, start_ns: int, end_ns: int) -> Array:
+        """Return the integral of the commands over a time, m and rad, shape ``(5,)``."""
+        first = self._holding(start_ns)
+        last = bisect_left(self._commands, end_ns, lo=first + 1, key=_stamp)
+        stamps, twists = zip(*self._commands[first:last], strict=True)
+        edges = np.array([0, *(stamp - start_ns for stamp in stamps[1:]), end_ns - start_ns])
+        return np.diff(edges) * 1e-9 @ np.array(twists)
+
+    def _holding(self, stamp_ns: int) -> int:
+        return max(bisect_right(self._commands, stamp_ns, key=_stamp) - 1, 0)
+
+
+def _stamp(command: tuple[int, Array]) -> int:
+    return command[0]
+
+
+def in_beacon(pose: Array, twist: Array) -> Array:
+    """Turn a motion in the follower's frame into that of its pose.
+
+    Parameters
+    ----------
+    pose
+        ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+    twist
+        Surge, sway, heave, pitch and yaw, as rates or as a short way, shape ``(5,)``.
+
+    Returns
+    -------
+    Array
+        In the units of `twist`, shape ``(5,)``. The pitch is taken for small, so that both turns
+        add to the angles.
+    """
+    return np.concatenate([rotation_matrix(pose[PITCH], pose[YAW]) @ twist[:3], twist[3:]])

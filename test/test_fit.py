@@ -5,10 +5,10 @@ import pytest
 import second_forward
 from scipy.optimize import least_squares, minimize
 from scipy.stats import chi2, norm
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 from uuv_optical_array.estimation.least_squares.problem import (
     MOST_STEPS,
     PosePrior,

@@ -65,7 +65,7 @@ inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
 
 
 @inlined
-def polynomial(coefficients, x):  # type: ignore[no-untyped-def]
+def polynomial(coefficients, x):
     """Evaluate a polynomial by Horner's rule, highest power first."""
     value = coefficients[0]
     for coefficient in coefficients[1:]:
@@ -74,7 +74,7 @@ def polynomial(coefficients, x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def exponential(x):  # type: ignore[no-untyped-def]
+def exponential(x):
     """Return exp(x) of a number up to 700, 0 below `SMALLEST`."""
     shifted = x * (1 / math.log(2)) + ROUND
     power = shifted - ROUND
@@ -85,7 +85,7 @@ def exponential(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _half_sine(angle):  # type: ignore[no-untyped-def]
+def _half_sine(angle):
     """Return sine and cosine of half an angle, less whole turns of pi."""
     turns = (angle * (0.5 / math.pi) + ROUND) - ROUND
     half = 0.5 * angle - turns * PI_HIGH - turns * PI_LOW
@@ -93,21 +93,21 @@ def _half_sine(angle):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def sine(angle):  # type: ignore[no-untyped-def]
+def sine(angle):
     """Return the sine of an angle of some turns."""
     sine, cosine = _half_sine(angle)
     return 2 * sine * cosine
 
 
 @inlined
-def cosine(angle):  # type: ignore[no-untyped-def]
+def cosine(angle):
     """Return the cosine of an angle of some turns."""
     sine, _ = _half_sine(angle)
     return 1 - 2 * sine * sine
 
 
 @njit(error_model="numpy")
-def scaled_complementary_error(x):  # type: ignore[no-untyped-def]
+def scaled_complementary_error(x):
     """Return exp(x^2) erfc(x), x > -26."""
     if x < ASYMPTOTIC:
         return math.exp(x * x) * math.erfc(x)
@@ -116,7 +116,7 @@ def scaled_complementary_error(x):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def log_normal_distribution(u):  # type: ignore[no-untyped-def]
+def log_normal_distribution(u):
     """Return the logarithm of the normal distribution function."""
     if u > -1.0:
         return math.log1p(-0.5 * math.erfc(u * math.sqrt(0.5)))
@@ -124,49 +124,49 @@ def log_normal_distribution(u):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def when(condition, index):  # type: ignore[no-untyped-def]
+def when(condition, index):
     """As `elementwise.when`: the index itself, or nothing."""
     return range(index, index + (1 if condition else 0))
 
 
 @inlined
-def choose(condition, one, other):  # type: ignore[no-untyped-def]
+def choose(condition, one, other):
     """As `elementwise.choose`."""
     return one if condition else other
 
 
 @inlined
-def choose_state(condition, one, other):  # type: ignore[no-untyped-def]
+def choose_state(condition, one, other):
     """As `elementwise.choose_state`, of whole tuples."""
     return one if condition else other
 
 
 @inlined
-def any_of(condition):  # type: ignore[no-untyped-def]
+def any_of(condition):
     """As `elementwise.any_of`, of one condition."""
     return condition
 
 
 @inlined
-def not_(condition):  # type: ignore[no-untyped-def]
+def not_(condition):
     """As `elementwise.not_`."""
     return not condition
 
 
 @inlined
-def total(value):  # type: ignore[no-untyped-def]
+def total(value):
     """As `elementwise.total`: of one number."""
     return value
 
 
 @inlined
-def room(rows, component, count):  # type: ignore[no-untyped-def]
+def room(rows, component, count):
     """As `elementwise.room`, of one pose."""
     return np.empty((rows, count))
 
 
 @inlined
-def stack(*components):  # type: ignore[no-untyped-def]
+def stack(*components):
     """As `elementwise.stack`, of numbers."""
     values = np.empty(len(components))
     for i in range(len(components)):
@@ -175,13 +175,13 @@ def stack(*components):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def zeros(rows, columns, component):  # type: ignore[no-untyped-def]
+def zeros(rows, columns, component):
     """As `elementwise.zeros`, of one pose."""
     return np.zeros((rows, columns))
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def sandwich(matrix, image):  # type: ignore[no-untyped-def]
+def sandwich(matrix, image):
     """As `elementwise.sandwich`, of one image."""
     side = len(matrix)
     half = np.zeros(side * side)
@@ -201,19 +201,19 @@ def sandwich(matrix, image):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def at_place(rows, place, index):  # type: ignore[no-untyped-def]
+def at_place(rows, place, index):
     """As `elementwise.at_place`."""
     return rows[int(place), index]
 
 
 @inlined
-def larger(a, b):  # type: ignore[no-untyped-def]
+def larger(a, b):
     """As `numpy.maximum`, of numbers."""
     return a if a > b else b
 
 
 @inlined
-def smaller(a, b):  # type: ignore[no-untyped-def]
+def smaller(a, b):
     """As `numpy.minimum`, of numbers."""
     return a if a < b else b
 
@@ -232,7 +232,7 @@ TRANSMIT = types.void(
 )
 
 
-def transmit_by(rays, a, b, c, beam, row, count, differentiate):  # type: ignore[no-untyped-def]
+def transmit_by(rays, a, b, c, beam, row, count, differentiate):
     """As `elementwise.transmit`, by the law that is given to this name when it is compiled."""
     ray = carray(rays, (3, count))
     light = carray(beam, (4, count))
@@ -249,8 +249,8 @@ def transmit_by(rays, a, b, c, beam, row, count, differentiate):  # type: ignore
             slopes[row, j] = by_setting
 
 
-def _start_of(_typing, array):  # type: ignore[no-untyped-def]
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+def _start_of(_typing, array):
+    def generate(context, builder, signature, arguments):
         make = cgutils.create_struct_proxy(signature.args[0])
         return make(context, builder, arguments[0]).data
 
@@ -260,8 +260,8 @@ def _start_of(_typing, array):  # type: ignore[no-untyped-def]
 start_of: Any = intrinsic(_start_of)
 
 
-def _call(_typing, address, rays, a, b, c, beam, row, count, differentiate):  # type: ignore[no-untyped-def]
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+def _call(_typing, address, rays, a, b, c, beam, row, count, differentiate):
+    def generate(context, builder, signature, arguments):
         double, whole = ir.DoubleType(), ir.IntType(64)
         pointer = double.as_pointer()
         parts = [pointer, double, double, double, pointer, whole, whole, whole]
@@ -276,7 +276,7 @@ call: Any = intrinsic(_call)
 
 
 @njit(error_model="numpy")
-def transmit(address, rays, a, b, c, beam, row, differentiate):  # type: ignore[no-untyped-def]
+def transmit(address, rays, a, b, c, beam, row, differentiate):
     """As `elementwise.transmit`, the law by its address."""
     count = rays.shape[1]
     flag = 1 if differentiate else 0

@@ -242,7 +242,8 @@ def turned_about_beam(poses: Array, roll: float) -> Array:
     poses = np.asarray(poses, dtype=float)
     if roll == 0:
         return poses
-    return np.stack(turned_components(*np.moveaxis(poses, -1, 0), roll), axis=-1)
+    x, y, z, pitch, yaw = np.moveaxis(poses, -1, 0)
+    return np.stack(turned_components(x, y, z, pitch, yaw, roll), axis=-1)
 
 
 def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> Array:

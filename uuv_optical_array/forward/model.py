@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core import compilation
+from uuv_optical_array.core.elementwise import stack
 from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
@@ -87,7 +88,11 @@ class ForwardModel:
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
         self.noise = self._read_noise._replace(variance=self._read_noise.variance + rounding)
-        uncertain = (*self._of(Transmission), *self._of(Background), *self._of(Gain))
+        uncertain: tuple[Any, ...] = (
+            *self._of(Transmission),
+            *self._of(Background),
+            *self._of(Gain),
+        )
         self.nuisances = ("lamp.power", *(form.nuisance for form in uncertain if form.nuisance))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
@@ -289,7 +294,8 @@ class ForwardModel:
         if differentiate:
             lamp, slopes = lamp_slopes(poses, rolls)
         else:
-            lamp = np.array(np.broadcast_arrays(*lamp_in_body(*poses, rolls)))
+            x, y, z, pitch, yaw = poses
+            lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls))
             slopes = np.zeros((6, 0))
         rays, beam = illuminate(optics, lamp, nuisances, differentiate or moves)
         if moves:
@@ -387,4 +393,6 @@ class ForwardModel:
         poses, rolls
             m and rad, shapes ``(m, 5)`` and ``(m,)``.
         """
-        return trace(self.optics().detectors, lamp_in_body(*poses.T[..., None], rolls[:, None]))
+        x, y, z, pitch, yaw = poses.T[..., None]
+        lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
+        return trace(self.optics().detectors, lamp)

@@ -61,8 +61,8 @@ def frame_of(model: ForwardModel) -> Frame:
     sigma = float(np.radians(model.scene.lamp.beam_sigma_deg))
     k_per_m = float(model.scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
     planar = model.scene.array.shape == "planar"
-    centre = model.array.positions.mean(axis=0).tolist()
-    return Frame(*centre, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
+    x, y, z = model.array.positions.mean(axis=0).tolist()
+    return Frame(x, y, z, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
 
 
 @law

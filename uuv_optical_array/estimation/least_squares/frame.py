@@ -4,7 +4,7 @@ Starts from the rows of a table that look alike, the minima that they lead to, t
 posterior about each: all in one call, which compiled code does not leave.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Frame(NamedTuple):
     runner_up_angle: float
 
 
-def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Array, Array]:
+def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
     """Return the rows of least chord to a direction, nearest first.
 
     Parameters
@@ -184,7 +184,7 @@ def find_minima(
         for i in range(tried, count):
             pose = guide.poses[rows[i]]
             turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
-            start = np.zeros(size)
+            start: Any = np.zeros(size)
             start[:5] = from_pose(problem.frame, turned, problem.roll)
             descend(problem, minima, start)
         if problem.frame.share > 0 and tried == 0 and len(minima) > 0:
@@ -260,7 +260,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     unit[:5] *= parameters
     unit /= np.sqrt((unit * unit).sum())
     minima, best, angle, second_angle = find_minima(problem, guide, unit)
-    nothing = np.full(5, np.nan)
+    nothing: Any = np.full(5, np.nan)
     covariance = np.full((5, 5), np.nan)
     if len(minima) == 0:
         return Frame(NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle)

@@ -8,7 +8,19 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.estimation.docking.motion import MOTION, DockingMotion, DockingSettings
+from uuv_optical_array.estimation.docking.motion import (
+    MOTION,
+    DockingMotion,
+    DockingSettings,
+    StatePrior,
+)
+from uuv_optical_array.estimation.docking.path import (
+    PathProblem,
+    approaches_last,
+    evaluate,
+    propose,
+    refine,
+)
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
@@ -95,7 +107,7 @@ def test_bound_is_the_inverse_of_the_dense_information(model):
     states[:, :5], states[:, 5] = path, 0.5
     off = {name: np.zeros(6) for name in model.scene.prior.nuisance_std()}
     light, jacobian = model.linearised(path, 0.0, off)
-    weights = information(light, *model.variance(light), model.limits)
+    weights = information(light, model.noise)
     for frames in range(1, 7):
         # Unknowns: the motion of each frame, then the settings once.
         whole = np.zeros((MOTION * frames + 2,) * 2)
@@ -149,15 +161,12 @@ def test_the_path_is_the_most_probable_one(model):
         variance = model.scene.effects["sensor_noise"]["sigma_counts"] ** 2 + 1 / 12
         return total + 0.5 * ((images[0] - light) ** 2).sum() / variance
 
-    # What the smoother accepts steps by is the same function, but for a constant.
+    # What the solver accepts steps by is the same function, but for a constant.
     moved = found + 0.3 * rng.standard_normal((4, MOTION + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
     moved[:, MOTION:] += 0.01
-    readings = images.reshape(1, 4, 25)
-    theirs = [
-        smoother._motion.cost(states[None], smoother._prior)
-        + smoother._images(readings, states[None])[0]
-        for states in (found, moved)
-    ]
+    motion = DockingMotion(STEP_S, [*model.scene.prior.nuisance_std().values()], SETTINGS)
+    problem = PathProblem(model, motion, motion.start, images.reshape(1, 4, 25))
+    theirs = [evaluate(problem, approaches_last(at[None])).cost for at in (found, moved)]
     mine = [
         cost(np.concatenate([states[:, :MOTION].ravel(), states[0, MOTION:]]))
         for states in (found, moved)
@@ -170,6 +179,9 @@ def test_the_path_is_the_most_probable_one(model):
     best = minimize(lambda u: cost(at + scale * u), np.zeros(len(at)), method="BFGS")
     assert cost(at) - best.fun < 0.02
     np.testing.assert_array_equal(found[-1, :5], poses[0])
+    # All four images at once, from a straight path, lead there too.
+    whole = refine(problem, approaches_last(motion.along(path)))
+    assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
 
 
 def _hessian(function, at):
@@ -188,6 +200,39 @@ def _hessian(function, at):
             )
             matrix[i, j] = matrix[j, i] = corners / (4 * steps[i] * steps[j])
     return matrix
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
+    """It holds for the solution of damped normal equations alone, and the gradient of the cost."""
+    rng = np.random.default_rng(6)
+    path = straight(5)
+    images = exposed(model, path, offsets(model, 3, rng), rng).reshape(3, 5, 25)
+    motion = DockingMotion(STEP_S, [*model.scene.prior.nuisance_std().values()], SETTINGS)
+    prior = StatePrior(*(np.repeat(part, 3, axis=0) for part in motion.start))
+    problem = PathProblem(model, motion, prior, images)
+    at = np.repeat(motion.along(path), 3, axis=0)
+    at[..., :MOTION] += 0.02 * rng.standard_normal((3, 5, MOTION))
+    at[..., MOTION:] += 0.02 * rng.standard_normal((3, 1, 2))
+    at = approaches_last(at)
+    trial, decrement = propose(problem, evaluate(problem, at), np.full(3, damping))
+    ahead, behind = (evaluate(problem, at + share * (trial - at)).cost for share in (1e-5, -1e-5))
+    assert (decrement > 1).all()
+    np.testing.assert_allclose((behind - ahead) / 2e-5, 2 * decrement, rtol=1e-4)
+
+
+def test_damping_shortens_a_step_down_to_the_steepest_descent_of_each_state(model):
+    path = straight(3)
+    images = model.expected(path).reshape(1, 3, 25)
+    motion = DockingMotion(STEP_S, [*model.scene.prior.nuisance_std().values()], SETTINGS)
+    problem = PathProblem(model, motion, motion.start, images)
+    at = motion.along(path + 0.02)
+    at[..., MOTION:] = 0.01
+    at = approaches_last(at)
+    state = evaluate(problem, at)
+    steps = [propose(problem, state, np.array([damping]))[0] - at for damping in (0.0, 1.0, 1e4)]
+    lengths = [np.linalg.norm(step) for step in steps]
+    assert lengths[0] > lengths[1] > 100 * lengths[2]
 
 
 def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):

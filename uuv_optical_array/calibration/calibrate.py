@@ -12,22 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import (
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.notes import MISFIT, cure, notes_of
+from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,
+    NAMES,
+    NOISE,
     POWER,
     SIGMA,
-    CalibrationLikelihood,
+    UNITS,
     K,
+    is_logarithm,
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
-NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")
-UNITS = ("counts m^2", "deg", "1/m", "counts")
-NOISE = "sensor_noise.sigma_counts"
-MISFIT = 1.2  # mean squared residual from which the model does not explain the data
-MANY = 0.05  # share of outliers from which something else is wrong
+REFERENCE = "lamp.reference_counts"
 NOISE_ROUNDS = 4
 
 
@@ -79,8 +80,8 @@ class Calibration:
     misfit
         Mean squared residual of these, 1 where the model explains the data; the standard errors
         have its root as a factor where it exceeds `MISFIT`.
-    together
-        How the residuals of an image go together: 1 where they are independent.
+    inflation
+        Mean square of the images' mean residuals, over that of independent residuals.
     outliers, outlying_images
         Readings left out one by one; indices of images left out whole.
     notes
@@ -99,7 +100,7 @@ class Calibration:
     used: NDArray[np.bool_]
     fair: NDArray[np.bool_]
     misfit: float
-    together: float
+    inflation: float
     outliers: int
     outlying_images: tuple[int, ...]
     notes: tuple[str, ...]
@@ -143,9 +144,9 @@ def calibrate(
     Raises
     ------
     ValueError
-        For images or poses that are not finite or of a wrong shape, an unknown name in `hold`, a
-        noise to fit that the scene does not have, no reading that can be used, or a result that
-        no scene may hold.
+        For images, poses or their errors that are not finite or of a wrong shape, an unknown name
+        in `hold`, a noise to fit that the scene does not have, no reading that can be used, or a
+        result that no scene may hold.
     """
     side = scene.array.detectors_per_side
     images, poses = np.asarray(images, float), np.asarray(poses, float)
@@ -164,9 +165,14 @@ def calibrate(
             raise ValueError(f"hold {name}: unknown; choose of {', '.join((*NAMES, 'gains'))}")
     if fit_noise and "sensor_noise" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.sensor_noise to fit; add it")
-    likelihood = CalibrationLikelihood(
-        scene, images, poses, rolls, None if pose_std is None else np.asarray(pose_std, float)
-    )
+    if pose_std is not None:
+        pose_std = np.asarray(pose_std, float)
+        if pose_std.shape != (5,) or not (np.isfinite(pose_std) & (pose_std > 0)).all():
+            raise ValueError(
+                f"pose_std: {pose_std.tolist()}; give five numbers > 0, m and rad, or None for "
+                "exact poses"
+            )
+    likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
     known = [i for name, i in zip(NAMES, range(GAINS), strict=True) if name in hold]
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
@@ -175,35 +181,33 @@ def calibrate(
         return _gathered(scene, fit, ())
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
-        sigma, error = fit.noise(sigma)
-        scene = _changed(scene, "sensor_noise", sigma_counts=sigma)
+        sigma, error = fit.agreement.noise(sigma)
+        scene = _with_noise(scene, sigma)
         fit = CalibrationFit(likelihood.of(scene), known, on_step)
     return _gathered(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),))
 
 
-def _changed(scene: Scene, effect: str, **values: Any) -> Scene:
+def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
     settings = scene.settings()
-    settings["effects"][effect] = values
+    settings["effects"]["sensor_noise"]["sigma_counts"] = sigma_counts
     return scene_from_settings(settings, scene.name)
 
 
 def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ...]) -> Calibration:
     """Gather what is known."""
-    likelihood, values, held = fit.likelihood, fit.state.parameters, fit.held()
+    likelihood, values, held = fit.likelihood, fit.state.at.parameters, fit.held()
     if POWER in fit.unknown:
-        raise ValueError(f"images: {_cure(fit, POWER)}")
-    covariance = fit.covariance() * (fit.misfit if fit.misfit > MISFIT else 1.0)
+        raise ValueError(f"images: {cure(fit, POWER)}")
+    agreement = fit.agreement
+    covariance = fit.covariance() * (agreement.misfit if agreement.misfit > MISFIT else 1.0)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
-    logarithm = np.isin(np.arange(len(values)), [K, BACKGROUND], invert=True)
+    logarithm = is_logarithm(len(values))
     begun, shown = (np.where(logarithm, np.exp(each), each) for each in (fit.start, values))
     errors = np.where(logarithm, shown * std, std)
+    only = {i: f"only together with {NAMES[j]}" for i, j in fit.mixed.items() if j < GAINS}
     notes = {
-        **{
-            i: f"only together with {NAMES[i_with]}"
-            for i, i_with in fit.mixed.items()
-            if i_with < GAINS
-        },
+        **only,
         **dict.fromkeys(fit.at_bound, "at its bound"),
         **dict.fromkeys(fit.unknown, "not known"),
         **dict.fromkeys(fit.known, "held"),
@@ -216,97 +220,34 @@ def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ..
         )
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
     ]
-    parameters.append(
-        FittedParameter(
-            "lamp.reference_counts",
-            "counts",
-            scene.lamp.reference_counts,
-            reference,
-            reference_error,
-        )
-    )
+    start = scene.lamp.reference_counts
+    parameters.append(FittedParameter(REFERENCE, "counts", start, reference, reference_error))
     alone = ~likelihood.used & ~likelihood.faulty
     alone[list(fit.outlying)] = False
     grid = (scene.array.detectors_per_side,) * 2
     return Calibration(
-        _written(scene, fit, shown, reference),
-        (*parameters, *more),
-        begun[GAINS:].reshape(grid),
-        shown[GAINS:].reshape(grid),
-        errors[GAINS:].reshape(grid),
-        covariance[:GAINS, :GAINS] / np.outer(std[:GAINS], std[:GAINS]),
-        fit.state.mean,
-        fit.state.variance,
-        fit.residuals,
-        likelihood.used,
-        fit.fair,
-        fit.misfit,
-        fit.together(),
-        int(alone.sum()),
-        fit.outlying,
-        tuple(_notes(scene, fit)),
+        scene=_written(scene, fit, shown, reference),
+        parameters=(*parameters, *more),
+        start_gains=begun[GAINS:].reshape(grid),
+        gains=shown[GAINS:].reshape(grid),
+        gain_std=errors[GAINS:].reshape(grid),
+        correlation=covariance[:GAINS, :GAINS] / np.outer(std[:GAINS], std[:GAINS]),
+        mean=fit.state.mean,
+        variance=fit.state.variance,
+        residuals=agreement.residuals,
+        used=likelihood.used,
+        fair=agreement.fair,
+        misfit=agreement.misfit,
+        inflation=agreement.inflation(),
+        outliers=int(alone.sum()),
+        outlying_images=fit.outlying,
+        notes=notes_of(scene, fit),
     )
-
-
-def _cure(fit: CalibrationFit, kind: int) -> str:
-    """Say what to drive for a parameter to be known."""
-    poses = fit.likelihood.poses
-    ranges = np.linalg.norm(poses[:, :3], axis=1)
-    off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
-    return {
-        POWER: "too little light of the lamp; record closer to it and in its beam",
-        SIGMA: f"record poses up to {2 * np.exp(fit.start[SIGMA]):.0f} deg off the beam's axis; "
-        f"here the farthest is {off.max():.1f} deg",
-        K: "record ranges that differ by a factor of 2 or more; here they run from "
-        f"{ranges.min():.2f} to {ranges.max():.2f} m",
-        BACKGROUND: "record some images with the lamp off, out of its beam or far away",
-        GAINS: "turn and shift the array so that the lamp shines on it",
-    }[kind]
-
-
-def _notes(scene: Scene, fit: CalibrationFit) -> list[str]:
-    side, likelihood, notes = scene.array.detectors_per_side, fit.likelihood, []
-    for i in fit.dead:
-        notes.append(
-            f"detector [{i // side}, {i % side}] always reads {likelihood.readings[0, i]:g} "
-            "counts: dead or stuck; it was left out, name it in effects.detector_faults"
-        )
-    notes += [f"{NAMES[i]} is not known: {_cure(fit, i)}" for i in range(GAINS) if i in fit.unknown]
-    if blind := [divmod(i - GAINS, side) for i in sorted(fit.unknown) if i >= GAINS]:
-        cells = ", ".join(f"[{row}, {column}]" for row, column in blind)
-        notes.append(f"gain of {cells} is not known: {_cure(fit, GAINS)}")
-    lost = 1 - likelihood.used[:, ~likelihood.faulty].mean()
-    if lost > MANY:
-        notes.append(f"{lost:.0%} of the readings are outliers: look at the picture")
-    # Of independent residuals it is 1, with this standard deviation.
-    common = fit.together() > 1 + 6 * np.sqrt(2 / len(likelihood.readings))
-    if common:
-        notes.append(
-            "the residuals of an image go together: its pose or the lamp's power is off, or the "
-            "model; give the poses' standard deviation, or see the picture"
-        )
-    if fit.misfit > MISFIT:
-        notes.append(
-            f"the model does not explain the data: mean squared residual {fit.misfit:.2f}, "
-            f"not 1; standard errors were multiplied by {np.sqrt(fit.misfit):.2f}"
-        )
-        if "sensor_noise" in scene.effects and not common:
-            sigma, _ = fit.noise(scene.effects["sensor_noise"]["sigma_counts"])
-            notes.append(
-                f"residuals go each its own way, as noise does: {NOISE} {sigma:.3g} would explain "
-                "them"
-            )
-    elif fit.misfit < 1 / MISFIT and fit.fair.any():
-        notes.append(
-            f"mean squared residual {fit.misfit:.2f}, below 1: the noise is less than the scene "
-            "says, and the standard errors are too large"
-        )
-    return notes
 
 
 def _reference(scene: Scene, fit: CalibrationFit) -> tuple[float, Array]:
     """Return the reference reading, and the slope of its logarithm by the parameters."""
-    values = fit.state.parameters.copy()
+    values = fit.state.at.parameters.copy()
     values[BACKGROUND] = 0.0
     aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
     light, slopes = fit.likelihood.light(values, aligned, np.zeros(1))
@@ -324,10 +265,8 @@ def _written(scene: Scene, fit: CalibrationFit, values: Array, reference: float)
     lamp, effects = settings["lamp"], settings["effects"]
     # Far more digits than are known, and few enough to read.
     values = np.array([float(f"{value:.9g}") for value in values])
-    lamp["beam_sigma_deg"], lamp["reference_counts"] = (
-        float(values[SIGMA]),
-        float(f"{reference:.9g}"),
-    )
+    lamp["beam_sigma_deg"] = float(values[SIGMA])
+    lamp["reference_counts"] = float(f"{reference:.9g}")
     for name, key, i in (("attenuation", "k_per_m", K), ("ambient", "level_counts", BACKGROUND)):
         if name in effects or values[i] > 0:
             effects[name] = {key: float(values[i])}

@@ -1,34 +1,33 @@
-"""The likelihood of images at known poses, by what a calibration fits.
+"""The likelihood of images at known poses, by what a calibration fits (`parameters`).
 
-The parameters, in one row: the logarithm of the lamp's power, that of the beam's sigma, K, the
-background, and the logarithm of each detector's gain. A reading's mean is ``g L``, with the light L
-of the scene's forward model. Where the poses are known within a standard deviation only, each image
-has five shifts of its own; they are eliminated by the Schur complement, as bundle adjustment does
-(B. Triggs et al., 2000), so that the work grows with the number of images and no faster.
+A reading's mean is ``g L``, with its gain g and the light L of the scene's forward model. Where the
+poses are known within a standard deviation only, each image has five shifts of its own; they are
+eliminated by the Schur complement, as bundle adjustment does (B. Triggs et al., 2000), so that the
+work grows with the number of images and no faster.
 """
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.calibration.parameters import BACKGROUND, GAINS, POWER, SIGMA, K
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
-POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
 BLOCK_READINGS = 100_000
 # Of the logarithm of sigma; a one-sided difference is then good to 1e-5 four sigmas off the axis.
 SIGMA_STEP = 1e-6
 
 
-@dataclass(frozen=True)
-class State:
-    """The likelihood at one place, and what a step from there needs.
+class Place(NamedTuple):
+    """Where the likelihood is looked at.
 
     Parameters
     ----------
@@ -36,26 +35,42 @@ class State:
         Shape ``(p,)``.
     shifts
         Of each image's pose, m and rad, shape ``(m, 5)``.
-    value
-        Log-likelihood, with the log-prior of the shifts, without constants.
+    """
+
+    parameters: Array
+    shifts: Array
+
+
+class CalibrationState(NamedTuple):
+    """The likelihood at one place, and what a step from there needs.
+
+    Parameters
+    ----------
+    cost
+        Negative log-likelihood, with the log-prior of the shifts, without constants.
+    at
+        The place.
     gradient, information
-        By the parameters, shifts eliminated, shapes ``(p,)`` and ``(p, p)``.
+        Of the opposite of the cost, by the parameters, shifts eliminated, shapes ``(p,)`` and
+        ``(p, p)``.
     mean, variance
         Of every reading, counts and counts^2, shape ``(m, n)``.
     shift_step, shift_by_parameters
         The shifts' own step, and how it moves with the parameters', shapes ``(m, 5)`` and
         ``(m, 5, p)``; empty where poses are exact.
+    shift_decrement
+        How far the shifts' own step lowers the cost, by its model of second order.
     """
 
-    parameters: Array
-    shifts: Array
-    value: float
+    cost: float
+    at: Place
     gradient: Array
     information: Array
     mean: Array
     variance: Array
     shift_step: Array
     shift_by_parameters: Array
+    shift_decrement: float
 
 
 class CalibrationLikelihood:
@@ -103,8 +118,7 @@ class CalibrationLikelihood:
         self.poses, self.rolls = poses, rolls
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
-        self._models: dict[float, ForwardModel] = {}
-        self.noise = self.model(np.log(scene.lamp.beam_sigma_deg)).noise
+        self.noise = ForwardModel(self.scene).noise
 
     def of(self, scene: Scene) -> "CalibrationLikelihood":
         """Return the likelihood of the same images in another scene."""
@@ -126,14 +140,10 @@ class CalibrationLikelihood:
             ]
         )
 
-    def model(self, log_sigma: float) -> ForwardModel:
+    def _model(self, log_sigma: float) -> ForwardModel:
         """Return the forward model with another beam; its power is its own."""
-        if log_sigma not in self._models:
-            lamp = dataclasses.replace(self.scene.lamp, beam_sigma_deg=float(np.exp(log_sigma)))
-            if len(self._models) > 8:
-                self._models.clear()
-            self._models[log_sigma] = ForwardModel(dataclasses.replace(self.scene, lamp=lamp))
-        return self._models[log_sigma]
+        lamp = dataclasses.replace(self.scene.lamp, beam_sigma_deg=float(np.exp(log_sigma)))
+        return ForwardModel(dataclasses.replace(self.scene, lamp=lamp))
 
     def _offsets(self, model: ForwardModel, parameters: Array, count: int) -> Mapping[str, Array]:
         scene = model.scene.effects
@@ -161,11 +171,11 @@ class CalibrationLikelihood:
         derivatives : Array
             By pose (5), log power, log sigma, K and background, shape ``(m, n, 9)``.
         """
-        model = self.model(parameters[SIGMA])
+        model = self._model(parameters[SIGMA])
         light, jacobian = model.linearised(
             poses, rolls, self._offsets(model, parameters, len(poses))
         )
-        wider = self.model(parameters[SIGMA] + SIGMA_STEP)
+        wider = self._model(parameters[SIGMA] + SIGMA_STEP)
         spread = wider.light(poses, rolls, self._offsets(wider, parameters, len(poses)))
         by_sigma = (spread.reshape(light.shape) - light) / SIGMA_STEP
         derivatives = np.concatenate(
@@ -174,22 +184,23 @@ class CalibrationLikelihood:
         return light, derivatives
 
     @np.errstate(under="ignore")
-    def at(self, parameters: Array, shifts: Array, expected: bool = False) -> State:
+    def evaluate(self, at: Place, expected: bool = False) -> CalibrationState:
         """Evaluate the likelihood.
 
         Parameters
         ----------
-        parameters, shifts
-            As in `State`.
+        at
+            The place.
         expected
             Whether the information is Fisher's, for standard errors, instead of Gauss-Newton's.
         """
+        parameters, shifts = at
         count, pixels = self.readings.shape
         size = GAINS + pixels
         gains = np.exp(parameters[GAINS:])
-        value, gradient, joint = 0.0, np.zeros(size), np.zeros((size, size))
+        cost, gradient, joint = 0.0, np.zeros(size), np.zeros((size, size))
         mean, variance = np.empty((2, count, pixels))
-        free = self.pose_std is not None
+        free, shift_decrement = self.pose_std is not None, 0.0
         shift_step = np.empty((count, 5 if free else 0))
         by_parameters = np.empty((count, 5 if free else 0, size))
         block = max(1, BLOCK_READINGS // pixels)
@@ -201,45 +212,48 @@ class CalibrationLikelihood:
             )
             mean[part] = light * gains
             slopes *= gains[:, None]
-            model = self.model(parameters[SIGMA])
-            variance[part], _ = model.variance(mean[part])
+            variance[part] = reading_variance(mean[part], self.noise.variance, self.noise.slope)
             values, score, weight = log_likelihood(self.readings[part], mean[part], self.noise)
             if expected:
                 weight = information(mean[part], self.noise)
             used = self.used[part]
             score, weight = score * used, weight * used
-            value += float(values[used].sum())
+            cost -= float(values[used].sum())
             lamp = slopes[..., 5:]
             weighted = lamp * weight[..., None]
-            own = mean[part]  # the derivative by the logarithm of the gain
+            own = mean[part]  # the slope by the logarithm of the gain
             gradient[:GAINS] += np.einsum("mn,mni->i", score, lamp)
             gradient[GAINS:] += (score * own).sum(axis=0)
             joint[:GAINS, :GAINS] += np.einsum("mni,mnj->ij", weighted, lamp)
             joint[:GAINS, GAINS:] += np.einsum("mni,mn->in", weighted, own)
             joint[GAINS + each, GAINS + each] += (weight * own**2).sum(axis=0)
-            if free:
-                assert self.pose_std is not None
-                by_pose, precision = slopes[..., :5], self.pose_std**-2.0
-                weighted_pose = by_pose * weight[..., None]
-                inner = np.swapaxes(weighted_pose, 1, 2) @ by_pose + np.diag(precision)
-                cross = np.empty((len(light), size, 5))
-                cross[:, :GAINS] = np.swapaxes(lamp, 1, 2) @ weighted_pose
-                cross[:, GAINS:] = own[..., None] * weighted_pose
-                pull = (score[:, None, :] @ by_pose)[:, 0] - shifts[part] * precision
-                value -= 0.5 * float((shifts[part] ** 2 * precision).sum())
-                inverse = np.linalg.inv(inner)
+            if self.pose_std is not None:
+                precision = self.pose_std**-2.0
+                inner, cross, pull = _shift_equations(slopes, own, score, weight)
+                cost += 0.5 * float((shifts[part] ** 2 * precision).sum())
+                pull -= shifts[part] * precision
+                inverse = np.linalg.inv(inner + np.diag(precision))
                 shift_step[part] = (inverse @ pull[..., None])[..., 0]
+                shift_decrement += 0.5 * float((pull * shift_step[part]).sum())
                 by_parameters[part] = -inverse @ np.swapaxes(cross, 1, 2)
                 gradient -= np.einsum("mpi,mi->p", cross, shift_step[part])
                 # One product of two flat matrices.
                 flat = np.swapaxes(cross, 0, 1).reshape(size, -1)
                 joint += flat @ by_parameters[part].reshape(-1, size)
         joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
-        return State(
-            parameters, shifts, value, gradient, joint, mean, variance, shift_step, by_parameters
+        return CalibrationState(
+            cost,
+            at,
+            gradient,
+            joint,
+            mean,
+            variance,
+            shift_step,
+            by_parameters,
+            shift_decrement,
         )
 
-    def residuals(self, state: State) -> Array:
+    def residuals(self, state: CalibrationState) -> Array:
         """Return readings less their mean, in standard deviations, shape ``(m, n)``.
 
         A censored reading counts by how far its mean is from where it would not be censored.
@@ -247,8 +261,38 @@ class CalibrationLikelihood:
         clipped = np.clip(state.mean, self.noise.low, self.noise.high)
         return (self.readings - clipped) / np.sqrt(state.variance)
 
-    def inside(self, state: State, reach: float = 3.0) -> NDArray[np.bool_]:
+    def inside(self, state: CalibrationState, reach: float = 3.0) -> NDArray[np.bool_]:
         """Say which readings could hardly be censored, by their mean, shape ``(m, n)``."""
         room = reach * np.sqrt(state.variance)
         above = state.mean - room > self.noise.low
         return above & (state.mean + room < self.noise.high)
+
+
+def _shift_equations(
+    slopes: Array, own: Array, score: Array, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Return what m images say of the shifts of their poses.
+
+    Parameters
+    ----------
+    slopes
+        Of the readings, as `CalibrationLikelihood.light` has them, shape ``(m, n, 9)``.
+    own
+        Of each reading by its own gain's logarithm, shape ``(m, n)``.
+    score, weight
+        Of each reading, 1/counts and 1/counts^2, shape ``(m, n)``.
+
+    Returns
+    -------
+    inner
+        Information of the shifts, shape ``(m, 5, 5)``.
+    cross
+        That of parameters with shifts, shape ``(m, p, 5)``.
+    pull
+        Gradient by the shifts, shape ``(m, 5)``.
+    """
+    by_pose, lamp = slopes[..., :5], slopes[..., 5:]
+    weighted = by_pose * weight[..., None]
+    by_lamp = np.swapaxes(lamp, 1, 2) @ weighted
+    cross = np.concatenate([by_lamp, own[..., None] * weighted], axis=1)
+    return np.swapaxes(weighted, 1, 2) @ by_pose, cross, (score[:, None, :] @ by_pose)[:, 0]

@@ -9,7 +9,8 @@ import numpy as np
 from tqdm import tqdm
 
 from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
-from uuv_optical_array.calibration.calibrate import NAMES, Calibration, FittedParameter, calibrate
+from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
+from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array

@@ -36,7 +36,9 @@ def choose(condition: Any, one: Any, other: Any) -> Any:
 
 
 def choose_state(condition: Any, one: Any, other: Any) -> Any:
-    """Choose between tuples, part by part, by a condition along their last axis."""
+    """Choose between named tuples: whole by one condition, by many along their parts' last axis."""
+    if np.ndim(condition) == 0:
+        return one if condition else other
     return type(one)(*(np.where(condition, a, b) for a, b in zip(one, other, strict=True)))
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from uuv_optical_array.core.elementwise import any_of, choose, choose_state, not_
 
 DAMPING = 1e-3  # at the start
@@ -11,45 +13,52 @@ GIVE_UP = 1e4  # damping beyond which no step gains
 
 
 def minimiser(
-    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float
+    evaluate: Callable[..., Any], propose: Callable[..., Any], arrived: float, most: int
 ) -> Callable[..., Any]:
     """Return a function that minimises the cost of a problem, or of many at once.
+
+    What is peculiar to a problem, such as bounds, limits of a step or parameters that are held,
+    belongs to `propose`.
 
     Parameters
     ----------
     evaluate
-        ``evaluate(problem, at)``: a tuple of the cost, the place `at` and whatever `propose`
-        needs to know of it; of many problems, each part has their axis last.
+        ``evaluate(problem, at)``: a named tuple of the cost, first, and whatever `propose` needs to
+        know of the place; of many problems, each part has their axis last.
     propose
-        ``propose(problem, state, damping)``: the place to try next and the decrement of the cost
-        that the model of second order promises there; nan where there is none.
+        ``propose(problem, state, damping)``: the place to try next, as `evaluate` takes it, and the
+        decrement of the cost that the model of second order promises there; nan where there is no
+        step. The more damping, > 0, the shorter the step; of many problems, those that have ended
+        get 0 and need none.
     arrived
-        Decrement below which a step is the last.
+        Decrement below which a step is the last, > 0.
+    most
+        Steps at most.
 
     Returns
     -------
     callable
-        ``minimise(problem, start, most)``: what `evaluate` found at the best place in `most` steps.
+        ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place, the start
+        itself where its cost is not finite. A place whose cost is not finite is never taken.
     """
 
-    def minimise(problem: Any, start: Any, most: int) -> Any:
+    def minimise(problem: Any, start: Any, steps: int = most) -> Any:
         state = evaluate(problem, start)
-        damping = DAMPING + 0.0 * state[0]
-        active = damping > 0
-        for _ in range(most):
+        damping = choose(abs(state[0]) < np.inf, DAMPING, 0.0)
+        for _ in range(steps):
+            active = damping > 0
+            if not any_of(active):
+                break
             trial, decrement = propose(problem, state, damping)
             last = (decrement < arrived) & (damping < FREE)
             new = evaluate(problem, trial)
-            gain = state[0] - new[0]
-            better = active & (gain > 0)
-            state = choose_state(better, new, state)
+            better = active & (new[0] < state[0]) & (new[0] > -np.inf)
             # On the edge where a detector turns away from the lamp the slope jumps, and a fit
             # that sits there gains nothing either way.
-            settled = last | (better & (gain < arrived)) | (damping > GIVE_UP)
-            active = active & (not_(settled))
-            if not any_of(active):
-                break
-            damping = damping * choose(better, 0.1, 10.0)
+            short = better & (new[0] > state[0] - arrived)
+            state = choose_state(better, new, state)
+            go_on = active & not_(last | short | (damping > GIVE_UP))
+            damping = choose(go_on, damping * choose(better, 0.1, 10.0), 0.0)
         return state
 
     return minimise

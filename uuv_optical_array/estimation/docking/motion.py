@@ -38,11 +38,17 @@ class DockingSettings:
     ] = 100
 
 
-class Prior(NamedTuple):
-    """What is known of the oldest state kept, before its image."""
+class StatePrior(NamedTuple):
+    """What is known of the oldest state kept, before its image.
 
-    mean: Array  # (n, p)
-    covariance: Array  # (n, p, p)
+    Parameters
+    ----------
+    mean, covariance
+        Of n approaches, shapes ``(n, p)`` and ``(n, p, p)``.
+    """
+
+    mean: Array
+    covariance: Array
 
 
 class DockingMotion:
@@ -63,18 +69,20 @@ class DockingMotion:
         What is known of the first state, for one approach.
     noise
         Covariance that a step adds, shape ``(p, p)``.
+    seen
+        The numbers of a state that an image depends on: the pose and what does not change.
     """
 
     def __init__(
         self, step_s: float, constant_std: Sequence[float], settings: DockingSettings
     ) -> None:
         s, size = settings, MOTION + len(constant_std)
-        self.step_s = step_s
+        self.step_s, self.seen = step_s, np.r_[0:5, MOTION:size]
         turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
         first = np.zeros(size)
         first[0] = -FIRST_RANGE_M
         first_std = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn, *constant_std])
-        self.start = Prior(first[None], np.diag(first_std**2)[None])
+        self.start = StatePrior(first[None], np.diag(first_std**2)[None])
         self.noise = np.zeros((size, size))
         position, speed = step_s * s.slip_m**2, step_s * s.speed_walk_m_per_s**2
         self.noise[range(3), range(3)], self.noise[SPEED, SPEED] = position, speed
@@ -109,8 +117,16 @@ class DockingMotion:
         slope[..., PITCH, PITCH_RATE] = slope[..., YAW, YAW_RATE] = step_s
         return ahead, slope
 
-    def cost(self, path: Array, prior: Prior) -> Array:
-        """Return the negative log-prior of paths, without constants, shape ``(n,)``."""
+    def cost(self, path: Array, prior: StatePrior) -> Array:
+        """Return the negative log-prior of paths, without constants, shape ``(n,)``.
+
+        Parameters
+        ----------
+        path
+            Shape ``(n, k, p)``.
+        prior
+            Of the first states.
+        """
         first = (path[:, 0] - prior.mean)[..., None]
         begun = (np.swapaxes(first, 1, 2) @ np.linalg.solve(prior.covariance, first))[:, 0, 0]
         ahead, _ = self.moved(path[:, :-1])

@@ -238,7 +238,7 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
 
 
 # Moves coordinates, shape ``(p,)``, to where they are most probable nearby.
-refine = minimiser(evaluate, propose, ARRIVED)
+refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
 
 
 def light_at(problem: Problem, at: Array) -> Array:

@@ -1,0 +1,61 @@
+"""Cholesky's factor of small matrices, beside LAPACK's, compiled and not."""
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
+
+pytestmark = pytest.mark.filterwarnings("error")
+numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+
+
+@pytest.fixture(params=[False, pytest.param(True, marks=numba)], ids=["plain", "compiled"])
+def functions(request):
+    functions = cholesky, solve_lower, solve_upper
+    return [compilation.compiled(each) if request.param else each for each in functions]
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 12])
+def test_factor_and_solutions_are_lapacks(functions, size):
+    factorise, lower, upper = functions
+    rng = np.random.default_rng(size)
+    root = rng.standard_normal((size, size + 2)) * 10.0 ** rng.uniform(-3, 3, (size, 1))
+    matrix, vector = root @ root.T, rng.standard_normal(size)
+    own, below, above = matrix.copy(), vector.copy(), vector.copy()
+    own[np.triu_indices(size, 1)] = np.nan  # which is neither read nor written
+    assert factorise(own)
+    assert np.isnan(own[np.triu_indices(size, 1)]).all()
+    theirs = linalg.cholesky(matrix, lower=True)
+    np.testing.assert_allclose(np.tril(own), theirs, rtol=1e-9)
+    lower(own, below)
+    np.testing.assert_allclose(
+        below, linalg.solve_triangular(theirs, vector, lower=True), rtol=1e-9
+    )
+    upper(own, above)
+    np.testing.assert_allclose(
+        above, linalg.solve_triangular(theirs, vector, lower=True, trans="T"), rtol=1e-9
+    )
+    both = vector.copy()
+    lower(own, both)
+    upper(own, both)
+    scale = np.sqrt(np.diag(matrix))
+    np.testing.assert_allclose((matrix @ both) / scale, vector / scale, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[0.0]],
+        [[-1.0]],
+        [[np.nan]],
+        [[1.0, 1.0], [1.0, 1.0]],
+        [[1.0, 2.0], [2.0, 1.0]],
+        [[1.0, 0, 0], [0, 1, 0], [0, 0, -1e-9]],
+        [[1.0, np.nan], [np.nan, 1.0]],
+    ],
+    ids=str,
+)
+def test_a_matrix_that_is_not_positive_definite_is_refused(functions, matrix):
+    assert not functions[0](np.array(matrix))

@@ -151,6 +151,18 @@ def test_a_variance_below_the_least_counts_as_that():
     assert found == least == pytest.approx((-0.045e6, 0.3e6, 1e6))
 
 
+def test_below_the_least_variance_shot_noise_does_not_grow_and_tells_nothing_more():
+    """Of 300 electrons a count and no other noise, a ten-thousandth of a count is darkness."""
+    light, slope = 1e-4, 1 / 300
+
+    def value(at):
+        return one(2e-3, at, 0.0, slope, FREE)[0]
+
+    _, score, curvature = one(2e-3, light, 0.0, slope, FREE)
+    assert score == pytest.approx(derivative(value, light, 1e-6), rel=1e-6)
+    assert curvature == told_by(light, 0.0, slope, FREE) == pytest.approx(1 / MIN_VARIANCE)
+
+
 def test_the_light_below_zero_has_the_noise_of_the_dark():
     for light in (-3.0, 0.0):
         found, score, _ = one(5.0, light, 2.0, 0.5, FREE)

@@ -9,7 +9,7 @@ from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.elementwise import choose, each, law, when
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.optics import Noise, reading_variance
+from uuv_optical_array.forward.optics import Noise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12
@@ -109,7 +109,7 @@ def likelihood_of(readings: Any, light: Any, noise: Noise, found: Any) -> None:
     for j in each(len(light)):
         variance = reading_variance(light[j], noise.variance, noise.slope)
         if noise.slope > 0:
-            slope = choose(variance > noise.variance, noise.slope, 0.0)
+            slope = variance_slope(light[j], noise.variance, noise.slope)
             value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
         else:
             value, score, curvature = gaussian(readings[j], light[j], variance)
@@ -173,7 +173,7 @@ def information(light: Array, noise: Noise) -> Array:
         1/counts^2, in the shape of the light, >= 0.
     """
     variance = reading_variance(light, noise.variance, noise.slope)
-    slope = np.where(variance > noise.variance, noise.slope, 0.0)
+    slope = variance_slope(light, noise.variance, noise.slope)
     std = np.sqrt(variance)
     whole = 1 / variance + 0.5 * (slope / variance) ** 2
     low = (noise.low + 0.5 - light) / std

@@ -34,6 +34,7 @@ from uuv_optical_array.forward.optics import (
     project,
     reading_variance,
     trace,
+    variance_slope,
 )
 from uuv_optical_array.forward.scene import Scene
 
@@ -327,8 +328,8 @@ class ForwardModel:
         slope : Array
             Its derivative by the light, counts.
         """
-        variance = reading_variance(light, self.noise.variance, self.noise.slope)
-        return variance, np.where(variance > self.noise.variance, self.noise.slope, 0.0)
+        constant, slope = self.noise.variance, self.noise.slope
+        return reading_variance(light, constant, slope), variance_slope(light, constant, slope)
 
     def expose(
         self,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from numpy import exp, maximum
 
-from uuv_optical_array.core.elementwise import each, law, room, sandwich, transmit
+from uuv_optical_array.core.elementwise import choose, each, law, room, sandwich, transmit
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import (
     ALONG,
@@ -316,3 +316,10 @@ def reading_variance(light: Any, variance: float, slope: float) -> Any:
         As in `Noise`.
     """
     return maximum(variance + slope * maximum(light, 0.0), MIN_VARIANCE)
+
+
+@law
+def variance_slope(light: Any, variance: float, slope: float) -> Any:
+    """Growth of `reading_variance` with the light, counts; at an edge that of the darker side."""
+    grows = (light > 0) & (variance + slope * light > MIN_VARIANCE)
+    return choose(grows, slope, 0.0)

@@ -156,6 +156,24 @@ def field_of_view(ray, lamp, cosine_power=None, half_angle_deg=None, edge_deg=No
     return (1 + math.tanh(within)) / 2
 
 
+def window(ray, lamp, index, behind_index, water_index):
+    """Fresnel's coefficients by angles: sines and tangents of sums and differences."""
+    passed, angle = 1.0, math.acos(min(max(ray.cosine, 1e-6), 1.0))
+    for before, after in ((water_index, index), (index, behind_index)):
+        sine = before / after * math.sin(angle)
+        if sine >= 1:
+            return 0.0
+        refracted = math.asin(sine)
+        if angle + refracted < 1e-4:
+            reflected = ((before - after) / (before + after)) ** 2
+        else:
+            less, more = angle - refracted, angle + refracted
+            reflected = (math.sin(less) / math.sin(more)) ** 2 / 2
+            reflected += (math.tan(less) / math.tan(more)) ** 2 / 2
+        passed, angle = passed * (1 - reflected), refracted
+    return passed
+
+
 # On the array: the image, a list of rows, is changed in place.
 
 
@@ -254,7 +272,7 @@ def named(*functions):
 
 
 # Within each stage in physical order.
-WAY = named(attenuation, lamp_flicker, lamp_drift, plume, beam_spread, field_of_view)
+WAY = named(attenuation, lamp_flicker, lamp_drift, plume, beam_spread, field_of_view, window)
 ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
 NOISE = named(sensor_noise, shot_noise, photodiode)
 LIMITS = named(saturation, adc)

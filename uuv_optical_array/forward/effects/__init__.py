@@ -18,6 +18,7 @@ from uuv_optical_array.forward.effects.detectors import (
     resolved_field_of_view,
     resolved_responsivity,
     responsivity,
+    window,
 )
 from uuv_optical_array.forward.effects.electronics import (
     adc,
@@ -66,6 +67,7 @@ EFFECTS: dict[str, Effect] = {
         Effect(plume),
         Effect(beam_spread),
         Effect(field_of_view, resolved_field_of_view),
+        Effect(window),
         # On the array.
         Effect(ambient, resolved_ambient),
         Effect(forward_scatter),

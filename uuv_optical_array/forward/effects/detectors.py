@@ -3,9 +3,9 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import maximum, tanh
+from numpy import maximum, minimum, sqrt, tanh
 
-from uuv_optical_array.core.elementwise import law
+from uuv_optical_array.core.elementwise import choose, law
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Cells, Grid, Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
@@ -58,6 +58,71 @@ def field_of_view(
     half = np.radians(half_angle_deg)
     width = 0.5 * np.radians(edge_deg) * np.sin(half)
     return Transmission(housing, (float(np.cos(half)), float(width), 0.0))
+
+
+@law
+def interface(cosine: Any, before: Any, after: Any) -> tuple[Any, Any, Any, Any]:
+    """Refract at a plane, unpolarised light (Snell and Fresnel; Born and Wolf 1999, section 1.5).
+
+    Parameters
+    ----------
+    cosine
+        Of the angle of incidence, in (0, 1].
+    before, after
+        Refractive indices.
+
+    Returns
+    -------
+    transmission, slope
+        Share of the flux that passes, and its derivative by the cosine; 0 where all is reflected.
+    refracted, refracted_slope
+        Cosine behind the plane, and its derivative; at least 1e-6.
+    """
+    ratio = before / after
+    square = 1 - ratio * ratio * (1 - cosine * cosine)
+    refracted = sqrt(maximum(square, 1e-12))
+    bent = ratio * ratio * cosine / refracted
+    across, along = before * cosine + after * refracted, after * cosine + before * refracted
+    # Amplitudes of reflection across the plane of incidence and in it.
+    r_across = (before * cosine - after * refracted) / across
+    r_along = (after * cosine - before * refracted) / along
+    slope_across = (before - after * bent - r_across * (before + after * bent)) / across
+    slope_along = (after - before * bent - r_along * (after + before * bent)) / along
+    passes = square > 0
+    transmission = choose(passes, 1 - 0.5 * (r_across * r_across + r_along * r_along), 0.0)
+    slope = choose(passes, -(r_across * slope_across + r_along * slope_along), 0.0)
+    return transmission, slope, refracted, bent
+
+
+@law
+def port(range_m: Any, half_square: Any, cosine: Any, pane: Any, behind: Any, water: Any) -> Any:
+    """Transmission of a flat pane between water and what is behind it: a `Transmission`."""
+    lit = minimum(maximum(cosine, 1e-6), 1.0)
+    first, first_slope, inside, inside_slope = interface(lit, water, pane)
+    second, second_slope, _, _ = interface(inside, pane, behind)
+    slope = first_slope / maximum(first, 1e-300)
+    slope = slope + second_slope * inside_slope / maximum(second, 1e-300)
+    return first * second, 0.0, 0.0, slope, 0.0
+
+
+def window(
+    array: DetectorArray,
+    *,
+    index: Annotated[
+        float, Quantity("refractive index of the pane: acrylic 1.49, glass 1.52", "", 1.3, 2.5)
+    ] = 1.49,
+    behind_index: Annotated[
+        float, Quantity("of what is behind it: air 1, optical gel 1.4 to 1.5", "", 1, 2.5)
+    ] = 1.0,
+    water_index: Annotated[float, Quantity("of the water", "", 1.3, 1.4)] = 1.34,
+) -> Transmission:
+    """Put a flat port in front of each photodiode: Snell's refraction and Fresnel's transmission.
+
+    Unpolarised light, reflected once at each face (Born and Wolf 1999, Principles of Optics).
+    Behind a pane with air no light arrives from beyond the critical angle, 48 deg in sea water. The
+    pane's thickness, which shifts the ray by a millimetre or so, is left out.
+    """
+    return Transmission(port, (index, behind_index, water_index))
 
 
 def resolved_responsivity(settings: dict[str, Any], name: str) -> dict[str, Any]:

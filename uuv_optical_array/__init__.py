@@ -1,1 +1,36 @@
-"""One underwater vehicle follows another by light: simulation, signature match, relative pose."""
+"""One underwater vehicle follows another by light: the public names; see ``docs/design.md``.
+
+A name's module is imported when it is first asked for.
+"""
+
+import importlib
+from typing import Any
+
+__version__ = "0.2.0"
+
+_HOME = {
+    "load_scene": "forward.scene",
+    "Scene": "forward.scene",
+    "ForwardModel": "forward.model",
+    "key_parameters": "estimation.features",
+    "spectral_angle": "estimation.spectral_angle",
+    "cached_table": "estimation.table.signature_table",
+    "build_table": "estimation.table.signature_table",
+    "Estimator": "estimation.estimator",
+    "NoPose": "core.errors",
+    "Tracker": "estimation.tracker",
+    "cramer_rao_bound": "estimation.cramer_rao",
+}
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

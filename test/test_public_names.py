@@ -1,0 +1,48 @@
+"""What ``import uuv_optical_array`` offers, in the code and in the documentation."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import uuv_optical_array
+
+ROOT = Path(__file__).parents[1]
+NAMES = [name for name in uuv_optical_array.__all__ if name != "__version__"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_is_there_documented_and_in_the_readme(name):
+    assert getattr(uuv_optical_array, name).__doc__
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    [table] = re.findall(r"^\| public name .*?\n\n", readme, re.MULTILINE | re.DOTALL)
+    assert f"| `{name}` |" in table
+
+
+def test_the_readme_names_nothing_else():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    [table] = re.findall(r"^\| public name .*?\n\n", readme, re.MULTILINE | re.DOTALL)
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == set(NAMES)
+
+
+def test_the_version_is_that_of_the_package():
+    assert uuv_optical_array.__version__ == ElementTree.parse(ROOT / "package.xml").findtext(
+        "version"
+    )
+    assert f'version="{uuv_optical_array.__version__}"' in (ROOT / "setup.py").read_text()
+
+
+def test_a_name_that_is_not_public_is_refused():
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = uuv_optical_array.nonsense
+
+
+def test_importing_the_package_imports_none_of_its_modules():
+    program = "import sys, uuv_optical_array; print(sum('uuv_optical' in m for m in sys.modules))"
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.strip() == "1"

@@ -42,6 +42,7 @@ format: $(INSTALLED)  ## bring the code into the house style
 
 bench: $(INSTALLED)  ## measure speed and accuracy
 	$(BIN)/pytest benchmarks
+	@$(BIN)/python benchmarks/frames.py
 
 peers: $(INSTALLED)  ## compare search and simulation with other libraries; options by ARGS='...'
 	@PYTHONPATH=benchmarks $(BIN)/python -m peers $(ARGS)

@@ -1,0 +1,146 @@
+"""CPU time of a frame, beside a plain compiled Gauss-Newton fit, in one run.
+
+The yardstick is four iterations on 25 detectors, with no prior, no search and no covariance: what
+the arithmetic of a fit takes at least. Ratios to it carry over between machines; it runs between
+the frames, so that a noisy machine slows both.
+"""
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from uuv_optical_array import Estimator, ForwardModel, build_table, load_scene
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.table.signature_table import GridPoses, grid_axes, signatures
+from uuv_optical_array.forward.scene import PriorSettings, Scene, scene_from_settings
+from uuv_optical_array.studies.shared.working_volume import lit_poses
+
+FRAMES = 300
+NUISANCES = PriorSettings(0.1, 0.02, 5.0, 1.0)
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def yardstick(detectors, readings, start):
+    """Fit a bright point with a Gaussian beam by four Gauss-Newton steps; returns the place."""
+    at = start.copy()
+    for _ in range(4):
+        joint, pull = np.zeros((5, 5)), np.zeros(5)
+        for j in range(detectors.shape[1]):
+            x, y, z = at[0] - detectors[0, j], at[1] - detectors[1, j], at[2] - detectors[2, j]
+            square = x * x + y * y + z * z
+            r = math.sqrt(square)
+            facing = (x * detectors[3, j] + y * detectors[4, j] + z * detectors[5, j]) / r
+            along = (x * math.cos(at[4]) + y * math.sin(at[4]) + z * math.sin(at[3])) / r
+            light = 1e4 * facing / square * math.exp((along - 1) * 30)
+            slopes = (
+                light * (x - 2 * x / square),
+                light * (y - 2 * y / square),
+                light * (z - 2 * z / square),
+                light * along,
+                light * facing,
+            )
+            off = readings[j] - light
+            for q in range(5):
+                pull[q] += slopes[q] * off
+                for s in range(q + 1):
+                    joint[q, s] += slopes[q] * slopes[s]
+        for i in range(5):
+            joint[i, i] += 1e-3
+            for k in range(i + 1):
+                rest = joint[i, k]
+                for m in range(k):
+                    rest -= joint[i, m] * joint[k, m]
+                joint[i, k] = math.sqrt(abs(rest) + 1e-9) if i == k else rest / joint[k, k]
+        for i in range(5):
+            rest = pull[i]
+            for k in range(i):
+                rest -= joint[i, k] * pull[k]
+            pull[i] = rest / joint[i, i]
+        for i in range(4, -1, -1):
+            rest = pull[i]
+            for k in range(i + 1, 5):
+                rest -= joint[k, i] * pull[k]
+            pull[i] = rest / joint[i, i]
+        for q in range(5):
+            at[q] += 1e-9 * pull[q]
+    return at
+
+
+def cpu_us(call: Callable[..., Any], *arguments: Any) -> float:
+    """Return the CPU time of a call, us."""
+    before = time.thread_time_ns()
+    call(*arguments)
+    return (time.thread_time_ns() - before) / 1e3
+
+
+def weakly_curved() -> Scene:
+    """Return `reference` with a 7 x 7 array on a sphere of 0.6 m, a narrow beam and 12 bits."""
+    values = load_scene("reference").settings()
+    values["array"].update(detectors_per_side=7, radius_m=0.6)
+    values["lamp"].update(beam_sigma_deg=5.0, reference_counts=3600.0)
+    values["effects"]["attenuation"]["k_per_m"] = 0.25
+    values["effects"]["saturation"]["level_counts"] = 4095.0
+    values["effects"]["adc"]["bits"] = 12
+    return scene_from_settings(values, "weakly curved")
+
+
+def with_nuisances() -> Scene:
+    """Return `coastal` with daylight and four nuisances under a prior."""
+    values = load_scene("coastal").settings()
+    values["effects"]["ambient"] = {"level_counts": 20.0}
+    values["prior"] = dataclasses.asdict(NUISANCES)
+    return scene_from_settings(values, "nuisances")
+
+
+def main() -> None:
+    """Print a table of medians and 99th percentiles."""
+    rng = np.random.default_rng(1)
+    detectors, readings, start = rng.random((6, 25)), rng.random(25), np.full(5, 0.2)
+    start[0] = 6.0
+    yardstick(detectors, readings, start)
+    reference = load_scene("reference")
+    cases = {
+        "least_squares, reference": (reference, "least_squares"),
+        "least_squares, follow": (load_scene("follow"), "least_squares"),
+        "four nuisances": (with_nuisances(), "least_squares"),
+        "planar 5 x 5": (reference.with_shape("planar"), "least_squares"),
+        "weakly curved 7 x 7": (weakly_curved(), "least_squares"),
+        "sam, reference": (reference, "sam"),
+    }
+    print(f"{'':26}{'median':>10}{'99 %':>10}{'median':>12}{'99 %':>10}  no pose")
+    print(f"{'':26}{'us':>10}{'us':>10}{'yardsticks':>12}")
+    for name, (scene, method) in cases.items():
+        estimator = Estimator(build_table(scene), method)
+        model = ForwardModel(scene)
+        frames = model.expose(lit_poses(model, FRAMES, rng), rng)
+        estimator.estimate(None, frames[0])
+        times, units, without = [], [], 0
+        for frame in frames:
+            units.append(cpu_us(yardstick, detectors, readings, start))
+            try:
+                times.append(cpu_us(estimator.estimate, None, frame))
+            except NoPose:
+                without += 1
+        middle, late = np.quantile(times, [0.5, 0.99])
+        unit = float(np.median(units))
+        print(
+            f"{name:26}{middle:10.0f}{late:10.0f}{middle / unit:12.0f}{late / unit:10.0f}"
+            f"  {without} of {len(frames)}; yardstick {unit:.1f} us"
+        )
+    model, grid = ForwardModel(reference), GridPoses(grid_axes(reference.table))
+    poses = grid[rng.choice(len(grid), 100_000, replace=False)]
+    for compiled in (True, False) if compilation.usable() else (False,):
+        signatures(model, poses[:10], 1.0, compiled)
+        whole = min(cpu_us(signatures, model, poses, 1.0, compiled) for _ in range(3))
+        how = "Numba" if compiled else "NumPy"
+        print(f"a million signatures, by {how}: {whole / 1e5:.2f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -18,6 +18,7 @@ from uuv_optical_array.forward.light import (
     RANGE,
     lamp_light,
     off_axis,
+    ray,
     slopes_by_lamp,
 )
 from uuv_optical_array.forward.model import ForwardModel
@@ -158,19 +159,29 @@ def test_the_turn_stays_finite_on_the_axis_on_either_side():
 
 
 @given(
-    ray=st.tuples(st.floats(0.5, 50), st.floats(0, 0.5), st.floats(-1, 1)),
+    geometry=st.tuples(st.floats(0.5, 50), st.floats(0, 0.5), st.floats(-1, 1)),
     power=st.floats(1e-3, 1e6),
     sigma=st.floats(math.radians(3), math.radians(60)),
 )
 @reproducible
-def test_the_slopes_of_the_light_are_those_of_its_logarithm(ray, power, sigma):
-    range_m, half_square, cosine = ray
-    light, *slopes = lamp_light(*ray, power, sigma)
+def test_the_slopes_of_the_light_are_those_of_its_logarithm(geometry, power, sigma):
+    range_m, half_square, cosine = geometry
+    light, *slopes = lamp_light(*geometry, power, sigma)
     beam = math.exp(-half_square / sigma**2) if half_square / sigma**2 < 700 else 0.0
     expected = power / range_m**2 * beam * max(cosine, 0.0)
     assert light == pytest.approx(expected, rel=1e-12, abs=1e-300)
     by_cosine = 1 / cosine if cosine > 0 else 0.0
     np.testing.assert_allclose(slopes, [-2 / range_m, -1 / sigma**2, by_cosine], rtol=1e-14)
+
+
+def test_no_cosine_exceeds_one_by_rounding():
+    normals = np.random.default_rng(7).standard_normal((3, 1000))
+    normals /= np.linalg.norm(normals, axis=0)
+    lamps = 3.7 * normals  # straight ahead of detectors at the origin
+    assert ((lamps * normals).sum(axis=0) > np.linalg.norm(lamps, axis=0)).any()
+    cosines = ray(0.0, 0.0, 0.0, *normals, *lamps, -1.0, 0.0, 0.0)[COSINE]
+    assert (cosines <= 1).all()
+    np.testing.assert_allclose(cosines, 1, rtol=1e-15)
 
 
 @given(
@@ -303,12 +314,11 @@ def test_light_whose_exponential_is_subnormal_is_right():
     pose = [-72.5, 0, 0, 0, 0]
     model.power = 1e9
     light = model.light(pose)
-    for found, ray in zip(
-        light.ravel(), second_forward.rays(model.scene.settings()["array"], pose), strict=True
-    ):
-        assert -745 < -10 * ray.range_m < -708
-        beam = second_forward.ideal(ray, 60.0)
-        expected = 1e9 * beam * math.exp(-5 * ray.range_m) * math.exp(-5 * ray.range_m)
+    paths = second_forward.rays(model.scene.settings()["array"], pose)
+    for found, path in zip(light.ravel(), paths, strict=True):
+        assert -745 < -10 * path.range_m < -708
+        beam = second_forward.ideal(path, 60.0)
+        expected = 1e9 * beam * math.exp(-5 * path.range_m) * math.exp(-5 * path.range_m)
         assert 0 < found == pytest.approx(expected, rel=1e-9)
 
 

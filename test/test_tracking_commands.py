@@ -162,11 +162,16 @@ def test_frames_out_of_order_move_by_the_commands_of_their_own_time(order, seed)
     frames = list(zip(*scattered(seed, 10), strict=True))
     options = TrackerSettings(buffer_s=10.0, reset_after_s=1.0, reacquire_frames=2)
     commands = swerves([frames[0][0], frames[-1][0]], rng)
-    in_order, as_they_come = (told(Tracker(options), commands) for _ in range(2))
-    for tracker, arrivals in ((in_order, range(10)), (as_they_come, order)):
-        for k in arrivals:
-            with contextlib.suppress(Outlier):
-                tracker.update(*frames[k])
+    in_order, as_they_come = Tracker(options), told(Tracker(options), commands)
+    # One hears of each command when it is given, the other of all before any frame.
+    for frame in frames:
+        told(in_order, [command for command in commands if command[0] <= frame[0]])
+        with contextlib.suppress(Outlier):
+            in_order.update(*frame)
+    told(in_order, commands)
+    for k in order:
+        with contextlib.suppress(Outlier):
+            as_they_come.update(*frames[k])
     # What they know shows in the answers to the frames that follow.
     for probe in ((frames[-1][0] + step, STATION, NOISE) for step in (1, 2, 3)):
         answers = answer(in_order, probe), answer(as_they_come, probe)

@@ -15,7 +15,6 @@ from peers.search import compare, figures, one_thread, signatures
 from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.forward import light_batch
 from uuv_optical_array.forward.scene import Scene, load_scene
 
 DESCRIPTION = """\
@@ -88,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     count = check(POSES, _whole(options.poses), "--poses")
     rng = np.random.default_rng(check(SEED, options.seed, "--seed"))
     scene = load_scene(options.scene)
-    absent = missing() + ([] if light_batch.installed() else ["numba"])
+    absent = missing()
     result: dict[str, Any] = {"scene": scene.name, "missing": absent}
 
     def say(text: str) -> None:

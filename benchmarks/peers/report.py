@@ -42,20 +42,10 @@ def light(found: dict[str, Any]) -> str:
         "",
         f"{found['poses']:,} random poses of {found['detectors']} detectors; "
         f"the floor is np.exp of as many readings: {found['floor_s'] * 1e3:.0f} ms",
-        f"  {'':18}{'poses per s':>12} {'x floor':>9}    with new arrays on both sides",
+        f"  {'':18}{'poses per s':>12} {'x floor':>9}",
     ]
-    names = {"all at once": "NumPy, all at once", "numpy": "NumPy, in blocks", "compiled": "Numba"}
-    for key, name in names.items():
-        if each := found.get(key):
-            line = f"  {name:18}{each['poses_per_s']:12,.0f} {each['times_floor']:9.1f}"
-            if "fresh_times_floor" in each:
-                line += f" {each['fresh_poses_per_s']:14,.0f} {each['fresh_times_floor']:9.1f}"
-            lines.append(line)
-    if "compiled" in found:
-        lines.append(
-            f"  Numba is {found['compiled_speedup']:.1f} times as fast as NumPy in blocks; "
-            f"loading it took {found['load_s']:.2f} s"
-        )
+    each = found["numpy"]
+    lines.append(f"  {'NumPy':18}{each['poses_per_s']:12,.0f} {each['times_floor']:9.1f}")
     return "\n".join(lines)
 
 

@@ -159,7 +159,7 @@ class Estimator:
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
-        self._compiled = compilation.usable() if compiled is None else compiled
+        self._asked_to_compile = compiled
         scene = table.scene
         self._signature = (
             scene.array.detectors_per_side,
@@ -168,6 +168,12 @@ class Estimator:
         )
         if method == "least_squares":
             self._prepare()
+
+    @property
+    def _compiled(self) -> bool:
+        """Whether compiled code runs; asked late, because it imports Numba."""
+        asked = self._asked_to_compile
+        return compilation.usable() if asked is None else asked
 
     def _prepare(self) -> None:
         """Make what a fit needs, so that the first frame takes no longer than the next."""

@@ -16,7 +16,7 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow tradeoff test format bench peers clean
+.PHONY: help follow tradeoff test jazzy format bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
@@ -29,11 +29,13 @@ tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options
 
 # A process for each core, and in each of them one thread for algebra.
 test: export OPENBLAS_NUM_THREADS = 1
-test: $(INSTALLED) $(JAZZY)/installed  ## check style and types, run all tests, those of nodes on Jazzy too
+test: $(INSTALLED)  ## check style and types, and run all tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/pytest -n logical --maxprocesses 8 --dist worksteal
+
+jazzy: $(JAZZY)/installed  ## run the tests of the nodes on ROS 2 Jazzy
 	$(JAZZY)/bin/pytest -n logical --maxprocesses 8 --dist worksteal $(ROS_TESTS)
 
 format: $(INSTALLED)  ## bring the code into the house style

@@ -282,11 +282,6 @@ class Estimator:
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def _least_squares(self, parameters: Array, readings: Array, roll: float) -> Estimate:
-        noise = self._problem.noise
-        if not ((readings > noise.low) & (readings < noise.high)).any():
-            raise NoPose(
-                "no fit: every reading is at a limit of the array; dim the lamp or stay farther off"
-            )
         problem = self._problem._replace(readings=readings, roll=float(roll))
         found = self._frame(problem, self._guide, parameters)
         if found.outcome == NO_START:

@@ -218,6 +218,27 @@ def smaller(a, b):
     return a if a < b else b
 
 
+def _without_owner(context, builder, kind, value):
+    if isinstance(kind, types.BaseTuple):
+        parts = cgutils.unpack_tuple(builder, value)
+        kept = [_without_owner(context, builder, *part) for part in zip(kind, parts, strict=True)]
+        return context.make_tuple(builder, kind, kept)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    return value
+
+
+def _borrowed(_typing, values):
+    def generate(context, builder, signature, arguments):
+        return _without_owner(context, builder, signature.args[0], arguments[0])
+
+    return values(values), generate
+
+
+borrowed: Any = intrinsic(_borrowed)
+
 FLOATS = types.CPointer(types.float64)
 # Rays, three settings, beam, row of the setting's slope, readings, whether to differentiate.
 TRANSMIT = types.void(
@@ -296,6 +317,7 @@ REPLACED: dict[Any, Any] = {
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
     elementwise.at_place: at_place,
+    elementwise.borrowed: borrowed,
     elementwise.transmit: transmit,
     np.exp: exponential,
     np.sin: sine,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uuv_optical_array.core.elementwise import borrowed
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
@@ -256,6 +257,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     parameters
         Key parameters of the image, shape ``(5,)``.
     """
+    problem, guide = borrowed(problem), borrowed(guide)
     unit = guide.weights.copy()
     unit[:5] *= parameters
     unit /= np.sqrt((unit * unit).sum())

@@ -16,8 +16,8 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     frame_of,
     from_pose,
     quarter_turn,
-    slopes_at,
     to_lamp,
+    write_slopes,
 )
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -39,6 +39,13 @@ frames = st.builds(
     st.one_of(st.just(0.0), st.floats(1e-3, 0.2)),
     st.booleans(),
 )
+
+
+def slopes_at(frame, at, roll, lamp):
+    shape = np.shape(at)[1:]
+    slopes, pose_slopes = np.zeros((6, 5, *shape)), np.zeros((5, 5, *shape))
+    write_slopes(frame, at, roll, lamp, slopes, pose_slopes)
+    return slopes, pose_slopes
 
 
 def lamp_and_pose(frame, at, roll):

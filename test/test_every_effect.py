@@ -16,14 +16,15 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from uuv_optical_array.core import compilation
+from uuv_optical_array.core.elementwise import room
 from uuv_optical_array.core.geometry import lamp_slopes
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.effects.forms import Transmission
-from uuv_optical_array.forward.light import COSINE, LampSettings
+from uuv_optical_array.forward.light import COSINE, RAY_ROWS, LampSettings
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import detect, illuminate, project
+from uuv_optical_array.forward.optics import BEAM_ROWS, detect, illuminate, project
 
 reproducible = settings(
     deadline=None,
@@ -160,8 +161,11 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
 
 def image_with_slopes(optics, lamp, slopes, nuisances):
     """Light and its slopes, as a package's function would, so that `compiled` takes it."""
-    rays, beam = illuminate(optics, lamp, nuisances, True)
-    image = project(optics, lamp, slopes, rays, beam, True)
+    n = optics.detectors.shape[1]
+    rays, beam = room(RAY_ROWS, lamp[0], n), room(BEAM_ROWS + len(optics.laws), lamp[0], n)
+    illuminate(optics, lamp, nuisances, rays, beam, True)
+    image = np.empty((6 + optics.nuisances, n))
+    project(optics, lamp, slopes, rays, beam, image)
     detect(optics, nuisances, image)
     return image
 

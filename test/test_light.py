@@ -9,6 +9,7 @@ import second_forward
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uuv_optical_array.core.elementwise import room
 from uuv_optical_array.core.geometry import lamp_in_body
 from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.light import (
@@ -16,6 +17,7 @@ from uuv_optical_array.forward.light import (
     HALF_SQUARE,
     MIN_RANGE_M,
     RANGE,
+    RAY_ROWS,
     lamp_light,
     off_axis,
     ray,
@@ -42,10 +44,16 @@ planar = curved.map(lambda array: {**array, "shape": "planar", "radius_m": None}
 arrays = st.one_of(curved, planar)
 
 
+def traced(lamp):
+    rays = room(RAY_ROWS, lamp[0], ONE.shape[1])
+    trace(ONE, lamp, rays)
+    return rays
+
+
 def seen(pose, roll=0.0):
     """Rays to a single detector at the follower's origin, shape ``(8, ...)``."""
     components = np.moveaxis(np.asarray(pose, dtype=float), -1, 0)[..., None]
-    return trace(ONE, lamp_in_body(*components, roll))[..., 0]
+    return traced(lamp_in_body(*components, roll))[..., 0]
 
 
 def one_detector(pose, sigma=SIGMA, roll=0.0):
@@ -195,10 +203,10 @@ def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slop
     axis = np.array([-1.0, *turn]) / math.hypot(1, *turn)
 
     def value(moved, axis=axis):
-        rays = trace(ONE, (*moved, *axis))[: COSINE + 1, 0]
+        rays = traced((*moved, *axis))[: COSINE + 1, 0]
         return float(np.dot(slopes, rays))
 
-    rays = trace(ONE, (*lamp, *axis))[:, 0]
+    rays = traced((*lamp, *axis))[:, 0]
     radial, facing, bend = slopes_by_lamp(*slopes, rays[0], rays[2], rays[6], rays[7])
     place = np.array(lamp)
     by_lamp = radial * place + facing * np.array([1.0, 0, 0]) + bend * axis

@@ -12,6 +12,7 @@ from llvmlite import ir
 from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np import arrayobj
 from scipy import special
 
 from uuv_optical_array.core import elementwise
@@ -60,6 +61,7 @@ PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
 ROUND = 1.5 * 2.0**52  # added to a number it leaves the nearest whole one in the last bits
 ASYMPTOTIC = 25.0  # from here a series of the scaled complementary error function is exact
+MOST_ON_STACK = 16384  # bytes
 
 inlined = njit(forceinline=True, error_model="numpy", fastmath={"contract"})
 
@@ -160,24 +162,12 @@ def total(value):
 
 
 @inlined
-def room(rows, component, count):
-    """As `elementwise.room`, of one pose."""
-    return np.empty((rows, count))
-
-
-@inlined
 def stack(*components):
     """As `elementwise.stack`, of numbers."""
     values = np.empty(len(components))
     for i in range(len(components)):
         values[i] = components[i]
     return values
-
-
-@inlined
-def zeros(rows, columns, component):
-    """As `elementwise.zeros`, of one pose."""
-    return np.zeros((rows, columns))
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -238,6 +228,67 @@ def _borrowed(_typing, values):
 
 
 borrowed: Any = intrinsic(_borrowed)
+
+MATRIX = types.Array(types.float64, 2, "C")
+
+
+def _on_stack(context, builder, shape):
+    """Return a matrix that nobody has to free, unless it is large, and the bytes it takes."""
+    word = context.get_value_type(types.intp)
+    eight = word(8)
+    size = builder.mul(builder.mul(*shape), eight)
+    small = builder.icmp_unsigned("<=", size, word(MOST_ON_STACK))
+    place = builder.alloca(ir.IntType(8), builder.select(small, size, word(0)))
+    place.align = 64
+    with builder.if_else(small) as (then, otherwise):
+        with then:
+            here, nothing = builder.block, cgutils.get_null_value(cgutils.voidptr_t)
+        with otherwise:
+            owner = context.nrt.meminfo_alloc_aligned(builder, size, ir.IntType(32)(64))
+            data = context.nrt.meminfo_data(builder, owner)
+            there = builder.block
+    meminfo, start = builder.phi(cgutils.voidptr_t), builder.phi(cgutils.voidptr_t)
+    for value, incoming in ((meminfo, (nothing, owner)), (start, (place, data))):
+        value.add_incoming(incoming[0], here)
+        value.add_incoming(incoming[1], there)
+    matrix = context.make_array(MATRIX)(context, builder)
+    arrayobj.populate_array(
+        matrix,
+        data=builder.bitcast(start, ir.DoubleType().as_pointer()),
+        shape=shape,
+        strides=(builder.mul(shape[1], eight), eight),
+        itemsize=eight,
+        meminfo=meminfo,
+    )
+    return matrix, size
+
+
+def _room(_typing, rows, component, count):
+    def generate(context, builder, signature, arguments):
+        shape = tuple(
+            context.cast(builder, arguments[i], signature.args[i], types.intp) for i in (0, 2)
+        )
+        return _on_stack(context, builder, shape)[0]._getvalue()
+
+    return MATRIX(rows, component, count), generate
+
+
+room: Any = intrinsic(_room)
+
+
+def _zeros(_typing, rows, columns, component):
+    def generate(context, builder, signature, arguments):
+        shape = tuple(
+            context.cast(builder, arguments[i], signature.args[i], types.intp) for i in (0, 1)
+        )
+        matrix, size = _on_stack(context, builder, shape)
+        cgutils.memset(builder, matrix.data, size, 0)
+        return matrix._getvalue()
+
+    return MATRIX(rows, columns, component), generate
+
+
+zeros: Any = intrinsic(_zeros)
 
 FLOATS = types.CPointer(types.float64)
 # Rays, three settings, beam, row of the setting's slope, readings, whether to differentiate.

@@ -59,7 +59,10 @@ def total(values: Any) -> Any:
 
 
 def room(rows: int, component: Any, count: int) -> Any:
-    """Return an empty array of rows of `count` readings, for each pose of a component or row."""
+    """Return an empty array of rows of `count` readings, for each pose of a component or row.
+
+    It lives no longer than the function that asks for it: in compiled code it lies on the stack.
+    """
     return np.empty((rows, *np.shape(component)[:-1], count))
 
 
@@ -69,7 +72,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a matrix of zeros for each pose of a component."""
+    """Return a matrix of zeros for each pose of a component, which lives as a `room` does."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 

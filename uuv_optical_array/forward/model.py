@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core import compilation
-from uuv_optical_array.core.elementwise import stack
+from uuv_optical_array.core.elementwise import room, stack
 from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
@@ -22,8 +22,10 @@ from uuv_optical_array.forward.effects.forms import (
     Saturation,
     Transmission,
 )
+from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.optics import (
     BACKGROUND,
+    BEAM_ROWS,
     BLUR,
     GAIN,
     LIGHT,
@@ -298,13 +300,14 @@ class ForwardModel:
             x, y, z, pitch, yaw = poses
             lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls))
             slopes = np.zeros((6, 0))
-        rays, beam = illuminate(optics, lamp, nuisances, differentiate or moves)
+        n = image.shape[-1]
+        rays, beam = room(RAY_ROWS, lamp[0], n), room(BEAM_ROWS + len(optics.laws), lamp[0], n)
+        illuminate(optics, lamp, nuisances, rays, beam, differentiate or moves)
         if moves:
             for factor in self._moving:
                 beam[LIGHT] *= factor(times, rays, lamp[3:])
-        found = project(optics, lamp, slopes, rays, beam, differentiate)
-        detect(optics, nuisances, found)
-        image[...] = found
+        project(optics, lamp, slopes, rays, beam, image)
+        detect(optics, nuisances, image)
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
@@ -396,4 +399,6 @@ class ForwardModel:
         """
         x, y, z, pitch, yaw = poses.T[..., None]
         lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
-        return trace(self.optics().detectors, lamp)
+        found = room(RAY_ROWS, lamp[0], self.array.side**2)
+        trace(self.optics().detectors, lamp, found)
+        return found

@@ -16,7 +16,6 @@ from uuv_optical_array.forward.light import (
     COSINE,
     HALF_SQUARE,
     RANGE,
-    RAY_ROWS,
     TO_X,
     TO_Y,
     TO_Z,
@@ -101,7 +100,7 @@ class Optics(NamedTuple):
     blur: Array
 
 
-def trace(detectors: Array, lamp: Any) -> Any:
+def trace(detectors: Array, lamp: Any, rays: Any) -> None:
     """Follow the light from the lamp to each detector.
 
     Parameters
@@ -110,13 +109,9 @@ def trace(detectors: Array, lamp: Any) -> Any:
         As `Optics` has them, shape ``(6, n)``.
     lamp
         Position, m, and axis of the beam in ``base_link``: six components.
-
-    Returns
-    -------
-    Array
-        Rows as `light.ray` returns them, shape ``(8, ..., n)``.
+    rays
+        Result: rows as `light.ray` returns them, shape ``(8, ..., n)``.
     """
-    rays = room(RAY_ROWS, lamp[0], detectors.shape[1])
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
     for j in each(detectors.shape[1]):
         range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn = ray(
@@ -136,38 +131,32 @@ def trace(detectors: Array, lamp: Any) -> Any:
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
         rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = to_x, to_y, to_z
         rays[ALONG, j], rays[TURN, j] = along_m, turn
-    return rays
 
 
-def shine(rays: Any, power: Any, beam_sigma_rad: float, laws: int) -> Any:
-    """Return the ideal light at the end of each ray, with room for the slopes of some laws.
+def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
+    """Write the ideal light at the end of each ray.
 
     Parameters
     ----------
     rays
-        As `trace` returns them.
+        As `trace` writes them.
     power, beam_sigma_rad
         As in `light.lamp_light`.
-    laws
-        How many laws of transmission follow.
-
-    Returns
-    -------
-    Array
-        Rows as above, shape ``(4 + laws, ..., n)``.
+    beam
+        Result: rows as above, shape ``(4 + laws, ..., n)``; those of the laws are left as they are.
     """
-    beam = room(BEAM_ROWS + laws, rays[0], rays.shape[-1])
     for j in each(rays.shape[-1]):
         light, by_range, by_half_square, by_cosine = lamp_light(
             rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
         )
         beam[LIGHT, j], beam[BY_RANGE, j] = light, by_range
         beam[BY_HALF_SQUARE, j], beam[BY_COSINE, j] = by_half_square, by_cosine
-    return beam
 
 
-def illuminate(optics: Optics, lamp: Any, nuisances: Any, differentiate: bool) -> tuple[Any, Any]:
-    """Return the rays to each detector and the light that arrives by them.
+def illuminate(
+    optics: Optics, lamp: Any, nuisances: Any, rays: Any, beam: Any, differentiate: bool
+) -> None:
+    """Write the rays to each detector and the light that arrives by them.
 
     Parameters
     ----------
@@ -177,19 +166,16 @@ def illuminate(optics: Optics, lamp: Any, nuisances: Any, differentiate: bool) -
         As in `trace`.
     nuisances
         Offsets, shape ``(q, ...)``.
+    rays, beam
+        Results, as of `trace` and `shine`.
     differentiate
         Whether the slopes are wanted.
-
-    Returns
-    -------
-    rays, beam
-        As `trace` and `shine` return them.
     """
     power = optics.power
     if optics.power_at >= 0:
         power = power * exp(nuisances[optics.power_at])
-    rays = trace(optics.detectors, lamp)
-    beam = shine(rays, power, optics.beam_sigma_rad, len(optics.laws))
+    trace(optics.detectors, lamp, rays)
+    shine(rays, power, optics.beam_sigma_rad, beam)
     for i in range(len(optics.laws)):
         first = optics.law_settings[i, 0]
         if optics.law_at[i] >= 0:
@@ -197,13 +183,12 @@ def illuminate(optics: Optics, lamp: Any, nuisances: Any, differentiate: bool) -
         second, third = optics.law_settings[i, 1], optics.law_settings[i, 2]
         row = BEAM_ROWS + i
         transmit(optics.laws[i], rays, first, second, third, beam, row, differentiate)
-    return rays, beam
 
 
 def project(
-    optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, differentiate: bool
-) -> Any:
-    """Return the light on the array, and how it changes with coordinates and nuisances.
+    optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any
+) -> None:
+    """Write the light on the array, and how it changes with coordinates and nuisances.
 
     Parameters
     ----------
@@ -211,23 +196,15 @@ def project(
         As `illuminate` has them.
     lamp_slopes
         Of the components of lamp and axis by p coordinates, shape ``(6, p, ...)``.
-    differentiate
-        Whether the slopes are wanted.
-
-    Returns
-    -------
-    Array
-        Light, slopes by the coordinates, slopes by the q nuisances, shape
-        ``(1 + p + q, ..., n)``, or ``(1, ..., n)``.
+    image
+        Result: light, slopes by the coordinates, slopes by the q nuisances, shape
+        ``(1 + p + q, ..., n)``; or light alone, shape ``(1, ..., n)``.
     """
     detectors = optics.detectors
     size, n = lamp_slopes.shape[1], detectors.shape[1]
-    if not differentiate:
-        image = room(1, lamp[0], n)
-        image[0] = beam[LIGHT]
-        return image
-    image = room(1 + size + optics.nuisances, lamp[0], n)
     image[0] = beam[LIGHT]
+    if len(image) == 1:
+        return
     vectors = room(6, lamp[0], n)
     _, _, _, axis_x, axis_y, axis_z = lamp
     for j in each(n):
@@ -264,7 +241,6 @@ def project(
     for i in range(len(optics.law_at)):
         if optics.law_at[i] >= 0:
             image[1 + size + optics.law_at[i]] = image[0] * beam[BEAM_ROWS + i]
-    return image
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:
@@ -275,7 +251,7 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
     optics, nuisances
         As in `illuminate`.
     image
-        As `project` returns it, with or without slopes.
+        As `project` writes it, with or without slopes.
     """
     rows = len(image)
     first, differentiate = rows - optics.nuisances, rows > 1

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
-from uuv_optical_array.core.elementwise import choose, law, stack, zeros
+from uuv_optical_array.core.elementwise import choose, law, stack
 from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
 from uuv_optical_array.forward.light import off_axis
 from uuv_optical_array.forward.model import ForwardModel
@@ -193,7 +193,9 @@ def to_lamp(frame: Frame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     return (x, y, z, -ahead[0], -ahead[1], -ahead[2]), pose, log_volume
 
 
-def slopes_at(frame: Frame, at: Any, roll: Any, lamp: Any) -> tuple[Any, Any]:
+def write_slopes(
+    frame: Frame, at: Any, roll: Any, lamp: Any, slopes: Any, pose_slopes: Any
+) -> None:
     """Differentiate `to_lamp` by the coordinates.
 
     Parameters
@@ -202,20 +204,16 @@ def slopes_at(frame: Frame, at: Any, roll: Any, lamp: Any) -> tuple[Any, Any]:
         As in `to_lamp`.
     lamp
         What that returned.
-
-    Returns
-    -------
-    lamp_slopes
-        Of lamp and axis, shape ``(6, 5, ...)``.
+    slopes
+        Result for lamp and axis, given as zeros, shape ``(6, 5, ...)``.
     pose_slopes
-        Of the pose, shape ``(5, 5, ...)``.
+        Result for the pose, likewise, shape ``(5, 5, ...)``.
     """
     rows = rotation(at[PITCH], at[YAW], roll)
     ahead, aside, _ = rows
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
     sight = (x / range_m, y / range_m, z / range_m)
-    slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     by_pitch = pitched((lamp[3], lamp[4], lamp[5]), roll)
     for i in range(3):
         slopes[3 + i, PITCH], slopes[3 + i, YAW] = by_pitch[i], aside[i]
@@ -262,7 +260,6 @@ def slopes_at(frame: Frame, at: Any, roll: Any, lamp: Any) -> tuple[Any, Any]:
     pose_slopes[1, YAW] -= ahead[0] * lamp[0] + ahead[1] * lamp[1] + ahead[2] * lamp[2]
     pose_slopes[PITCH, PITCH] += 1.0
     pose_slopes[YAW, YAW] += 1.0
-    return slopes, pose_slopes
 
 
 @law

@@ -7,19 +7,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import sqrt
 
-from uuv_optical_array.core.elementwise import each, total
+from uuv_optical_array.core.elementwise import each, room, total, zeros
 from uuv_optical_array.core.gauss_newton import minimiser
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.coordinates import (
     Frame,
     frame_of,
-    slopes_at,
     to_lamp,
+    write_slopes,
 )
 from uuv_optical_array.estimation.likelihood import likelihood_of
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.optics import (
+    BEAM_ROWS,
     Noise,
     Optics,
     detect,
@@ -147,17 +149,17 @@ def normal_equations(image: Any, likelihood: Any, gradient: Any, joint: Any) -> 
         Results, shapes ``(p,)`` and ``(p, p)``.
     """
     n = image.shape[1]
-    weighted = np.empty(n)
+    weighted = room(1, gradient[0], n)
     for q in range(len(gradient)):
         pull = 0.0
         for j in each(n):
             pull += total(likelihood[1, j] * image[1 + q, j])
-            weighted[j] = likelihood[2, j] * image[1 + q, j]
+            weighted[0, j] = likelihood[2, j] * image[1 + q, j]
         gradient[q] = pull
         for s in range(q + 1):
             known = 0.0
             for j in each(n):
-                known += total(weighted[j] * image[1 + s, j])
+                known += total(weighted[0, j] * image[1 + s, j])
             joint[q, s] = known
             joint[s, q] = known
 
@@ -171,11 +173,14 @@ def evaluate(problem: Problem, at: Array) -> State:
     optics, frame, roll = problem.optics, problem.frame, problem.roll
     mean, std, nuisances = problem.mean, problem.std, at[5:]
     lamp, components, log_volume = to_lamp(frame, at, roll)
-    lamp_slopes, pose_slopes = slopes_at(frame, at, roll, lamp)
-    rays, beam = illuminate(optics, lamp, nuisances, True)
-    image = project(optics, lamp, lamp_slopes, rays, beam, True)
+    lamp_slopes, pose_slopes = zeros(6, 5, at[0]), np.zeros((5, 5))
+    write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
+    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    illuminate(optics, lamp, nuisances, rays, beam, True)
+    image = room(1 + size, at[0], n)
+    project(optics, lamp, lamp_slopes, rays, beam, image)
     detect(optics, nuisances, image)
-    likelihood = np.empty((3, n))
+    likelihood = room(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
     cost = -likelihood[0].sum()
     gradient, joint = np.empty(size), np.empty((size, size))
@@ -243,10 +248,12 @@ refine = minimiser(evaluate, propose, ARRIVED, MOST_STEPS)
 
 def light_at(problem: Problem, at: Array) -> Array:
     """Return the light of the readings at a place, counts, shape ``(n,)``."""
-    optics = problem.optics
+    optics, n = problem.optics, len(problem.readings)
     lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
-    rays, beam = illuminate(optics, lamp, at[5:], False)
-    image = project(optics, lamp, np.zeros((6, 0)), rays, beam, False)
+    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    illuminate(optics, lamp, at[5:], rays, beam, False)
+    image = np.empty((1, n))
+    project(optics, lamp, zeros(6, 0, at[0]), rays, beam, image)
     detect(optics, at[5:], image)
     return image[0]
 

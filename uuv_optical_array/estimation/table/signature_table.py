@@ -222,6 +222,7 @@ def write_signatures(
     laws, settings, steps = optics.laws, optics.law_settings, len(optics.step_kinds)
     tile = max(1, TILE_READINGS // n)
     detectors, lamps = np.empty((6, tile * n)), np.empty((6, tile * n))
+    beam = np.empty((BEAM_ROWS + len(laws), tile * n))
     image, readings, found = np.empty((1, n)), np.empty((n, tile)), np.empty((5, tile))
     for i in range(tile):
         detectors[:, i * n : (i + 1) * n] = optics.detectors
@@ -234,7 +235,7 @@ def write_signatures(
                 lamps[0, j], lamps[1, j], lamps[2, j] = x, y, z
                 lamps[3, j], lamps[4, j], lamps[5, j] = u, v, w
         rays = rays_of(detectors, lamps)
-        beam = shine(rays, optics.power, optics.beam_sigma_rad, len(laws))
+        shine(rays, optics.power, optics.beam_sigma_rad, beam)
         for k in range(len(laws)):
             a, b, c = settings[k, 0], settings[k, 1], settings[k, 2]
             transmit(laws[k], rays, a, b, c, beam, BEAM_ROWS + k, False)

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from uuv_optical_array.core import compilation
 from uuv_optical_array.core.elementwise import (
     any_of,
     at_place,
+    borrowed,
     choose,
     choose_state,
     each,
@@ -108,6 +110,41 @@ def shapes(component, count):
 @both
 def test_rooms_of_one_pose_have_no_axis_for_poses(fast):
     assert as_given(shapes, fast)(1.5, 7) == ((3, 7), (2, 4), 0.0)
+
+
+def sums_of_rooms(count):
+    """Two of each, so that one that is written to cannot be the other."""
+    one, other, none = room(3, 0.0, count), room(3, 0.0, count), zeros(3, count, 0.0)
+    one[:], other[:] = 1.0, 2.0
+    return one.sum(), other.sum(), none.sum()
+
+
+@both
+@pytest.mark.parametrize("count", [0, 1, 600, 100_000])
+def test_rooms_small_or_large_are_their_own(fast, count):
+    call = as_given(sums_of_rooms, fast)
+    for _ in range(3):
+        assert call(count) == (3 * count, 6 * count, 0)
+
+
+class Nested(NamedTuple):
+    pair: Pair
+    rows: np.ndarray
+
+
+def doubled(nested):
+    mine = borrowed(nested)
+    mine.rows[0] *= 2
+    return mine.pair.value + mine.pair.vector.sum() + mine.rows.sum()
+
+
+@both
+def test_borrowed_arrays_are_the_same_and_outlive_the_call(fast):
+    rows = np.ones((2, 3))
+    nested = Nested(Pair(1.0, np.array([5.0, 6.0])), rows)
+    for twice in (9, 15, 27):
+        assert as_given(doubled, fast)(nested) == 12 + twice
+    np.testing.assert_array_equal(rows, [[8.0] * 3, [1.0] * 3])
 
 
 def test_rooms_of_many_poses_have_one():

@@ -7,6 +7,7 @@
 
 import math
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -181,8 +182,9 @@ class Estimator:
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        self._prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        prior = PosePrior(middle, self._prior_std, scene.prior.nuisance_std())
+        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
+        prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
         model = ForwardModel(scene)
         self._problem = problem_of(model, prior, self._compiled)
         rows: Any = slice(None)
@@ -199,11 +201,12 @@ class Estimator:
             self.settings.candidates,
             float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
             float(self.settings.max_misfit),
+            *self._signature,
         )
         self._frame = estimate_frame
         if self._compiled:
             self._frame = compilation.compiled(estimate_frame)
-            compilation.prepare(self._frame, self._problem, self._guide, np.ones(5))
+            compilation.prepare(self._frame, self._problem, self._guide, np.ones((5, 1)))
 
     def estimate(
         self,
@@ -234,8 +237,12 @@ class Estimator:
             belongs to no pose of the scene.
         """
         fits = self.settings.method == "least_squares"
-        readings = self._readings(image) if fits or parameters is None else np.empty(0)
         if parameters is None:
+            readings = self._readings(image)
+            if not readings.max() > 0:
+                raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
+            if fits:
+                return self._least_squares(np.full((5, 1), np.nan), readings, roll)
             found = np.empty((5, 1))
             write = compilation.compiled(write_parameters) if self._compiled else write_parameters
             write(readings.reshape(-1, 1), *self._signature, found)
@@ -248,7 +255,7 @@ class Estimator:
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         if fits:
-            return self._least_squares(parameters, readings, roll)
+            return self._least_squares(parameters[:, None], self._readings(image), roll)
         return self._match(self.table.vectors(parameters), roll)
 
     def _readings(self, image: ArrayLike | None) -> Array:
@@ -293,17 +300,16 @@ class Estimator:
             )
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        covariance = (found.covariance + found.covariance.T) / 2
-        known = np.sqrt(covariance.diagonal()) <= UNOBSERVABLE * self._prior_std
+        known = found.covariance.diagonal() <= self._unobservable_variance
         return Estimate(
             found.pose,
-            covariance,
+            found.covariance,
             found.angle,
             None if np.isnan(found.runner_up_misfit) else found.runner_up,
             found.runner_up_angle,
             found.misfit,
             found.runner_up_misfit,
-            tuple(name for name, is_known in zip(DOF_NAMES, known, strict=True) if not is_known),
+            () if known.all() else tuple(compress(DOF_NAMES, ~known)),
         )
 
 

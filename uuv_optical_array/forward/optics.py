@@ -185,9 +185,7 @@ def illuminate(
         transmit(optics.laws[i], rays, first, second, third, beam, row, differentiate)
 
 
-def project(
-    optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any
-) -> None:
+def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any) -> None:
     """Write the light on the array, and how it changes with coordinates and nuisances.
 
     Parameters

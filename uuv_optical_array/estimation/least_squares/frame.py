@@ -11,13 +11,16 @@ import numpy as np
 from uuv_optical_array.core.elementwise import borrowed
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
 from uuv_optical_array.estimation.least_squares.posterior import Moments, integrate
 from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    INFORMATION,
     MOST_STEPS,
+    POSE,
     Problem,
     State,
-    evaluate,
     misfit,
     refine,
 )
@@ -55,6 +58,8 @@ class Guide(NamedTuple):
         Beyond this noise can hardly explain a fit, and more starts follow.
     max_misfit
         Beyond this a fit is no pose.
+    side, full_scale_counts, subdetector
+        How key parameters are worked out: as `features.write_parameters` has them.
     """
 
     units: Array
@@ -63,6 +68,9 @@ class Guide(NamedTuple):
     candidates: int
     plausible_misfit: float
     max_misfit: float
+    side: int
+    full_scale_counts: float
+    subdetector: bool
 
 
 class Frame(NamedTuple):
@@ -131,12 +139,13 @@ def lit(problem: Problem) -> int:
     return count
 
 
-def is_near(at: Array, other: Array, information: Array) -> bool:
-    """Say whether a place is within `DISTINCT` standard deviations of a minimum."""
-    distance = 0.0
-    for i in range(len(at)):
-        for j in range(len(at)):
-            distance += (at[i] - other[i]) * information[i, j] * (at[j] - other[j])
+def is_near(parts: Array, known: Array) -> bool:
+    """Say whether a state is within `DISTINCT` standard deviations of a minimum, by their parts."""
+    size, distance = parts.shape[1], 0.0
+    for i in range(size):
+        for j in range(size):
+            shared = known[INFORMATION + i, j] * (parts[AT, j] - known[AT, j])
+            distance += (parts[AT, i] - known[AT, i]) * shared
     return bool(distance < DISTINCT * DISTINCT)
 
 
@@ -145,7 +154,7 @@ def keep(minima: list[State], found: State) -> None:
     if not np.isfinite(found.cost):
         return
     for i in range(len(minima)):
-        if is_near(found.at, minima[i].at, minima[i].information):
+        if is_near(found.parts, minima[i].parts):
             if found.cost < minima[i].cost:
                 minima[i] = found
             break
@@ -158,13 +167,21 @@ def keep(minima: list[State], found: State) -> None:
 
 def descend(problem: Problem, minima: list[State], start: Array) -> None:
     """Refine coordinates, unless they lead to one of the minima."""
-    if len(minima) > 0:
-        state = refine(problem, start, LONG_STEPS)
-        for known in minima:
-            if is_near(state.at, known.at, known.information):
-                return
-        start = state.at
-    keep(minima, refine(problem, start, MOST_STEPS))
+    state = refine(problem, start, LONG_STEPS)
+    for known in minima:
+        if is_near(state.parts, known.parts):
+            return
+    keep(minima, refine(problem, state.parts[AT], MOST_STEPS))
+
+
+def start_at(problem: Problem, pose: Array) -> Array:
+    """Return coordinates and nuisances of a pose of the table, shape ``(p,)``."""
+    start = np.zeros(len(problem.mean))
+    turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
+    at = from_pose(problem.frame, turned, problem.roll)
+    for i in range(5):
+        start[i] = at[i]
+    return start
 
 
 def find_minima(
@@ -174,40 +191,38 @@ def find_minima(
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
-    size, rows_of_table = len(problem.mean), guide.units.shape[1]
-    count = guide.candidates if lit(problem) >= FEW_LIT else MOST_STARTS
-    rows, chords = nearest_rows(guide.units, unit, min(MOST_STARTS, rows_of_table))
-    minima = [evaluate(problem, np.zeros(size))]
-    minima.clear()
-    tried, found = 0, np.inf
+    most = min(MOST_STARTS, guide.units.shape[1])
+    count = min(guide.candidates if lit(problem) >= FEW_LIT else MOST_STARTS, most)
+    rows, chords = nearest_rows(guide.units, unit, max(count, 2))
+    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
+    second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+    minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
+    if not np.isfinite(minima[0].cost):
+        minima.clear()
+    tried, found, first = 1, np.inf, True
     while True:
-        count = min(count, len(rows))
         for i in range(tried, count):
-            pose = guide.poses[rows[i]]
-            turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
-            start: Any = np.zeros(size)
-            start[:5] = from_pose(problem.frame, turned, problem.roll)
-            descend(problem, minima, start)
-        if problem.frame.share > 0 and tried == 0 and len(minima) > 0:
-            start = minima[0].at.copy()
+            descend(problem, minima, start_at(problem, guide.poses[rows[i]]))
+        if first and problem.frame.share > 0 and len(minima) > 0:
+            start = minima[0].parts[AT].copy()
             for _ in range(3):
                 start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-                keep(minima, refine(problem, start.copy(), MOST_STEPS))
+                keep(minima, refine(problem, start, MOST_STEPS))
         if len(minima) > 0:
-            found = misfit(problem, minima[0].at)
+            found = misfit(problem, minima[0].parts[AT])
             rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-            if (tried > 0 or not rivals) and found <= guide.plausible_misfit:
+            if not (first and rivals) and found <= guide.plausible_misfit:
                 break
-        tried, count = count, 4 * count
-        if tried >= len(rows):
+        if count == most:
             break
-    angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
-    return minima, found, angle, 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+        tried, count, first = count, min(4 * count, most), False
+        rows, _ = nearest_rows(guide.units, unit, count)
+    return minima, found, angle, second_angle
 
 
 def is_part(pose: Array, moments: Moments) -> bool:
     """Say whether a pose belongs to a posterior, by its moments."""
-    factor, off = moments.covariance.copy(), pose - moments.mean
+    factor, off = moments.covariance.copy(), pose[:5] - moments.mean
     if not cholesky(factor):
         return False
     solve_lower(factor, off)
@@ -234,12 +249,12 @@ def joined(one: Moments, other: Moments) -> Moments:
 
 def whole_posterior(problem: Problem, minima: list[State]) -> Moments:
     """Return the moments of the posterior about all minima that are not negligible."""
-    moments = integrate(problem, minima[0].at)
+    moments = integrate(problem, minima[0].parts[AT])
     for i in range(1, len(minima)):
         if minima[i].cost - minima[0].cost > NEGLIGIBLE:
             break
-        if not is_part(minima[i].pose, moments):
-            other = integrate(problem, minima[i].at)
+        if not is_part(minima[i].parts[POSE], moments):
+            other = integrate(problem, minima[i].parts[AT])
             if other.nodes >= LEAST_NODES:
                 moments = other if moments.nodes < LEAST_NODES else joined(moments, other)
     return moments
@@ -255,11 +270,16 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     guide
         Of the scene's table.
     parameters
-        Key parameters of the image, shape ``(5,)``.
+        Key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
     """
     problem, guide = borrowed(problem), borrowed(guide)
+    if np.isnan(parameters[0, 0]):
+        column = problem.readings.reshape(-1, 1)
+        side, full_scale = guide.side, guide.full_scale_counts
+        write_parameters(column, side, full_scale, guide.subdetector, parameters)
     unit = guide.weights.copy()
-    unit[:5] *= parameters
+    for i in range(5):
+        unit[i] *= parameters[i, 0]
     unit /= np.sqrt((unit * unit).sum())
     minima, best, angle, second_angle = find_minima(problem, guide, unit)
     nothing: Any = np.full(5, np.nan)
@@ -267,12 +287,13 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     if len(minima) == 0:
         return Frame(NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle)
     if not best <= guide.max_misfit:
-        pose = minima[0].pose
+        pose = minima[0].parts[POSE, :5].copy()
         return Frame(MISFIT, pose, covariance, best, nothing, np.nan, angle, second_angle)
     moments = whole_posterior(problem, minima)
     runner_up, runner_up_misfit = nothing, np.nan
     if len(minima) > 1:
-        runner_up, runner_up_misfit = minima[1].pose, misfit(problem, minima[1].at)
+        runner_up = minima[1].parts[POSE, :5].copy()
+        runner_up_misfit = misfit(problem, minima[1].parts[AT])
     outcome = FITTED
     factor = moments.covariance.copy()
     if moments.nodes < LEAST_NODES or not cholesky(factor):

@@ -16,15 +16,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uuv_optical_array.core.elementwise import borrowed, law, zeros
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.coordinates import to_lamp
-from uuv_optical_array.estimation.least_squares.problem import Problem, State, evaluate
+from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    GRADIENT,
+    INFORMATION,
+    POSE_SLOPES,
+    VOLUME_SLOPES,
+    Problem,
+    State,
+    evaluate,
+)
 
-SPACING = 1.5  # of the lattice, in standard deviations at the minimum
+SPACING = 1.6  # of the lattice, in standard deviations at the minimum
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
 WEIGHTY = 4.0  # below the largest weight's logarithm, down to where that is asked
-NEGLIGIBLE = 8.5  # below it, from where nodes are left out
+NEGLIGIBLE = 7.5  # below it, from where nodes are left out
 MOST_NODES = 1200
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
 FINER = 4  # times the lattice may be made finer
@@ -33,35 +43,34 @@ SETTLED = 0.3
 CORRECTIONS = 12  # steps of all else at a node
 
 
-class Node(NamedTuple):
-    """The posterior at one attitude, all else integrated.
+class Lattice(NamedTuple):
+    """The posterior at m attitudes, all else integrated.
 
     Parameters
     ----------
-    log_weight
-        Logarithm of the probability density of the attitude, without constants.
-    decrement
-        Of what is left of the way to the conditional mean.
-    at
-        Coordinates and nuisances of that mean, shape ``(p,)``.
+    logs
+        Logarithm of the probability density of the attitude, without constants, shape ``(m,)``.
+    ats
+        Coordinates and nuisances of the conditional mean, shape ``(m, p)``.
     moved
-        How the conditional mean of all else moves with pitch and yaw, shape ``(p, 2)``; 1 for
+        How the conditional mean of all else moves with pitch and yaw, shape ``(m, 2, p)``; 1 for
         pitch and yaw themselves.
-    gradient, information
-        Of the logarithm of the density by pitch and yaw, in Gauss and Newton's approximation, shape
-        ``(2,)`` and ``(2, 2)``.
-    pose, covariance
-        Conditional mean and covariance of the pose, shapes ``(5,)`` and ``(5, 5)``.
+    slopes
+        Of the logarithm of the density by pitch and yaw, shape ``(m, 2)``.
+    curvatures
+        Its second derivatives in Gauss and Newton's approximation, sign turned: by pitch, by both,
+        by yaw, shape ``(m, 3)``.
+    poses, covariances
+        Conditional mean and covariance of the pose, shapes ``(m, 5)`` and ``(m, 5, 5)``.
     """
 
-    log_weight: float
-    decrement: float
-    at: Array
+    logs: Array
+    ats: Array
     moved: Array
-    gradient: Array
-    information: Array
-    pose: Array
-    covariance: Array
+    slopes: Array
+    curvatures: Array
+    poses: Array
+    covariances: Array
 
 
 class Moments(NamedTuple):
@@ -83,129 +92,150 @@ class Moments(NamedTuple):
     nodes: int
 
 
-def node_at(problem: Problem, start: Array) -> Node:
+def write_node(problem: Problem, start: Array, lattice: Lattice, node: int) -> None:
     """Integrate all else at the attitude of a place near the conditional mean."""
     state = evaluate(problem, start)
-    node = integrated(problem, state)
+    decrement = integrate_rest(problem, state, lattice, node)
     damping = 0.0
     for _ in range(CORRECTIONS):
-        if not node.decrement > SETTLED:
+        if not decrement > SETTLED:
             break
-        ahead = evaluate(problem, state.at + rest_of_the_way(problem, state, damping))
+        ahead = evaluate(problem, rest_of_the_way(problem, state, damping))
         if ahead.cost - ahead.log_volume < state.cost - state.log_volume:
             state = ahead
-            node = integrated(problem, state)
+            decrement = integrate_rest(problem, state, lattice, node)
             damping *= 0.1
         else:
             damping = max(10 * damping, 0.1)
-    return node
 
 
 def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
-    """Return a damped Gauss-Newton step towards the conditional mean, shape ``(p,)``."""
-    factor, step = state.information.copy(), state.gradient.copy()
-    step[:5] += state.log_volume_slopes
-    for i in range(len(step)):
-        factor[i, i] *= 1 + damping
-    for held in (PITCH, YAW):
-        step[held] = 0.0
-        factor[held, :] = 0.0
-        factor[:, held] = 0.0
-        factor[held, held] = 1.0
-    if cholesky(factor):
-        solve_lower(factor, step)
-        solve_upper(factor, step)
-    excess = 1.0
-    for i in range(len(step)):
-        excess = max(excess, abs(step[i]) / problem.reach[i])
-    return step / excess
-
-
-def integrated(problem: Problem, state: State) -> Node:
-    """Integrate all but the attitude by Laplace's approximation about a state."""
-    size = len(state.at)
-    rest = size - 2
-    # All else first, then the attitude.
-    order = np.empty(size, dtype=np.int64)
-    for i in range(rest):
-        order[i] = i if i < PITCH else i + 2
-    order[rest], order[rest + 1] = PITCH, YAW
-    factor, pull, ahead = np.empty((size, size)), np.empty(rest), np.empty(2)
+    """Return where a damped step towards the conditional mean leads, shape ``(p,)``."""
+    parts = state.parts
+    size = parts.shape[1]
+    factor, there = zeros(size, size, damping), np.zeros(size)
     for i in range(size):
-        k = order[i]
-        slope = state.gradient[k]
+        if i in (PITCH, YAW):
+            factor[i, i] = 1.0
+            continue
+        there[i] = parts[GRADIENT, i] + (parts[VOLUME_SLOPES, i] if i < 5 else 0.0)
+        for j in range(i):
+            if j not in (PITCH, YAW):
+                factor[i, j] = parts[INFORMATION + i, j]
+        factor[i, i] = parts[INFORMATION + i, i] * (1 + damping)
+    if cholesky(factor):
+        solve_lower(factor, there)
+        solve_upper(factor, there)
+    excess = 1.0
+    for i in range(size):
+        excess = max(excess, abs(there[i]) / problem.reach[i])
+    for i in range(size):
+        there[i] = parts[AT, i] + there[i] / excess
+    return there
+
+
+@law
+def ordered(place: int, rest: int) -> int:
+    """Return the coordinate at a place where all else comes first and the attitude last."""
+    if place >= rest:
+        return place - rest + PITCH
+    return place if place < PITCH else place + 2
+
+
+def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
+    """Integrate all but the attitude by Laplace's approximation about a state.
+
+    Parameters
+    ----------
+    problem, state
+        The posterior, and what it is near the conditional mean.
+    lattice
+        Where the result goes.
+    node
+        At this place.
+
+    Returns
+    -------
+    float
+        Decrement of what is left of the way to the conditional mean.
+    """
+    parts = state.parts
+    size = parts.shape[1]
+    rest = size - 2
+    factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)
+    spread = zeros(5, rest, state.cost)
+    pull, column = vectors[0, :rest], vectors[1, :rest]
+    for i in range(size):
+        k = ordered(i, rest)
+        slope = parts[GRADIENT, k]
         if k < 5:
-            slope += state.log_volume_slopes[k]
-        if i < rest:
-            pull[i] = slope
-        else:
-            ahead[i - rest] = slope
+            slope += parts[VOLUME_SLOPES, k]
+        vectors[0, i] = slope
         for j in range(i + 1):
-            factor[i, j] = state.information[k, order[j]]
-    at, moved = state.at.copy(), np.zeros((size, 2))
-    gradient, information = np.zeros(2), np.zeros((2, 2))
-    covariance, pose = np.zeros((5, 5)), state.pose.copy()
+            factor[i, j] = parts[INFORMATION + k, ordered(j, rest)]
+        lattice.ats[node, i] = parts[AT, i]
     if not cholesky(factor):
-        return Node(-np.inf, 0.0, at, moved, gradient, information, pose, covariance)
+        lattice.logs[node] = -np.inf
+        return 0.0
     log_weight = state.log_volume - state.cost
     for i in range(rest):
         log_weight -= np.log(factor[i, i])
     # The lower left of the factor is B' L^-T, and the lower right that of what is left.
     solve_lower(factor, pull)
-    decrement = 0.5 * (pull * pull).sum()
+    decrement = 0.0
+    for i in range(rest):
+        decrement += 0.5 * pull[i] * pull[i]
     # Far from the mean the model of second order promises what is not there.
-    log_weight += min(decrement, SETTLED)
-    column = np.empty(rest)
+    lattice.logs[node] = log_weight + min(decrement, SETTLED)
     for a in range(2):
-        gradient[a] = ahead[a]
+        slope = vectors[0, rest + a]
         for k in range(rest):
-            gradient[a] -= factor[rest + a, k] * pull[k]
+            slope -= factor[rest + a, k] * pull[k]
             column[k] = -factor[rest + a, k]
-        for b in range(2):
-            for k in range(min(a, b) + 1):
-                information[a, b] += factor[rest + a, rest + k] * factor[rest + b, rest + k]
+        lattice.slopes[node, a] = slope
         solve_upper(factor, column)
         for i in range(rest):
-            moved[order[i], a] = column[i]
-        moved[PITCH + a, a] = 1.0
+            lattice.moved[node, a, ordered(i, rest)] = column[i]
+        lattice.moved[node, a, PITCH + a], lattice.moved[node, a, YAW - a] = 1.0, 0.0
+    u, v, w = factor[rest, rest], factor[rest + 1, rest], factor[rest + 1, rest + 1]
+    lattice.curvatures[node, 0], lattice.curvatures[node, 1] = u * u, u * v
+    lattice.curvatures[node, 2] = v * v + w * w
     solve_upper(factor, pull)
     excess = 1.0
     for i in range(rest):
-        excess = max(excess, abs(pull[i]) / problem.reach[order[i]])
+        excess = max(excess, abs(pull[i]) / problem.reach[ordered(i, rest)])
     for i in range(rest):
-        at[order[i]] += pull[i] / excess
-    _, components, _ = to_lamp(problem.frame, at, problem.roll)
-    for i in range(5):
-        pose[i] = components[i]
+        lattice.ats[node, ordered(i, rest)] += pull[i] / excess
+    _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
     # Of the pose: its slopes by where the lamp is and how bright, times the root of their
     # covariance.
-    spread = np.zeros((5, rest))
     for i in range(5):
+        lattice.poses[node, i] = pose[i]
         for k in range(3):
-            spread[i, k] = state.pose_slopes[i, k]
+            spread[i, k] = parts[POSE_SLOPES + i, k]
         solve_lower(factor, spread[i])
-    for i in range(5):
         for j in range(i + 1):
+            shared = 0.0
             for k in range(rest):
-                covariance[i, j] += spread[i, k] * spread[j, k]
-            covariance[j, i] = covariance[i, j]
-    return Node(log_weight, decrement, at, moved, gradient, information, pose, covariance)
+                shared += spread[i, k] * spread[j, k]
+            lattice.covariances[node, i, j] = shared
+            lattice.covariances[node, j, i] = shared
+    return decrement
 
 
-def basis_of(information: Array, round_shape: bool) -> tuple[Array, float]:
+def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
     """Return the steps of a lattice along the axes of a Gaussian, and the logarithm of a cell.
 
     Parameters
     ----------
-    information
-        Of the Gaussian, positive definite, shape ``(2, 2)``.
+    curvature
+        Of the Gaussian's logarithm, as a `Lattice` has it, shape ``(3,)``.
     round_shape
         Whether both steps are to be as long as the shorter one.
     """
-    half = 0.5 * (information[0, 0] + information[1, 1])
-    apart = 0.5 * (information[0, 0] - information[1, 1])
-    turn = np.hypot(apart, information[0, 1])
-    angle = 0.5 * np.arctan2(information[0, 1], apart)
+    half, apart = 0.5 * (curvature[0] + curvature[2]), 0.5 * (curvature[0] - curvature[2])
+    turn = np.hypot(apart, curvature[1])
+    angle = 0.5 * np.arctan2(curvature[1], apart)
     narrow = SPACING / np.sqrt(half + turn)
     wide = SPACING / np.sqrt(max(half - turn, 1e-12 * half))
     # Half a radian is as far as a lattice of attitudes can step and still see anything.
@@ -218,8 +248,8 @@ def basis_of(information: Array, round_shape: bool) -> tuple[Array, float]:
     return basis, np.log(narrow * wide)
 
 
-def fill(problem: Problem, basis: Array, seed: Node) -> tuple[Moments, Array]:
-    """Sum the posterior over a lattice, outwards from a node.
+def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[Moments, Array]:
+    """Sum the posterior over a lattice, outwards from its first node.
 
     Parameters
     ----------
@@ -227,8 +257,8 @@ def fill(problem: Problem, basis: Array, seed: Node) -> tuple[Moments, Array]:
         The posterior.
     basis
         Steps of the lattice in pitch and yaw, by columns, rad, shape ``(2, 2)``.
-    seed
-        The node to start from.
+    lattice
+        Its first node, and room for the others.
 
     Returns
     -------
@@ -238,34 +268,26 @@ def fill(problem: Problem, basis: Array, seed: Node) -> tuple[Moments, Array]:
         The largest square of each step in standard deviations there, where it counts, shape
         ``(2,)``; negative where there were more nodes than the map has room for.
     """
-    size = len(seed.at)
+    logs, ats, most = lattice.logs, lattice.ats, len(lattice.logs)
+    size = ats.shape[1]
     seen = np.zeros((2 * HALF_WIDTH + 1, 2 * HALF_WIDTH + 1), dtype=np.bool_)
-    places = np.empty((MOST_NODES, 2), dtype=np.int64)
-    logs, poses = np.empty(MOST_NODES), np.empty((MOST_NODES, 5))
-    covariances, squares = np.empty((MOST_NODES, 5, 5)), np.empty((MOST_NODES, 2))
-    ats, moveds = np.empty((MOST_NODES, size)), np.empty((MOST_NODES, size, 2))
-    gradients, informations = np.empty((MOST_NODES, 2)), np.empty((MOST_NODES, 2, 2))
+    places, squares = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
+    start = np.empty(size)
     count, done, overflow = 0, 0, False
-    largest = seed.log_weight
-    node, place_i, place_j = seed, HALF_WIDTH, HALF_WIDTH
+    largest = logs[0]
+    place_i, place_j = HALF_WIDTH, HALF_WIDTH
     seen[place_i, place_j] = True
     while True:
-        if node.log_weight > largest - NEGLIGIBLE:
-            largest = max(largest, node.log_weight)
+        # The newest node; one that is negligible gives its place to the next.
+        if logs[count] > largest - NEGLIGIBLE:
+            largest = max(largest, logs[count])
             places[count, 0], places[count, 1] = place_i, place_j
-            logs[count], poses[count], covariances[count] = (
-                node.log_weight,
-                node.pose,
-                node.covariance,
-            )
-            ats[count], moveds[count] = node.at, node.moved
-            gradients[count], informations[count] = node.gradient, node.information
             for k in range(2):
                 u, v = basis[0, k], basis[1, k]
                 squares[count, k] = (
-                    u * u * node.information[0, 0]
-                    + 2 * u * v * node.information[0, 1]
-                    + v * v * node.information[1, 1]
+                    u * u * lattice.curvatures[count, 0]
+                    + 2 * u * v * lattice.curvatures[count, 1]
+                    + v * v * lattice.curvatures[count, 2]
                 )
             count += 1
         # The next neighbour, of a node that counts, which may count too.
@@ -285,53 +307,66 @@ def fill(problem: Problem, basis: Array, seed: Node) -> tuple[Moments, Array]:
             if seen[place_i, place_j]:
                 continue
             u, v = sign * basis[0, axis], sign * basis[1, axis]
-            expected = logs[parent] + u * gradients[parent, 0] + v * gradients[parent, 1]
+            expected = logs[parent] + u * lattice.slopes[parent, 0] + v * lattice.slopes[parent, 1]
             expected -= 0.5 * squares[parent, axis]
             if expected < largest - NEGLIGIBLE:
                 continue
             seen[place_i, place_j] = True
-            start = ats[parent] + u * moveds[parent, :, 0] + v * moveds[parent, :, 1]
+            for i in range(size):
+                start[i] = ats[parent, i] + (
+                    u * lattice.moved[parent, 0, i] + v * lattice.moved[parent, 1, i]
+                )
             if abs(start[PITCH]) > 0.5 * np.pi:
                 continue
-            if count == MOST_NODES:
+            if count == most:
                 overflow = True
                 continue
-            node = node_at(problem, start)
+            write_node(problem, start, lattice, count)
             found = True
         if not found:
             break
-    mean, second, whole = np.zeros(5), np.zeros((5, 5)), 0.0
-    coarseness, middle, spread = np.zeros(2), np.zeros(2), np.zeros(2)
-    nodes = 0
-    for i in range(count):
-        weight = np.exp(logs[i] - largest)
-        whole += weight
-        if logs[i] > largest - NEGLIGIBLE:
-            nodes += 1
-        for k in range(2):
+    coarseness = np.zeros(2)
+    for k in range(2):
+        # Where the slope of the light jumps the posterior is narrower than its curvature says.
+        whole, middle, spread = 0.0, 0.0, 0.0
+        for i in range(count):
+            weight, step = np.exp(logs[i] - largest), places[i, k] - HALF_WIDTH
+            whole += weight
+            middle += weight * step
+            spread += weight * step * step
             if logs[i] > largest - WEIGHTY:
                 coarseness[k] = max(coarseness[k], squares[i, k])
-            step = places[i, k] - HALF_WIDTH
-            middle[k] += weight * step
-            spread[k] += weight * step * step
+        variance = spread / whole - (middle / whole) ** 2
+        coarseness[k] = max(coarseness[k], 1 / max(variance, 1e-2))
+        if overflow:
+            coarseness[k] = -1.0
+    return moments_of(lattice, count, largest), coarseness
+
+
+def moments_of(lattice: Lattice, count: int, largest: float) -> Moments:
+    """Return the moments of the first nodes of a lattice, per cell."""
+    mean, second = np.zeros(5), np.zeros((5, 5))
+    poses, covariances = lattice.poses, lattice.covariances
+    whole, nodes = 0.0, 0
+    for i in range(count):
+        weight = np.exp(lattice.logs[i] - largest)
+        whole += weight
+        if lattice.logs[i] > largest - NEGLIGIBLE:
+            nodes += 1
         for a in range(5):
-            off = poses[i, a] - seed.pose[a]
+            off = poses[i, a] - poses[0, a]
             mean[a] += weight * off
-            for b in range(5):
-                product = off * (poses[i, b] - seed.pose[b])
+            for b in range(a + 1):
+                product = off * (poses[i, b] - poses[0, b])
                 second[a, b] += weight * (covariances[i, a, b] + product)
     for a in range(5):
         mean[a] /= whole
-    for a in range(5):
-        for b in range(5):
+        for b in range(a + 1):
             second[a, b] = second[a, b] / whole - mean[a] * mean[b]
-    for k in range(2):
-        # Where the slope of the light jumps the posterior is narrower than its curvature says.
-        variance = spread[k] / whole - (middle[k] / whole) ** 2
-        coarseness[k] = max(coarseness[k], 1 / max(variance, 1e-2))
-    if overflow:
-        coarseness[:] = -1.0
-    return Moments(largest + np.log(whole), mean + seed.pose, second, nodes), coarseness
+            second[b, a] = second[a, b]
+    for a in range(5):
+        mean[a] += poses[0, a]
+    return Moments(largest + np.log(whole), mean, second, nodes)
 
 
 def integrate(problem: Problem, minimum: Array) -> Moments:
@@ -349,23 +384,42 @@ def integrate(problem: Problem, minimum: Array) -> Moments:
     Moments
         With a weight of -inf where the image leaves no finite posterior.
     """
-    seed = node_at(problem, minimum)
-    if not np.isfinite(seed.log_weight):
-        return Moments(-np.inf, seed.pose, seed.covariance, 0)
-    basis, log_cell = basis_of(seed.information, problem.frame.share > 0)
-    moments, coarseness = fill(problem, basis, seed)
+    size = len(minimum)
+    lattice = Lattice(
+        np.empty(MOST_NODES),
+        np.empty((MOST_NODES, size)),
+        np.empty((MOST_NODES, 2, size)),
+        np.empty((MOST_NODES, 2)),
+        np.empty((MOST_NODES, 3)),
+        np.empty((MOST_NODES, 5)),
+        np.empty((MOST_NODES, 5, 5)),
+    )
+    return integrate_on(problem, minimum, lattice)
+
+
+def integrate_on(problem: Problem, minimum: Array, lattice: Lattice) -> Moments:
+    """As `integrate`, on a lattice that is given."""
+    lattice = borrowed(lattice)
+    write_node(problem, minimum, lattice, 0)
+    if not np.isfinite(lattice.logs[0]):
+        return Moments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
+    basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
+    moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
         if coarseness[0] < 0:
             # Too many nodes: a coarser lattice is less exact, and none is no answer.
-            basis *= 1.5
-            log_cell += 2 * np.log(1.5)
+            for k in range(2):
+                basis[0, k] *= 1.5
+                basis[1, k] *= 1.5
+                log_cell += np.log(1.5)
         elif max(coarseness[0], coarseness[1]) > COARSE * COARSE:
             for k in range(2):
                 if coarseness[k] > COARSE * COARSE:
                     shorter = max(SPACING / np.sqrt(coarseness[k]), 1 / 3)
-                    basis[:, k] *= shorter
+                    basis[0, k] *= shorter
+                    basis[1, k] *= shorter
                     log_cell += np.log(shorter)
         else:
             break
-        moments, coarseness = fill(problem, basis, seed)
+        moments, coarseness = fill(problem, basis, lattice)
     return Moments(moments.log_weight + log_cell, moments.mean, moments.covariance, moments.nodes)

@@ -18,8 +18,8 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.estimation.likelihood import likelihood_of
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.light import RAY_ROWS
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
     BEAM_ROWS,
     Noise,
@@ -35,6 +35,8 @@ MOST_STEPS = 40
 # Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
 # leaves is second order of that.
 ARRIVED = 5e-3
+# Rows of the parts of a state, see its properties.
+AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
 
 @dataclass(frozen=True)
@@ -88,27 +90,45 @@ class State(NamedTuple):
     ----------
     cost
         Negative log-posterior of the pose, without constants.
-    at
-        Coordinates, then nuisances, shape ``(p,)``.
-    gradient
-        Of the opposite of the cost, shape ``(p,)``.
-    information
-        Of Gauss-Newton, prior included, shape ``(p, p)``.
-    pose, pose_slopes
-        m and rad, shape ``(5,)``; by the coordinates, shape ``(5, 5)``.
-    log_volume, log_volume_slopes
-        Of the poses that a unit volume of the coordinates holds; by the coordinates, shape
-        ``(5,)``.
+    log_volume
+        Logarithm of the volume of poses that a unit volume of the coordinates holds.
+    parts
+        All else, in rows as above: one array is made and freed faster than six.
     """
 
     cost: float
-    at: Array
-    gradient: Array
-    information: Array
-    pose: Array
-    pose_slopes: Array
     log_volume: float
-    log_volume_slopes: Array
+    parts: Array
+
+    @property
+    def at(self) -> Array:
+        """Coordinates, then nuisances, shape ``(p,)``."""
+        return self.parts[AT]
+
+    @property
+    def gradient(self) -> Array:
+        """Slopes of the opposite of the cost, shape ``(p,)``."""
+        return self.parts[GRADIENT]
+
+    @property
+    def information(self) -> Array:
+        """That of Gauss-Newton, prior included, shape ``(p, p)``."""
+        return self.parts[INFORMATION:]
+
+    @property
+    def pose(self) -> Array:
+        """The pose, m and rad, shape ``(5,)``."""
+        return self.parts[POSE, :5]
+
+    @property
+    def pose_slopes(self) -> Array:
+        """Slopes of the pose by the coordinates, shape ``(5, 5)``."""
+        return self.parts[POSE_SLOPES:INFORMATION, :5]
+
+    @property
+    def log_volume_slopes(self) -> Array:
+        """Slopes of `log_volume` by the coordinates, shape ``(5,)``."""
+        return self.parts[VOLUME_SLOPES, :5]
 
 
 def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem:
@@ -136,7 +156,7 @@ def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem
     )
 
 
-def normal_equations(image: Any, likelihood: Any, gradient: Any, joint: Any) -> None:
+def normal_equations(image: Any, likelihood: Any, parts: Any) -> None:
     """Write what readings say to gradient and information.
 
     Parameters
@@ -145,23 +165,23 @@ def normal_equations(image: Any, likelihood: Any, gradient: Any, joint: Any) -> 
         Light and its slopes, shape ``(1 + p, n)``.
     likelihood
         Values, scores and curvatures, as `likelihood.gaussian`, shape ``(3, n)``.
-    gradient, joint
-        Results, shapes ``(p,)`` and ``(p, p)``.
+    parts
+        Of the `State`.
     """
-    n = image.shape[1]
-    weighted = room(1, gradient[0], n)
-    for q in range(len(gradient)):
+    size, n = parts.shape[1], image.shape[1]
+    weighted = room(1, likelihood[0, 0], n)
+    for q in range(size):
         pull = 0.0
         for j in each(n):
             pull += total(likelihood[1, j] * image[1 + q, j])
             weighted[0, j] = likelihood[2, j] * image[1 + q, j]
-        gradient[q] = pull
+        parts[GRADIENT, q] = pull
         for s in range(q + 1):
             known = 0.0
             for j in each(n):
                 known += total(weighted[0, j] * image[1 + s, j])
-            joint[q, s] = known
-            joint[s, q] = known
+            parts[INFORMATION + q, s] = known
+            parts[INFORMATION + s, q] = known
 
 
 normal_equations.reorder = True  # type: ignore[attr-defined]  # sums in any order
@@ -172,8 +192,8 @@ def evaluate(problem: Problem, at: Array) -> State:
     size, n = len(at), len(problem.readings)
     optics, frame, roll = problem.optics, problem.frame, problem.roll
     mean, std, nuisances = problem.mean, problem.std, at[5:]
-    lamp, components, log_volume = to_lamp(frame, at, roll)
-    lamp_slopes, pose_slopes = zeros(6, 5, at[0]), np.zeros((5, 5))
+    lamp, pose, log_volume = to_lamp(frame, at, roll)
+    lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
     rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, nuisances, rays, beam, True)
@@ -183,63 +203,72 @@ def evaluate(problem: Problem, at: Array) -> State:
     likelihood = room(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
     cost = -likelihood[0].sum()
-    gradient, joint = np.empty(size), np.empty((size, size))
-    normal_equations(image, likelihood, gradient, joint)
-    # The prior is another five readings, of the pose, and one of each nuisance.
-    pose = np.array(components)
+    parts = np.empty((INFORMATION + size, size))
+    normal_equations(image, likelihood, parts)
+    write_volume_slopes(frame, lamp, lamp_slopes, parts)
     for i in range(size):
+        parts[AT, i] = at[i]
+    # The prior is another five readings, of the pose, and one of each nuisance.
+    for i in range(5):
+        parts[POSE, i] = pose[i]
         precision = 1 / std[i]
-        off = ((pose[i] if i < 5 else at[i]) - mean[i]) * precision
+        off = (pose[i] - mean[i]) * precision
         cost += 0.5 * off * off
-        if i >= 5:
-            gradient[i] -= off * precision
-            joint[i, i] += precision * precision
-            continue
         for q in range(5):
+            parts[POSE_SLOPES + i, q] = pose_slopes[i, q]
             slope = pose_slopes[i, q] * precision
-            gradient[q] -= off * slope
+            parts[GRADIENT, q] -= off * slope
             slope *= precision
             for s in range(5):
-                joint[q, s] += slope * pose_slopes[i, s]
-    volume_slopes = volume_slopes_at(frame, lamp, lamp_slopes)
-    return State(cost, at, gradient, joint, pose, pose_slopes, log_volume, volume_slopes)
+                parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
+    for i in range(5, size):
+        precision = 1 / std[i]
+        off = (at[i] - mean[i]) * precision
+        cost += 0.5 * off * off
+        parts[GRADIENT, i] -= off * precision
+        parts[INFORMATION + i, i] += precision * precision
+    return State(cost, log_volume, parts)
 
 
-def volume_slopes_at(frame: Frame, lamp: Any, lamp_slopes: Any) -> Any:
-    """Return the slopes of `coordinates.to_lamp`'s `log_volume`, shape ``(5,)``."""
+def write_volume_slopes(frame: Frame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
+    """Write the slopes of `coordinates.to_lamp`'s `log_volume` to the parts of a `State`."""
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
     level = max(1 - (z / range_m) ** 2, 1e-18)
     by_range = 2 / range_m + 1 / (range_m * range_m * (1 / range_m + 0.5 * frame.k_per_m))
-    slopes = np.empty(5)
     for q in range(5):
         u, v, w = lamp_slopes[0, q], lamp_slopes[1, q], lamp_slopes[2, q]
         radial = (x * u + y * v + z * w) / range_m
         # ln cos e is half of ln (1 - (z / r)^2).
         risen = (w - z / range_m * radial) / range_m
-        slopes[q] = by_range * radial - z / range_m * risen / level
-    return slopes
+        parts[VOLUME_SLOPES, q] = by_range * radial - z / range_m * risen / level
 
 
 def propose(problem: Problem, state: State, damping: float) -> tuple[Array, float]:
     """Return the damped Gauss-Newton step from a state, and its decrement; nan: there is none."""
-    size = len(state.at)
-    factor = state.information.copy()
+    parts = state.parts
+    size = parts.shape[1]
+    factor, there = zeros(size, size, damping), np.empty(size)
     for i in range(size):
-        factor[i, i] *= 1 + damping
+        there[i] = parts[GRADIENT, i]
+        for j in range(i):
+            factor[i, j] = parts[INFORMATION + i, j]
+        factor[i, i] = parts[INFORMATION + i, i] * (1 + damping)
     decrement = np.nan
-    step = state.gradient.copy()
+    excess = 1.0
     if cholesky(factor):
-        solve_lower(factor, step)
-        decrement = 0.5 * (step * step).sum()
-        solve_upper(factor, step)
-        excess = 1.0
-        for q in range(size):
-            excess = max(excess, abs(step[q]) / problem.reach[q])
-        step /= excess
+        solve_lower(factor, there)
+        decrement = 0.0
+        for i in range(size):
+            decrement += 0.5 * there[i] * there[i]
+        solve_upper(factor, there)
+        for i in range(size):
+            excess = max(excess, abs(there[i]) / problem.reach[i])
     else:
-        step[:] = 0.0
-    return state.at + step, decrement
+        there[:] = 0.0
+    for i in range(size):
+        there[i] = parts[AT, i] + there[i] / excess
+    return there, decrement
 
 
 # Moves coordinates, shape ``(p,)``, to where they are most probable nearby.

@@ -59,7 +59,7 @@ class EstimatorSettings:
     ] = 64
     candidates: Annotated[
         int, Quantity("nearest table rows that least_squares starts from", "rows", 1, MOST_STARTS)
-    ] = 2
+    ] = 3
     max_misfit: Annotated[
         float, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
     ] = 4.0

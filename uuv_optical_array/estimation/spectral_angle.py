@@ -1,7 +1,6 @@
 """The Spectral Angle Mapper: the angle between vectors, and the rows nearest by it."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,6 +83,11 @@ def spectral_angle(u: ArrayLike, v: ArrayLike) -> Array:
     return _angle_between_units(unit_vectors(u), unit_vectors(v))
 
 
+def _tree(units: Array) -> cKDTree:
+    # These options build faster than SciPy's defaults and search as fast.
+    return cKDTree(units, leafsize=32, balanced_tree=False, compact_nodes=False)
+
+
 class SpectralIndex:
     """Exact search for the rows of least spectral angle.
 
@@ -109,8 +113,10 @@ class SpectralIndex:
         self._units = np.empty(rows.shape)
         for start in range(0, len(rows), BLOCK_ROWS):
             self._units[start : start + BLOCK_ROWS] = unit_vectors(rows[start : start + BLOCK_ROWS])
-        # These options build five times faster than SciPy's defaults and search as fast.
-        self._tree = cKDTree(self._units, leafsize=16, balanced_tree=False, compact_nodes=False)
+        # Rows of one leaf next to each other: a search waits for memory more than it computes.
+        self._rows = _tree(self._units).indices.copy()
+        self._units = self._units[self._rows]
+        self._tree = _tree(self._units)
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the rows nearest to a vector, or to each of many, by angle and then by row number.
@@ -146,11 +152,10 @@ class SpectralIndex:
         unit = _unit_vector(query)
         if k < len(self._units):
             chords, found = self._tree.query(unit, k + 1)
-            values = chords.tolist()
             # Where all are clearly apart they are in order, and up to 60 deg the chord, taken by
             # itself, is as good as the stable angle.
-            if values[-1] < 1 and all(b > a * APART + ROUNDING for a, b in pairwise(values)):
-                return 2 * np.arcsin(chords[:k] / 2), found[:k]
+            if chords[-1] < 1 and (chords[1:] > chords[:-1] * APART + ROUNDING).all():
+                return 2 * np.arcsin(chords[:k] / 2), self._rows[found[:k]]
         angles, rows = self._ranked(unit[None], k)
         return angles[0], rows[0]
 
@@ -169,6 +174,7 @@ class SpectralIndex:
                 settled |= fetch == len(self._units)
                 found, own = found[settled], part[settled]
                 stable = _angle_between_units(self._units[found], units[own, None])
+                found = self._rows[found]
                 order = np.lexsort((found, stable))[:, :k]
                 angles[own] = np.take_along_axis(stable, order, axis=1)
                 rows[own] = np.take_along_axis(found, order, axis=1)

@@ -192,11 +192,11 @@ def lamp_light(
         Slopes of its logarithm; at the edge where a detector turns away from the lamp that of the
         side without light, 0.
     """
-    precision = 1 / (beam_sigma_rad * beam_sigma_rad)
+    precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
     facing = maximum(cosine, 0.0)
-    light = power / (range_m * range_m) * exp(-half_square * precision) * facing
+    light = power * inverse * inverse * exp(-half_square * precision) * facing
     by_cosine = choose(cosine > 0, 1 / maximum(cosine, 1e-300), 0.0)
-    return light, -2 / range_m, -precision, by_cosine
+    return light, -2 * inverse, -precision, by_cosine
 
 
 @law

@@ -22,9 +22,9 @@ from uuv_optical_array.core.elementwise import transmit
 from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.estimation.features import key_parameters, lifted, write_parameters
 from uuv_optical_array.estimation.spectral_angle import SpectralIndex
-from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, ray
+from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, lamp_light, ray
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import BEAM_ROWS, LIGHT, Optics, detect, shine
+from uuv_optical_array.forward.optics import BEAM_ROWS, LIGHT, Optics, detect
 from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_settings
 
 FORMAT = 1
@@ -222,7 +222,7 @@ def write_signatures(
     laws, settings, steps = optics.laws, optics.law_settings, len(optics.step_kinds)
     tile = max(1, TILE_READINGS // n)
     detectors, lamps = np.empty((6, tile * n)), np.empty((6, tile * n))
-    beam = np.empty((BEAM_ROWS + len(laws), tile * n))
+    rays, beam = np.empty((3, tile * n)), np.empty((BEAM_ROWS + len(laws), tile * n))
     image, readings, found = np.empty((1, n)), np.empty((n, tile)), np.empty((5, tile))
     for i in range(tile):
         detectors[:, i * n : (i + 1) * n] = optics.detectors
@@ -234,8 +234,7 @@ def write_signatures(
             for j in range(i * n, (i + 1) * n):
                 lamps[0, j], lamps[1, j], lamps[2, j] = x, y, z
                 lamps[3, j], lamps[4, j], lamps[5, j] = u, v, w
-        rays = rays_of(detectors, lamps)
-        shine(rays, optics.power, optics.beam_sigma_rad, beam)
+        write_light(detectors, lamps, optics.power, optics.beam_sigma_rad, rays, beam)
         for k in range(len(laws)):
             a, b, c = settings[k, 0], settings[k, 1], settings[k, 2]
             transmit(laws[k], rays, a, b, c, beam, BEAM_ROWS + k, False)
@@ -252,9 +251,10 @@ def write_signatures(
                 parameters[k, first + i] = found[k, i]
 
 
-def rays_of(detectors: Array, lamps: Array) -> Array:
-    """Return range, half the squared off-axis angle and cosine, each reading with its own lamp."""
-    rays = np.empty((3, detectors.shape[1]))
+def write_light(
+    detectors: Array, lamps: Array, power: float, beam_sigma_rad: float, rays: Array, beam: Array
+) -> None:
+    """Write range, half the squared off-axis angle, cosine and light; each reading has its lamp."""
     for j in range(detectors.shape[1]):
         range_m, half_square, cosine, _, _, _, _, _ = ray(
             detectors[0, j],
@@ -271,7 +271,8 @@ def rays_of(detectors: Array, lamps: Array) -> Array:
             lamps[5, j],
         )
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
-    return rays
+        light, _, _, _ = lamp_light(range_m, half_square, cosine, power, beam_sigma_rad)
+        beam[LIGHT, j] = light
 
 
 def no_light(scene: Scene, min_peak_counts: float) -> ValueError:

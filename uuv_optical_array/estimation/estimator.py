@@ -28,6 +28,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
     estimate_frame,
 )
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, problem_of
+from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
@@ -78,7 +79,8 @@ class Estimate:
         as given.
     angle_rad
         Spectral angle to the nearest signature that was looked at, in [0, pi]: of all rows of the
-        table, or of those that ``least_squares`` starts from.
+        table, or of those that ``least_squares`` starts from; pi where it looks for none, because
+        every reading is at full scale.
     runner_up_pose
         The second choice: the second nearest entry, or the next minimum of the fit; ``None``
         where every start of the fit led to one.
@@ -184,9 +186,9 @@ class Estimator:
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
-        prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
-        model = ForwardModel(scene)
-        self._problem = problem_of(model, prior, self._compiled)
+        self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
+        self._model = model = ForwardModel(scene)
+        self._problem = problem_of(model, self._prior, self._compiled)
         rows: Any = slice(None)
         if len(table.poses) > START_ROWS:
             # The same in every run: an image has one answer.
@@ -289,18 +291,16 @@ class Estimator:
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def _least_squares(self, parameters: Array, readings: Array, roll: float) -> Estimate:
+        if readings.min() >= self._model.noise.high:
+            return self._saturated(roll)
         problem = self._problem._replace(readings=readings, roll=float(roll))
         found = self._frame(problem, self._guide, parameters)
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if found.outcome == MISFIT:
-            raise NoPose(
-                f"no fit: the best pose leaves a misfit of {found.misfit:.3g}, more than "
-                f"{self.settings.max_misfit:g}; the image is not of this scene"
-            )
+            raise self._misfit(found.misfit)
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        known = found.covariance.diagonal() <= self._unobservable_variance
         return Estimate(
             found.pose,
             found.covariance,
@@ -309,8 +309,33 @@ class Estimator:
             found.runner_up_angle,
             found.misfit,
             found.runner_up_misfit,
-            () if known.all() else tuple(compress(DOF_NAMES, ~known)),
+            self._unobservable(found.covariance),
         )
+
+    def _saturated(self, roll: float) -> Estimate:
+        found = saturated_posterior(self._model, self._prior, float(roll))
+        if found.misfit > self.settings.max_misfit:
+            raise self._misfit(found.misfit)
+        nearest, second = math.pi, math.pi  # no row was looked for
+        return Estimate(
+            found.mean,
+            found.covariance,
+            nearest,
+            None,
+            second,
+            found.misfit,
+            unobservable=self._unobservable(found.covariance),
+        )
+
+    def _misfit(self, misfit: float) -> NoPose:
+        return NoPose(
+            f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
+            f"{self.settings.max_misfit:g}; the image is not of this scene"
+        )
+
+    def _unobservable(self, covariance: Array) -> tuple[str, ...]:
+        known = covariance.diagonal() <= self._unobservable_variance
+        return () if known.all() else tuple(compress(DOF_NAMES, ~known))
 
 
 def compiled_parts(scene: Scene) -> str:

@@ -337,7 +337,8 @@ def murky_scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def murky_table_folder(murky_scene_file):
-    from uuv_optical_array.estimation.table.signature_table import build_table, save_table
+    from uuv_optical_array.estimation.table.disk import save_table
+    from uuv_optical_array.estimation.table.signature_table import build_table
     from uuv_optical_array.forward.scene import load_scene
 
     folder = Path(murky_scene_file).parent / "table"
@@ -347,7 +348,7 @@ def murky_table_folder(murky_scene_file):
 
 @pytest.fixture(scope="session")
 def table_folder(table, tmp_path_factory):
-    from uuv_optical_array.estimation.table.signature_table import save_table
+    from uuv_optical_array.estimation.table.disk import save_table
 
     folder = tmp_path_factory.mktemp("tables") / "small"
     save_table(table, folder)

@@ -14,7 +14,7 @@ from command_line import PROGRAM, assert_picture, run
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from uuv_optical_array.estimation.table.signature_table import load_table
+from uuv_optical_array.estimation.table.disk import load_table
 
 
 @contextlib.contextmanager

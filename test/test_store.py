@@ -18,13 +18,8 @@ from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_withi
 from uuv_optical_array.core.memory import machine_bytes, serving_bytes
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table import store as store_module
-from uuv_optical_array.estimation.table.signature_table import (
-    GridPoses,
-    build_table,
-    grid_axes,
-    load_table,
-    save_table,
-)
+from uuv_optical_array.estimation.table.disk import load_table, save_table
+from uuv_optical_array.estimation.table.signature_table import GridPoses, build_table, grid_axes
 from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings

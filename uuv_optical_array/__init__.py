@@ -14,7 +14,7 @@ _HOME = {
     "ForwardModel": "forward.model",
     "key_parameters": "estimation.features",
     "spectral_angle": "estimation.spectral_angle",
-    "cached_table": "estimation.table.signature_table",
+    "cached_table": "estimation.table.disk",
     "build_table": "estimation.table.signature_table",
     "Estimator": "estimation.estimator",
     "NoPose": "core.errors",

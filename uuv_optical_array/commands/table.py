@@ -10,7 +10,8 @@ from tqdm import tqdm
 from uuv_optical_array.commands import cli
 from uuv_optical_array.core import memory
 from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
-from uuv_optical_array.estimation.table.signature_table import build_table, save_table
+from uuv_optical_array.estimation.table.disk import save_table
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.scene import Scene, load_scene
 

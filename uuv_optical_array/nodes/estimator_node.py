@@ -18,11 +18,8 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
-from uuv_optical_array.estimation.table.signature_table import (
-    SignatureTable,
-    cached_table,
-    load_table,
-)
+from uuv_optical_array.estimation.table.disk import cached_table, load_table
+from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

@@ -10,7 +10,7 @@ from uuv_optical_array.commands import cli
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
-from uuv_optical_array.estimation.table.signature_table import cached_table
+from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene

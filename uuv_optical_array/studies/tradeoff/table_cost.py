@@ -11,11 +11,8 @@ from pathlib import Path
 import yaml
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.signature_table import (
-    SignatureTable,
-    load_table,
-    save_table,
-)
+from uuv_optical_array.estimation.table.disk import load_table, save_table
+from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.studies.tradeoff.results import TableCost, load_average
 

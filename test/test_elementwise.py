@@ -254,9 +254,13 @@ def test_the_logarithm_of_the_normal_distribution_is_scipys(mathematics):
     assert mathematics.log_normal_distribution(-1e100) == pytest.approx(-5e199)
 
 
-def test_the_larger_and_the_smaller_number(mathematics):
-    assert [mathematics.larger(1.0, 2.0), mathematics.larger(2.0, 1.0)] == [2.0, 2.0]
-    assert [mathematics.smaller(1.0, 2.0), mathematics.smaller(2.0, 1.0)] == [1.0, 1.0]
+def ordered(a, b):
+    return maximum(a, b), minimum(a, b)
+
+
+def test_the_larger_and_the_smaller_number():
+    for given_numbers in ((1.0, 2.0), (2.0, 1.0)):
+        assert compilation.by_number(ordered)(*given_numbers) == (2.0, 1.0)
 
 
 def transmitted(law, rays, a, b, c, beam, row, differentiate):

@@ -12,7 +12,7 @@ import yaml
 from test_features import slow_key_parameters
 
 from uuv_optical_array.core import compilation, files
-from uuv_optical_array.estimation.table import disk
+from uuv_optical_array.estimation.table import disk, signature_table
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes, signatures
 from uuv_optical_array.forward.model import ForwardModel
@@ -116,7 +116,7 @@ def test_a_grid_reaching_ahead_of_the_lamp_leaves_the_dark_poses_out():
 def test_the_size_of_a_block_does_not_change_the_table(monkeypatch):
     scene = scene_with()
     whole = build_table(scene)
-    monkeypatch.setattr(disk, "BLOCK_POSES", 7)
+    monkeypatch.setattr(signature_table, "BLOCK_POSES", 7)
     seen = []
     blocks = build_table(scene, progress=lambda starts: (seen.append(i) or i for i in starts))
     np.testing.assert_array_equal(blocks.poses, whole.poses)
@@ -127,7 +127,7 @@ def test_the_size_of_a_block_does_not_change_the_table(monkeypatch):
 def test_a_block_of_dark_poses_is_left_out_as_a_whole(monkeypatch):
     scene = scene_with("table", x_m=[-4.0, 4.0, 3])
     whole = build_table(scene)
-    monkeypatch.setattr(disk, "BLOCK_POSES", 4)
+    monkeypatch.setattr(signature_table, "BLOCK_POSES", 4)
     assert_equal_tables(build_table(scene), whole)
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core import files, scalars
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 KEPT = 4  # caches of other versions of the package that are left on disk
@@ -54,7 +54,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     ValueError
         Where Numba is not installed, or not for this NumPy.
     """
-    return _jit(_twin(function, {}), keep=True)
+    return _jit(_compiled_twin(function), keep=True)
 
 
 def prepare(function: Any, *arguments: Any) -> None:
@@ -86,7 +86,7 @@ def law_address(law: Callable[..., Any]) -> int:
         As `compiled`.
     """
     numba, mathematics = _numba(), _mathematics()
-    transmit = _twin(mathematics.transmit_by, {"law": compiled_inside(law)})
+    transmit = _compiled_twin(mathematics.transmit_by, law=compiled_inside(law))
     # Its own name on disk: the file tells the laws apart by nothing else.
     transmit.__qualname__ = f"{transmit.__qualname__}.{law.__module__}.{law.__qualname__}"
     with _CacheFolder(numba) as kept:
@@ -101,7 +101,16 @@ _CALLBACKS: list[Any] = []  # which must outlive their addresses
 @cache
 def compiled_inside(function: Callable[..., Any]) -> Any:
     """Return a function compiled to be called from compiled code only."""
-    return _jit(_twin(function, {}), keep=False)
+    return _jit(_compiled_twin(function), keep=False)
+
+
+@cache
+def by_number(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that runs as the compiled one does, number by number, in plain Python.
+
+    For an image or two it is faster than NumPy, whose every call takes as long as some ten sums.
+    """
+    return _twin(function, scalars.BY_NUMBER, by_number, {})
 
 
 def _numba() -> Any:
@@ -115,16 +124,24 @@ def _mathematics() -> Any:
     return importlib.import_module(f"{__package__}.compiled_math")
 
 
-def _twin(function: Any, names: Mapping[str, Any]) -> FunctionType:
-    """Copy a function whose globals are compiled or replaced; `names` are given."""
+def _compiled_twin(function: Any, **names: Any) -> FunctionType:
     _numba()
-    replaced = _mathematics().REPLACED
+    return _twin(function, _mathematics().REPLACED, compiled_inside, names)
+
+
+def _twin(
+    function: Any,
+    replaced: Mapping[Any, Any],
+    copied: Callable[..., Any],
+    names: Mapping[str, Any],
+) -> FunctionType:
+    """Copy a function whose globals are replaced, or, if of this package, copied; or given."""
 
     def instead(value: Any) -> Any:
         if callable(value) and not isinstance(value, type) and value in replaced:
             return replaced[value]
         if isinstance(value, FunctionType) and value.__module__.startswith(files.PACKAGE):
-            return compiled_inside(value)
+            return copied(value)
         return value
 
     mine = dict(function.__globals__)

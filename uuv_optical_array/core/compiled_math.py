@@ -15,7 +15,7 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from scipy import special
 
-from uuv_optical_array.core import elementwise
+from uuv_optical_array.core import elementwise, scalars
 
 # sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
 SINE = (
@@ -126,42 +126,6 @@ def log_normal_distribution(u):
 
 
 @inlined
-def when(condition, index):
-    """As `elementwise.when`: the index itself, or nothing."""
-    return range(index, index + (1 if condition else 0))
-
-
-@inlined
-def choose(condition, one, other):
-    """As `elementwise.choose`."""
-    return one if condition else other
-
-
-@inlined
-def choose_state(condition, one, other):
-    """As `elementwise.choose_state`, of whole tuples."""
-    return one if condition else other
-
-
-@inlined
-def any_of(condition):
-    """As `elementwise.any_of`, of one condition."""
-    return condition
-
-
-@inlined
-def not_(condition):
-    """As `elementwise.not_`."""
-    return not condition
-
-
-@inlined
-def total(value):
-    """As `elementwise.total`: of one number."""
-    return value
-
-
-@inlined
 def stack(*components):
     """As `elementwise.stack`, of numbers."""
     values = np.empty(len(components))
@@ -188,24 +152,6 @@ def sandwich(matrix, image):
             if weight != 0:
                 for i in range(side):
                     image[i * side + j] += weight * half[i * side + k]
-
-
-@inlined
-def at_place(rows, place, index):
-    """As `elementwise.at_place`."""
-    return rows[int(place), index]
-
-
-@inlined
-def larger(a, b):
-    """As `numpy.maximum`, of numbers."""
-    return a if a > b else b
-
-
-@inlined
-def smaller(a, b):
-    """As `numpy.minimum`, of numbers."""
-    return a if a < b else b
 
 
 def _without_owner(context, builder, kind, value):
@@ -356,25 +302,19 @@ def transmit(address, rays, a, b, c, beam, row, differentiate):
 
 
 REPLACED: dict[Any, Any] = {
-    elementwise.each: range,
-    elementwise.when: when,
-    elementwise.choose: choose,
-    elementwise.choose_state: choose_state,
-    elementwise.any_of: any_of,
-    elementwise.not_: not_,
-    elementwise.total: total,
+    helper: range if number is range else inlined(number)
+    for helper, number in scalars.BY_NUMBER.items()
+}
+REPLACED |= {
     elementwise.room: room,
     elementwise.stack: stack,
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
-    elementwise.at_place: at_place,
     elementwise.borrowed: borrowed,
     elementwise.transmit: transmit,
     np.exp: exponential,
     np.sin: sine,
     np.cos: cosine,
-    np.maximum: larger,
-    np.minimum: smaller,
     special.erfcx: scaled_complementary_error,
     special.log_ndtr: log_normal_distribution,
 }

@@ -246,8 +246,9 @@ class Estimator:
             if fits:
                 return self._least_squares(np.full((5, 1), np.nan), readings, roll)
             found = np.empty((5, 1))
-            write = compilation.compiled(write_parameters) if self._compiled else write_parameters
-            write(readings.reshape(-1, 1), *self._signature, found)
+            compilation.by_number(write_parameters)(
+                readings.reshape(-1, 1), *self._signature, found
+            )
             parameters = found[:, 0]
         # A copy, as compiled code is made anew for every layout of the memory.
         parameters = np.array(parameters, dtype=float)

@@ -6,10 +6,12 @@ import numpy as np
 from numpy import floor, maximum, minimum, sqrt
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.compilation import by_number
 from uuv_optical_array.core.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import SignatureSettings
 
+FEW_IMAGES = 8  # up to here one after the other is faster than all at once
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 
 
@@ -214,8 +216,10 @@ def key_parameters(
         raise ValueError("images: not finite; drop frames that hold NaN or infinity")
     side = images.shape[-1]
     readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
-    parameters = np.empty((5, readings.shape[1]))
-    write_parameters(readings, side, full_scale_counts, peak == "subdetector", parameters)
+    count = readings.shape[1]
+    parameters = np.empty((5, count))
+    write = by_number(write_parameters) if count <= FEW_IMAGES else write_parameters
+    write(readings, side, full_scale_counts, peak == "subdetector", parameters)
     return parameters.T.reshape(*images.shape[:-2], 5)
 
 

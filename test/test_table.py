@@ -4,6 +4,8 @@ import itertools
 import math
 import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -426,3 +428,18 @@ def test_a_folder_that_cannot_be_moved_into_place_keeps_the_older_one(tmp_path, 
             (scratch / "new").write_text("new")
     assert (place / "old").read_text() == "old"
     assert list(tmp_path.iterdir()) == [place]
+
+
+FRESH_PAGES = """import resource
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.forward.scene import load_scene
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+rows = len(build_table(load_scene("follow")).poses)
+print(rows, resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)"""
+
+
+def test_each_block_of_a_table_is_built_in_the_memory_of_the_one_before_it():
+    # In a process of its own, whose allocator has seen no large array yet.
+    run = subprocess.run([sys.executable, "-c", FRESH_PAGES], capture_output=True, check=True)
+    rows, fresh_pages = map(int, run.stdout.split())
+    assert fresh_pages < rows / 10

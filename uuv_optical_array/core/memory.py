@@ -3,10 +3,13 @@
 import os
 from pathlib import Path
 
+import numpy as np
+
 # What a row takes in a node, at its peak: the parameters, the matched vectors as such and at length
 # one, the k-d tree, and its place in the grid. docs/tables.md has the measurement.
 BYTES_A_ROW = 40 + 48 + 48 + 40 + 8
 NODE_BYTES = 250_000_000  # the node without a table
+KEPT_BYTES = 1 << 24  # glibc takes no more than twice that
 CGROUP = Path("/sys/fs/cgroup/memory.max")  # what a container may take
 
 
@@ -51,3 +54,13 @@ def shortfall(rows: int) -> str | None:
         f"{rows:,} rows need {gigabytes(need)} of memory to be searched, this machine has "
         f"{gigabytes(have)}; take a coarser grid, of at most {most:,} rows"
     )
+
+
+def keep_freed() -> None:
+    """Let the C library keep the memory of freed arrays of up to 16 MB for the next ones.
+
+    Else each block of work gets fresh pages from the system, which costs as much time as the work.
+    glibc raises its threshold to the size of the largest array that was freed; this one is never
+    touched, so that it takes no memory.
+    """
+    np.empty(KEPT_BYTES, dtype=np.uint8)

@@ -134,6 +134,7 @@ def build_table(
     rows = grid.shape[0]
     if why := memory.shortfall(rows):
         raise ValueError(f"scene {scene.name}: the table's {why}")
+    memory.keep_freed()
     model = ForwardModel(scene)
     compiled = rows > WORTH_COMPILING and compilation.usable()
     poses, parameters = np.empty((rows, 5)), np.empty((rows, 5))

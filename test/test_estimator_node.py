@@ -24,6 +24,7 @@ from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -64,6 +65,16 @@ def test_without_a_table_parameter_the_table_is_built_in_the_cache(
     assert_is(asker.ask(signatures[0], 1), Estimator(table, "sam").estimate(signatures[0]))
     (folder,) = (tmp_path / "uuv_optical_array").iterdir()
     np.testing.assert_array_equal(load_table(folder, scene).parameters, table.parameters)
+
+
+def test_the_fit_is_compiled_only_when_the_table_is_there(lab, scene_file, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    tables = []
+    monkeypatch.setattr(
+        FitCompiler, "start", lambda self: tables.extend((tmp_path / "uuv_optical_array").iterdir())
+    )
+    Asker(lab, scene_file, method="least_squares")
+    assert len(tables) == 1
 
 
 def with_nan(message):

@@ -100,13 +100,14 @@ class EstimatorNode(Node):
         """Take over parameters; a ValueError leaves everything as it was."""
         tracker, table, estimator = self.tracker, self.table, self.estimator
         settings = self.parameters.settings(EstimatorSettings, changes)
-        if settings.method == FIT:
-            self.compiler.start()
         if changes.keys() & OF_TRACKER:
             tracker = Tracker(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else cached_table(self.scene)
+        # After the table, which the first pose waits for: the two would share the processor.
+        if settings.method == FIT:
+            self.compiler.start()
         if table is not None and changes.keys() & OF_ESTIMATOR:
             estimator = self.estimator_for(table, settings)
         # Nothing is refused from here on.

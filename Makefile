@@ -29,11 +29,12 @@ tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options
 
 # A process for each core, and in each of them one thread for algebra.
 test: export OPENBLAS_NUM_THREADS = 1
-test: $(INSTALLED)  ## check style and types, and run all tests
+test: $(INSTALLED)  ## check style and types, and run all tests; those of the nodes on Jazzy too
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/pytest -n logical --maxprocesses 8 --dist worksteal
+	@$(MAKE) --no-print-directory jazzy
 
 jazzy: $(JAZZY)/installed  ## run the tests of the nodes on ROS 2 Jazzy
 	$(JAZZY)/bin/pytest -n logical --maxprocesses 8 --dist worksteal $(ROS_TESTS)

@@ -1,0 +1,81 @@
+"""One node of the posterior's lattice against SciPy's optimiser, and how posteriors are joined."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from uuv_optical_array.core.geometry import PITCH, YAW
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose
+from uuv_optical_array.estimation.least_squares.frame import joined
+from uuv_optical_array.estimation.least_squares.posterior import Lattice, Moments, write_node
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, evaluate, problem_of
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+pytestmark = pytest.mark.filterwarnings("error")
+PRIOR = PosePrior(
+    np.array([-6.0, 0, 0, 0, 0]),
+    np.array([6.0, 2.7, 2.7, 1.0, 1.0]),
+    {"lamp.power": 0.1, "attenuation.k_per_m": 0.02},
+)
+
+
+def rooms(size):
+    return Lattice(
+        np.empty(1),
+        np.empty((1, size)),
+        np.empty((1, 2, size)),
+        np.empty((1, 2)),
+        np.empty((1, 3)),
+        np.empty((1, 5)),
+        np.empty((1, 5, 5)),
+    )
+
+
+@pytest.mark.parametrize("shape", ["curved", "planar"])
+@pytest.mark.parametrize("x", [-5.0, -7.9], ids=["near", "far and dim"])
+def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shape, x):
+    model = ForwardModel(load_scene("reference").with_shape(shape))
+    pose = np.array([x, 0.4, -0.3, 0.1, -0.15])
+    readings = model.expose(pose, np.random.default_rng(3)).ravel()
+    problem = problem_of(model, PRIOR, False)._replace(readings=readings)
+    start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
+    lattice = rooms(7)
+    write_node(problem, start, lattice, 0)
+    for _ in range(3):  # one step leaves what is second order
+        write_node(problem, lattice.ats[0].copy(), lattice, 0)
+    rest = [i for i in range(7) if i not in (PITCH, YAW)]
+    information = evaluate(problem, start).information[np.ix_(rest, rest)]
+    spread = np.linalg.cholesky(np.linalg.inv(information))
+
+    def density(steps):
+        at = start.copy()
+        at[rest] += spread @ steps
+        state = evaluate(problem, at)
+        return state.cost - state.log_volume
+
+    best = minimize(density, np.zeros(5), method="BFGS")
+    found = np.linalg.solve(spread, (lattice.ats[0] - start)[rest])
+    np.testing.assert_allclose(found, best.x, atol=0.03)
+    np.testing.assert_array_equal(lattice.ats[0][[PITCH, YAW]], start[[PITCH, YAW]])
+
+
+def test_joined_posteriors_have_the_moments_of_all_their_samples():
+    rng = np.random.default_rng(8)
+    root = rng.uniform(-1, 1, (2, 5, 5))
+    means = np.array([[1.0, 2, 3, 0.1, -0.2], [2.0, -1, 3.5, -0.3, 0.4]])
+    parts = [
+        Moments(log, mean, factor @ factor.T, 20)
+        for log, mean, factor in zip((-700.0, -700.0 + np.log(3)), means, root, strict=True)
+    ]
+    shares = np.array([0.25, 0.75])
+    mean = shares @ means
+    second = sum(
+        share * (part.covariance + np.outer(part.mean, part.mean))
+        for share, part in zip(shares, parts, strict=True)
+    )
+    for found in (joined(*parts), joined(*parts[::-1])):
+        np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
+        np.testing.assert_allclose(found.covariance, second - np.outer(mean, mean), atol=1e-12)
+        assert found.log_weight == pytest.approx(-700 + np.log(4), abs=1e-9)
+        assert found.nodes == 40

@@ -7,7 +7,11 @@ from scipy.optimize import minimize
 from uuv_optical_array.core.geometry import PITCH, YAW
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 from uuv_optical_array.estimation.least_squares.frame import joined
-from uuv_optical_array.estimation.least_squares.posterior import Lattice, Moments, write_node
+from uuv_optical_array.estimation.least_squares.posterior import (
+    Lattice,
+    PosteriorMoments,
+    write_node,
+)
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, evaluate, problem_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -65,7 +69,7 @@ def test_joined_posteriors_have_the_moments_of_all_their_samples():
     root = rng.uniform(-1, 1, (2, 5, 5))
     means = np.array([[1.0, 2, 3, 0.1, -0.2], [2.0, -1, 3.5, -0.3, 0.4]])
     parts = [
-        Moments(log, mean, factor @ factor.T, 20)
+        PosteriorMoments(log, mean, factor @ factor.T, 20)
         for log, mean, factor in zip((-700.0, -700.0 + np.log(3)), means, root, strict=True)
     ]
     shares = np.array([0.25, 0.75])

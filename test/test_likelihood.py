@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from uuv_optical_array.core import compilation
 from uuv_optical_array.estimation.likelihood import information, likelihood_of, log_likelihood
-from uuv_optical_array.forward.optics import MIN_VARIANCE, Noise
+from uuv_optical_array.forward.optics import MIN_VARIANCE, ReadingNoise
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -24,14 +24,16 @@ def one(reading, light, variance=1.0, slope=0.0, limits=ADC):
     found = log_likelihood(
         np.array([reading], dtype=float),
         np.array([light], dtype=float),
-        Noise(variance, slope, *limits),
+        ReadingNoise(variance, slope, *limits),
     )
     return tuple(float(part[0]) for part in found)
 
 
 def told_by(light, variance=1.0, slope=0.0, limits=ADC):
     """Return the information of one detector."""
-    return float(information(np.array([light], dtype=float), Noise(variance, slope, *limits))[0])
+    return float(
+        information(np.array([light], dtype=float), ReadingNoise(variance, slope, *limits))[0]
+    )
 
 
 def scipy_value(reading, light, std, limits=ADC):
@@ -138,7 +140,7 @@ def test_each_reading_of_many_images_is_as_it_is_alone(slope):
     rng = np.random.default_rng(1)
     readings = np.array([0.0, 0.0, 17.0, 900.0, 1023.0, 1023.0])
     light = rng.uniform(0, 1100, (2, 3, 6))
-    found = log_likelihood(readings, light, Noise(1.0, slope, *ADC))
+    found = log_likelihood(readings, light, ReadingNoise(1.0, slope, *ADC))
     for part in found:
         assert part.shape == (2, 3, 6)
     for i in np.ndindex(2, 3, 6):
@@ -181,7 +183,7 @@ def test_compiled_readings_are_as_likely_as_in_numpy(slope, limits):
     readings = np.clip(
         light + rng.choice([0.1, 3.0, 40.0], 3100) * rng.standard_normal(3100), 0, 1023
     )
-    noise = Noise(2.0, slope, *limits)
+    noise = ReadingNoise(2.0, slope, *limits)
     plain, fast = np.empty((2, 3, 3100))
     likelihood_of(readings, light, noise, plain)
     compilation.compiled(likelihood_of)(readings, light, noise, fast)

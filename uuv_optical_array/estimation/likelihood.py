@@ -9,7 +9,7 @@ from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.elementwise import choose, each, law, when
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.optics import Noise, reading_variance, variance_slope
+from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
 ASYMPTOTIC = -37.0  # below this the series of Mills's ratio is right to 2e-12
@@ -91,7 +91,7 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
     return log_ndtr(u), sign * over * precision, share * precision * precision
 
 
-def likelihood_of(readings: Any, light: Any, noise: Noise, found: Any) -> None:
+def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) -> None:
     """Write the log-likelihood of each reading, with derivatives by its light.
 
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
@@ -125,7 +125,9 @@ def likelihood_of(readings: Any, light: Any, noise: Noise, found: Any) -> None:
 
 
 @np.errstate(under="ignore")
-def log_likelihood(readings: Array, light: Array, noise: Noise) -> tuple[Array, Array, Array]:
+def log_likelihood(
+    readings: Array, light: Array, noise: ReadingNoise
+) -> tuple[Array, Array, Array]:
     """Log-likelihood of many images, with its first two derivatives by the light.
 
     Parameters
@@ -155,7 +157,7 @@ def log_likelihood(readings: Array, light: Array, noise: Noise) -> tuple[Array, 
 
 
 @np.errstate(under="ignore")
-def information(light: Array, noise: Noise) -> Array:
+def information(light: Array, noise: ReadingNoise) -> Array:
     """Fisher information of a reading about its expected light.
 
     ``1/v + v'^2 / (2 v^2)`` inside the limits (S. Kay, Estimation Theory, 1993, eq. 3.31),

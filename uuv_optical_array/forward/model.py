@@ -29,8 +29,8 @@ from uuv_optical_array.forward.optics import (
     BLUR,
     GAIN,
     LIGHT,
-    Noise,
     Optics,
+    ReadingNoise,
     detect,
     illuminate,
     project,
@@ -58,7 +58,7 @@ class ForwardModel:
 
     Attributes
     ----------
-    noise : optics.Noise
+    noise : optics.ReadingNoise
         Of a reading, rounding included.
     saturation_counts : float
         Largest analogue reading; inf: none.
@@ -82,7 +82,7 @@ class ForwardModel:
             (form.level_counts for form in self._of(Saturation)), default=np.inf
         )
         highest = [form.largest for form in converters]
-        self._read_noise = Noise(
+        self._read_noise = ReadingNoise(
             float(sum(form.variance for form in noises)),
             float(sum(form.slope for form in noises)),
             0.0 if converters else -np.inf,

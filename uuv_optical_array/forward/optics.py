@@ -34,7 +34,7 @@ BACKGROUND, GAIN, BLUR = range(3)
 MIN_VARIANCE = 1e-6
 
 
-class Noise(NamedTuple):
+class ReadingNoise(NamedTuple):
     """How a scene's readings differ from the light.
 
     Parameters
@@ -287,7 +287,7 @@ def reading_variance(light: Any, variance: float, slope: float) -> Any:
     light
         Expected, counts.
     variance, slope
-        As in `Noise`.
+        As in `ReadingNoise`.
     """
     return maximum(variance + slope * maximum(light, 0.0), MIN_VARIANCE)
 

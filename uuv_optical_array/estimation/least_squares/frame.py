@@ -13,7 +13,7 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
-from uuv_optical_array.estimation.least_squares.posterior import Moments, integrate
+from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments, integrate
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     INFORMATION,
@@ -73,7 +73,7 @@ class Guide(NamedTuple):
     subdetector: bool
 
 
-class Frame(NamedTuple):
+class FrameResult(NamedTuple):
     """What a frame led to.
 
     Parameters
@@ -220,7 +220,7 @@ def find_minima(
     return minima, found, angle, second_angle
 
 
-def is_part(pose: Array, moments: Moments) -> bool:
+def is_part(pose: Array, moments: PosteriorMoments) -> bool:
     """Say whether a pose belongs to a posterior, by its moments."""
     factor, off = moments.covariance.copy(), pose[:5] - moments.mean
     if not cholesky(factor):
@@ -229,7 +229,7 @@ def is_part(pose: Array, moments: Moments) -> bool:
     return bool((off * off).sum() < CONNECTED * CONNECTED)
 
 
-def joined(one: Moments, other: Moments) -> Moments:
+def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
     """Return the moments of two posteriors that are not connected, as one."""
     largest = max(one.log_weight, other.log_weight)
     weight, rest = np.exp(one.log_weight - largest), np.exp(other.log_weight - largest)
@@ -239,7 +239,7 @@ def joined(one: Moments, other: Moments) -> Moments:
     for i in range(5):
         for j in range(5):
             covariance[i, j] += share * (1 - share) * (apart[i] * apart[j])
-    return Moments(
+    return PosteriorMoments(
         largest + np.log(weight + rest),
         one.mean + share * apart,
         covariance,
@@ -247,7 +247,7 @@ def joined(one: Moments, other: Moments) -> Moments:
     )
 
 
-def whole_posterior(problem: Problem, minima: list[State]) -> Moments:
+def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior about all minima that are not negligible."""
     moments = integrate(problem, minima[0].parts[AT])
     for i in range(1, len(minima)):
@@ -260,7 +260,7 @@ def whole_posterior(problem: Problem, minima: list[State]) -> Moments:
     return moments
 
 
-def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
+def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
     """Estimate the pose of one image.
 
     Parameters
@@ -285,10 +285,12 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     nothing: Any = np.full(5, np.nan)
     covariance = np.full((5, 5), np.nan)
     if len(minima) == 0:
-        return Frame(NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle)
+        return FrameResult(
+            NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle
+        )
     if not best <= guide.max_misfit:
         pose = minima[0].parts[POSE, :5].copy()
-        return Frame(MISFIT, pose, covariance, best, nothing, np.nan, angle, second_angle)
+        return FrameResult(MISFIT, pose, covariance, best, nothing, np.nan, angle, second_angle)
     moments = whole_posterior(problem, minima)
     runner_up, runner_up_misfit = nothing, np.nan
     if len(minima) > 1:
@@ -298,7 +300,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> Frame:
     factor = moments.covariance.copy()
     if moments.nodes < LEAST_NODES or not cholesky(factor):
         outcome = NO_COVARIANCE
-    return Frame(
+    return FrameResult(
         outcome,
         moments.mean,
         moments.covariance,

@@ -73,7 +73,7 @@ class Lattice(NamedTuple):
     covariances: Array
 
 
-class Moments(NamedTuple):
+class PosteriorMoments(NamedTuple):
     """Moments of a posterior.
 
     Parameters
@@ -248,7 +248,7 @@ def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
     return basis, np.log(narrow * wide)
 
 
-def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[Moments, Array]:
+def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMoments, Array]:
     """Sum the posterior over a lattice, outwards from its first node.
 
     Parameters
@@ -343,7 +343,7 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[Moments, Arr
     return moments_of(lattice, count, largest), coarseness
 
 
-def moments_of(lattice: Lattice, count: int, largest: float) -> Moments:
+def moments_of(lattice: Lattice, count: int, largest: float) -> PosteriorMoments:
     """Return the moments of the first nodes of a lattice, per cell."""
     mean, second = np.zeros(5), np.zeros((5, 5))
     poses, covariances = lattice.poses, lattice.covariances
@@ -366,10 +366,10 @@ def moments_of(lattice: Lattice, count: int, largest: float) -> Moments:
             second[b, a] = second[a, b]
     for a in range(5):
         mean[a] += poses[0, a]
-    return Moments(largest + np.log(whole), mean, second, nodes)
+    return PosteriorMoments(largest + np.log(whole), mean, second, nodes)
 
 
-def integrate(problem: Problem, minimum: Array) -> Moments:
+def integrate(problem: Problem, minimum: Array) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum.
 
     Parameters
@@ -381,7 +381,7 @@ def integrate(problem: Problem, minimum: Array) -> Moments:
 
     Returns
     -------
-    Moments
+    PosteriorMoments
         With a weight of -inf where the image leaves no finite posterior.
     """
     size = len(minimum)
@@ -397,12 +397,12 @@ def integrate(problem: Problem, minimum: Array) -> Moments:
     return integrate_on(problem, minimum, lattice)
 
 
-def integrate_on(problem: Problem, minimum: Array, lattice: Lattice) -> Moments:
+def integrate_on(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
     """As `integrate`, on a lattice that is given."""
     lattice = borrowed(lattice)
     write_node(problem, minimum, lattice, 0)
     if not np.isfinite(lattice.logs[0]):
-        return Moments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
+        return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
     basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
@@ -422,4 +422,6 @@ def integrate_on(problem: Problem, minimum: Array, lattice: Lattice) -> Moments:
         else:
             break
         moments, coarseness = fill(problem, basis, lattice)
-    return Moments(moments.log_weight + log_cell, moments.mean, moments.covariance, moments.nodes)
+    return PosteriorMoments(
+        moments.log_weight + log_cell, moments.mean, moments.covariance, moments.nodes
+    )

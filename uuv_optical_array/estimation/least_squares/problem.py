@@ -22,8 +22,8 @@ from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
     BEAM_ROWS,
-    Noise,
     Optics,
+    ReadingNoise,
     detect,
     illuminate,
     project,
@@ -74,7 +74,7 @@ class Problem(NamedTuple):
     """
 
     optics: Optics
-    noise: Noise
+    noise: ReadingNoise
     frame: Frame
     mean: Array
     std: Array

@@ -178,8 +178,14 @@ borrowed: Any = intrinsic(_borrowed)
 MATRIX = types.Array(types.float64, 2, "C")
 
 
-def _on_stack(context, builder, shape):
-    """Return a matrix that nobody has to free, unless it is large, and the bytes it takes."""
+def _on_stack(context, builder, signature, arguments, lengths):
+    """Return a matrix that nobody has to free, unless it is large, and the bytes it takes.
+
+    Its lengths are the arguments at two places.
+    """
+    shape = tuple(
+        context.cast(builder, arguments[i], signature.args[i], types.intp) for i in lengths
+    )
     word = context.get_value_type(types.intp)
     eight = word(8)
     size = builder.mul(builder.mul(*shape), eight)
@@ -211,10 +217,8 @@ def _on_stack(context, builder, shape):
 
 def _room(_typing, rows, component, count):
     def generate(context, builder, signature, arguments):
-        shape = tuple(
-            context.cast(builder, arguments[i], signature.args[i], types.intp) for i in (0, 2)
-        )
-        return _on_stack(context, builder, shape)[0]._getvalue()
+        matrix, _ = _on_stack(context, builder, signature, arguments, (0, 2))
+        return matrix._getvalue()
 
     return MATRIX(rows, component, count), generate
 
@@ -224,10 +228,7 @@ room: Any = intrinsic(_room)
 
 def _zeros(_typing, rows, columns, component):
     def generate(context, builder, signature, arguments):
-        shape = tuple(
-            context.cast(builder, arguments[i], signature.args[i], types.intp) for i in (0, 1)
-        )
-        matrix, size = _on_stack(context, builder, shape)
+        matrix, size = _on_stack(context, builder, signature, arguments, (0, 1))
         cgutils.memset(builder, matrix.data, size, 0)
         return matrix._getvalue()
 

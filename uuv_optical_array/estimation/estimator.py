@@ -18,7 +18,7 @@ from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.features import write_parameters
+from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -163,12 +163,6 @@ class Estimator:
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
         self._asked_to_compile = compiled
-        scene = table.scene
-        self._signature = (
-            scene.array.detectors_per_side,
-            float(scene.full_scale_counts),
-            scene.signature.peak == "subdetector",
-        )
         if method == "least_squares":
             self._prepare()
 
@@ -203,7 +197,9 @@ class Estimator:
             self.settings.candidates,
             float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
             float(self.settings.max_misfit),
-            *self._signature,
+            model.array.side,
+            float(scene.full_scale_counts),
+            scene.signature.peak == "subdetector",
         )
         self._frame = estimate_frame
         if self._compiled:
@@ -245,11 +241,11 @@ class Estimator:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._least_squares(np.full((5, 1), np.nan), readings, roll)
-            found = np.empty((5, 1))
-            compilation.by_number(write_parameters)(
-                readings.reshape(-1, 1), *self._signature, found
+            scene = self.table.scene
+            side = scene.array.detectors_per_side
+            parameters = key_parameters(
+                readings.reshape(side, side), scene.full_scale_counts, scene.signature.peak
             )
-            parameters = found[:, 0]
         # A copy, as compiled code is made anew for every layout of the memory.
         parameters = np.array(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
@@ -317,13 +313,12 @@ class Estimator:
         found = saturated_posterior(self._model, self._prior, float(roll))
         if found.misfit > self.settings.max_misfit:
             raise self._misfit(found.misfit)
-        nearest, second = math.pi, math.pi  # no row was looked for
         return Estimate(
             found.mean,
             found.covariance,
-            nearest,
+            math.pi,  # no row was looked for
             None,
-            second,
+            math.pi,
             found.misfit,
             unobservable=self._unobservable(found.covariance),
         )

@@ -22,7 +22,9 @@ from uuv_optical_array.forward.scene import PriorSettings, Scene, scene_from_set
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FRAMES = 300
-NUISANCES = PriorSettings(0.1, 0.02, 5.0, 1.0)
+NUISANCES = PriorSettings(
+    lamp_power_std=0.1, k_std_per_m=0.02, ambient_std_counts=5.0, temperature_std_c=1.0
+)
 
 
 @njit(error_model="numpy", fastmath={"contract"})

@@ -284,14 +284,35 @@ def with_offsets(effects, offsets):
     changed = copy.deepcopy(effects)
     for name, offset in offsets.items():
         effect, setting = name.split(".")
-        if effect != "lamp":
+        if effect in effects and not setting.startswith("to_"):
             changed[effect][setting] = changed[effect].get(setting, 0.0) + offset
     return changed
 
 
-def image_of(scene, power, effects, pose, roll=0.0, time_s=None):
+def unnamed(side, effects, offsets):
+    """Return what has no effect: a factor of the lamp's light and daylight, by detector."""
+    places = [-1 + 2 * i / (side - 1) for i in range(side)]
+    grid = [(u, v) for v in places for u in places]
+    order = [[1, u, v, u * u, u * v, v * v] for u, v in grid]
+    unit, triangle = np.linalg.qr(np.array(order))
+    shades, daylight = np.zeros(side**2), np.zeros(side**2)
+    for k in range(1, 6):
+        size = triangle[k, k]
+        mode = unit[:, k] * math.copysign(side, size) if abs(size) > 1e-9 else 0.0
+        shades = shades + offsets.get(f"shade.mode_{k}", 0.0) * mode
+    for name, axis in (("to_starboard", 0), ("to_bottom", 1)):
+        rise = offsets.get(f"ambient.{name}_counts", 0.0)
+        daylight = daylight + [rise * place[axis] for place in grid]
+    if "ambient" not in effects:
+        daylight = daylight + offsets.get("ambient.level_counts", 0.0)
+    return np.exp(shades), daylight
+
+
+def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     """Return the light of a lamp of some power, shape ``(side, side)``."""
-    lamp, array = scene["lamp"], scene["array"]
+    offsets, array = offsets or {}, scene["array"]
+    lamp = dict(scene["lamp"])
+    lamp["beam_sigma_deg"] += offsets.get("lamp.beam_sigma_deg", 0.0)
     readings = []
     for ray in rays(array, pose, roll, time_s):
         light = power * ideal(ray, lamp["beam_sigma_deg"])
@@ -300,6 +321,8 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None):
                 light *= law(ray, lamp, **effects[name])
         readings.append(light)
     side = array["detectors_per_side"]
+    shades, daylight = unnamed(side, effects, offsets)
+    readings = (np.array(readings) * shades + daylight).tolist()
     image = [readings[row * side : (row + 1) * side] for row in range(side)]
     for name, step in ARRAY.items():
         if name in effects:
@@ -321,7 +344,8 @@ def light(scene, pose, roll=0.0, offsets=None, time_s=None, power=None):
     offsets = offsets or {}
     power = power_of(scene) if power is None else power
     power *= math.exp(offsets.get("lamp.power", 0.0))
-    return image_of(scene, power, with_offsets(scene["effects"], offsets), pose, roll, time_s)
+    effects = with_offsets(scene["effects"], offsets)
+    return image_of(scene, power, effects, pose, roll, time_s, offsets)
 
 
 def noise_variance(scene, light):

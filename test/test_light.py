@@ -179,7 +179,9 @@ def test_the_slopes_of_the_light_are_those_of_its_logarithm(geometry, power, sig
     expected = power / range_m**2 * beam * max(cosine, 0.0)
     assert light == pytest.approx(expected, rel=1e-12, abs=1e-300)
     by_cosine = 1 / cosine if cosine > 0 else 0.0
-    np.testing.assert_allclose(slopes, [-2 / range_m, -1 / sigma**2, by_cosine], rtol=1e-14)
+    by_sigma = 2 * half_square / sigma**3
+    expected = [-2 / range_m, -1 / sigma**2, by_cosine, by_sigma]
+    np.testing.assert_allclose(slopes, expected, rtol=1e-14)
 
 
 def test_no_cosine_exceeds_one_by_rounding():

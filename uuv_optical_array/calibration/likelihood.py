@@ -118,7 +118,8 @@ class CalibrationLikelihood:
         self.poses, self.rolls = poses, rolls
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
-        self.noise = ForwardModel(self.scene).noise
+        # Gains are fitted, so that none is unknown.
+        self.noise = ForwardModel(self.scene).noise._replace(square=0.0)
 
     def of(self, scene: Scene) -> "CalibrationLikelihood":
         """Return the likelihood of the same images in another scene."""
@@ -212,7 +213,7 @@ class CalibrationLikelihood:
             )
             mean[part] = light * gains
             slopes *= gains[:, None]
-            variance[part] = reading_variance(mean[part], self.noise.variance, self.noise.slope)
+            variance[part] = reading_variance(mean[part], self.noise)
             values, score, weight = log_likelihood(self.readings[part], mean[part], self.noise)
             if expected:
                 weight = information(mean[part], self.noise)

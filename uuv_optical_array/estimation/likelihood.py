@@ -107,9 +107,9 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
         Results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
     """
     for j in each(len(light)):
-        variance = reading_variance(light[j], noise.variance, noise.slope)
-        if noise.slope > 0:
-            slope = variance_slope(light[j], noise.variance, noise.slope)
+        variance = reading_variance(light[j], noise)
+        if noise.slope > 0 or noise.square > 0:
+            slope = variance_slope(light[j], noise)
             value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
         else:
             value, score, curvature = gaussian(readings[j], light[j], variance)
@@ -118,7 +118,7 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
         for i in when((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
             above = readings[i] >= noise.high
             bound = choose(above, noise.high - 0.5, noise.low + 0.5)
-            variance = reading_variance(light[i], noise.variance, noise.slope)
+            variance = reading_variance(light[i], noise)
             found[0, i], found[1, i], found[2, i] = censored(
                 light[i], bound, choose(above, 1.0, -1.0), variance
             )
@@ -174,8 +174,8 @@ def information(light: Array, noise: ReadingNoise) -> Array:
     Array
         1/counts^2, in the shape of the light, >= 0.
     """
-    variance = reading_variance(light, noise.variance, noise.slope)
-    slope = variance_slope(light, noise.variance, noise.slope)
+    variance = reading_variance(light, noise)
+    slope = variance_slope(light, noise)
     std = np.sqrt(variance)
     whole = 1 / variance + 0.5 * (slope / variance) ** 2
     low = (noise.low + 0.5 - light) / std

@@ -169,7 +169,7 @@ def ray(
 @law
 def lamp_light(
     range_m: Any, half_square: Any, cosine: Any, power: Any, beam_sigma_rad: Any
-) -> tuple[Any, Any, Any, Any]:
+) -> tuple[Any, Any, Any, Any, Any]:
     """Light on a detector: inverse square, Gaussian beam and Lambert's cosine.
 
     ``E = power / r^2  exp(-eta^2 / (2 sigma^2))  max(0, cos theta)``
@@ -191,12 +191,15 @@ def lamp_light(
     by_range, by_half_square, by_cosine
         Slopes of its logarithm; at the edge where a detector turns away from the lamp that of the
         side without light, 0.
+    by_sigma
+        That by the standard deviation of the beam, 1/rad.
     """
     precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
     facing = maximum(cosine, 0.0)
     light = power * inverse * inverse * exp(-half_square * precision) * facing
     by_cosine = choose(cosine > 0, 1 / maximum(cosine, 1e-300), 0.0)
-    return light, -2 * inverse, -precision, by_cosine
+    by_sigma = 2 * half_square * precision / beam_sigma_rad
+    return light, -2 * inverse, -precision, by_cosine, by_sigma
 
 
 @law

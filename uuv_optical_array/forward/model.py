@@ -20,6 +20,7 @@ from uuv_optical_array.forward.effects.forms import (
     Gain,
     Moving,
     Saturation,
+    Shade,
     Transmission,
 )
 from uuv_optical_array.forward.light import RAY_ROWS
@@ -29,6 +30,7 @@ from uuv_optical_array.forward.optics import (
     BLUR,
     GAIN,
     LIGHT,
+    SHADE,
     Optics,
     ReadingNoise,
     detect,
@@ -38,7 +40,8 @@ from uuv_optical_array.forward.optics import (
     trace,
     variance_slope,
 )
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.scene import BEAM_SIGMA, POWER, Scene
+from uuv_optical_array.forward.unknowns import unknown_forms
 
 BLOCK_READINGS = 51_200  # whose rays stay in the second level of the cache
 
@@ -59,12 +62,12 @@ class ForwardModel:
     Attributes
     ----------
     noise : optics.ReadingNoise
-        Of a reading, rounding included.
+        Of a reading, rounding and the unknown gains of the scene's prior included.
     saturation_counts : float
         Largest analogue reading; inf: none.
     nuisances : tuple of str
-        Settings of the scene that a prior may leave uncertain, by dotted name. The offset of
-        ``lamp.power`` is that of its logarithm, the others have the setting's unit.
+        Settings that a prior may leave uncertain, by dotted name, those of `unknowns` included.
+        The offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
 
     Raises
     ------
@@ -90,17 +93,23 @@ class ForwardModel:
         )
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
-        self.noise = self._read_noise._replace(variance=self._read_noise.variance + rounding)
+        self.noise = self._read_noise._replace(
+            variance=self._read_noise.variance + rounding, square=scene.prior.gain_std**2
+        )
         uncertain: tuple[Any, ...] = (
             *self._of(Transmission),
             *self._of(Background),
             *self._of(Gain),
         )
-        self.nuisances = ("lamp.power", *(form.nuisance for form in uncertain if form.nuisance))
+        named = [form.nuisance for form in uncertain if form.nuisance]
+        self._unknown = {
+            name: form for name, form in unknown_forms(self.array.side).items() if name not in named
+        }
+        self.nuisances = tuple(dict.fromkeys((POWER, BEAM_SIGMA, *named, *self._unknown)))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         # The slope by the lamp's power is its share of the light, which daylight would round off.
-        _, slopes = self.linearised(aligned, offsets={"lamp.power": np.zeros(())})
+        _, slopes = self.linearised(aligned, offsets={POWER: np.zeros(())})
         unit_reading = float(slopes[:, -1].max())
         if unit_reading < 1e-200:
             raise ValueError(
@@ -132,31 +141,31 @@ class ForwardModel:
             if name not in self.nuisances:
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
 
+        def at_of(name: str) -> int:
+            return nuisances.index(name) if name in nuisances else -1
+
         def place(form: Any) -> int:
-            return nuisances.index(form.nuisance) if form.nuisance in nuisances else -1
+            return at_of(form.nuisance)
 
         n = self.array.side**2
         passed = self._of(Transmission)
-        steps = [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
+        # What the scene has no effect for comes before all else that the array sees.
+        steps: list[Any] = [form for name, form in self._unknown.items() if name in nuisances]
+        steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
         blurs = [form.matrix for form in steps if isinstance(form, Blur)]
-        kinds, values, scales, places = [], np.zeros((len(steps), n)), [], []
+        values = np.zeros((len(steps), n))
+        kinds, scales, places = [], [], []
         for i, step in enumerate(steps):
-            if isinstance(step, Blur):
-                kinds.append(BLUR)
-            elif isinstance(step, Gain):
-                kinds.append(GAIN)
-                values[i] = step.gains
-            else:
-                kinds.append(BACKGROUND)
-                values[i] = step.pattern
-            scales.append(
-                step.slope
-                if isinstance(step, Gain)
-                else step.level
-                if isinstance(step, Background)
-                else 0.0
-            )
-            places.append(-1 if isinstance(step, Blur) else place(step))
+            kind, scale, at = BLUR, 0.0, -1
+            if isinstance(step, Gain):
+                kind, values[i], scale, at = GAIN, step.gains, step.slope, place(step)
+            elif isinstance(step, Background):
+                kind, values[i], scale, at = BACKGROUND, step.pattern, step.level, place(step)
+            elif isinstance(step, Shade):
+                kind, values[i], at = SHADE, step.pattern, place(step)
+            kinds.append(kind)
+            scales.append(scale)
+            places.append(at)
         laws: Any = tuple(form.law for form in passed)
         if compiled:
             laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
@@ -165,7 +174,8 @@ class ForwardModel:
             power=float(self.power),
             beam_sigma_rad=float(np.radians(self.scene.lamp.beam_sigma_deg)),
             nuisances=len(nuisances),
-            power_at=nuisances.index("lamp.power") if "lamp.power" in nuisances else -1,
+            power_at=at_of(POWER),
+            sigma_at=at_of(BEAM_SIGMA),
             laws=laws,
             law_settings=np.array([form.settings for form in passed]).reshape(len(passed), 3),
             law_at=np.array([place(form) for form in passed], dtype=np.int64),
@@ -331,8 +341,7 @@ class ForwardModel:
         slope : Array
             Its derivative by the light, counts.
         """
-        constant, slope = self.noise.variance, self.noise.slope
-        return reading_variance(light, constant, slope), variance_slope(light, constant, slope)
+        return reading_variance(light, self.noise), variance_slope(light, self.noise)
 
     def expose(
         self,

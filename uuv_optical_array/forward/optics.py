@@ -5,6 +5,7 @@ Components come first: a position is ``(3, ...)``, an image with its derivatives
 compiled code takes one pose, whose components are numbers.
 """
 
+import math
 from typing import Any, NamedTuple
 
 from numpy import exp, maximum
@@ -26,10 +27,11 @@ from uuv_optical_array.forward.light import (
 )
 
 # Rows of the beam on its way; rows of slopes by settings of the laws follow.
-LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_COSINE = range(4)
-BEAM_ROWS = 4
+LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_COSINE, BY_SIGMA = range(5)
+BEAM_ROWS = 5
 # Kinds of step on the array.
-BACKGROUND, GAIN, BLUR = range(3)
+BACKGROUND, GAIN, BLUR, SHADE = range(4)
+DEGREE = math.pi / 180
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
 
@@ -39,9 +41,9 @@ class ReadingNoise(NamedTuple):
 
     Parameters
     ----------
-    variance, slope
-        Variance of a reading in the dark, counts^2, rounding included, and its growth with the
-        light, counts.
+    variance, slope, square
+        Variance of a reading in the dark, counts^2, rounding included, its growth with the light,
+        counts, and with the square of the light: the variance of an unknown relative gain.
     low
         A reading at or below this says that the light was not above `low` + 0.5, counts.
     high
@@ -52,6 +54,7 @@ class ReadingNoise(NamedTuple):
     slope: float
     low: float
     high: float
+    square: float = 0.0
 
 
 class Optics(NamedTuple):
@@ -67,6 +70,8 @@ class Optics(NamedTuple):
         How many settings have offsets.
     power_at
         Place among the nuisances of the offset of the power's logarithm; -1: known.
+    sigma_at
+        As `power_at`, of the offset of the standard deviation of the beam, deg.
     laws
         Of transmission: functions, or their addresses for compiled code.
     law_settings
@@ -74,11 +79,11 @@ class Optics(NamedTuple):
     law_at
         Place among the nuisances of the offset of the first setting of each law; -1: known.
     step_kinds
-        Of each step on the array: `BACKGROUND`, `GAIN` or `BLUR`.
+        Of each step on the array: `BACKGROUND`, `GAIN`, `BLUR` or `SHADE`.
     step_values
-        Pattern or gains, shape ``(steps, n)``.
+        Pattern, gains or logarithms, shape ``(steps, n)``.
     step_scales
-        Level of a background, slope of gains.
+        Level of a background, slope of gains, depth of a shade.
     step_at
         As `law_at`, of each step.
     blur
@@ -90,6 +95,7 @@ class Optics(NamedTuple):
     beam_sigma_rad: float
     nuisances: int
     power_at: int
+    sigma_at: int
     laws: Any
     law_settings: Array
     law_at: Any
@@ -143,14 +149,15 @@ def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
     power, beam_sigma_rad
         As in `light.lamp_light`.
     beam
-        Result: rows as above, shape ``(4 + laws, ..., n)``; those of the laws are left as they are.
+        Result: rows as above, shape ``(5 + laws, ..., n)``; those of the laws are left as they are.
     """
     for j in each(rays.shape[-1]):
-        light, by_range, by_half_square, by_cosine = lamp_light(
+        light, by_range, by_half_square, by_cosine, by_sigma = lamp_light(
             rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
         )
         beam[LIGHT, j], beam[BY_RANGE, j] = light, by_range
         beam[BY_HALF_SQUARE, j], beam[BY_COSINE, j] = by_half_square, by_cosine
+        beam[BY_SIGMA, j] = by_sigma
 
 
 def illuminate(
@@ -171,11 +178,13 @@ def illuminate(
     differentiate
         Whether the slopes are wanted.
     """
-    power = optics.power
+    power, beam_sigma_rad = optics.power, optics.beam_sigma_rad
     if optics.power_at >= 0:
         power = power * exp(nuisances[optics.power_at])
+    if optics.sigma_at >= 0:
+        beam_sigma_rad = beam_sigma_rad + DEGREE * nuisances[optics.sigma_at]
     trace(optics.detectors, lamp, rays)
-    shine(rays, power, optics.beam_sigma_rad, beam)
+    shine(rays, power, beam_sigma_rad, beam)
     for i in range(len(optics.laws)):
         first = optics.law_settings[i, 0]
         if optics.law_at[i] >= 0:
@@ -236,9 +245,12 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
     image[1 + size :] = 0.0
     if optics.power_at >= 0:
         image[1 + size + optics.power_at] = image[0]
+    if optics.sigma_at >= 0:
+        image[1 + size + optics.sigma_at] = image[0] * beam[BY_SIGMA] * DEGREE
     for i in range(len(optics.law_at)):
         if optics.law_at[i] >= 0:
-            image[1 + size + optics.law_at[i]] = image[0] * beam[BEAM_ROWS + i]
+            # A law may share a setting with the lamp.
+            image[1 + size + optics.law_at[i]] += image[0] * beam[BEAM_ROWS + i]
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:
@@ -273,27 +285,37 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
                 image[0] *= common
             for row in range(rows):
                 image[row] *= values
+        elif kind == SHADE:
+            depth = scale + nuisances[place]
+            for j in each(image.shape[-1]):
+                passed = exp(depth * values[j])
+                for row in range(rows):
+                    image[row, j] *= passed
+            if differentiate:
+                image[first + place] += values * image[0]
         else:
             for row in range(rows):
                 sandwich(optics.blur, image[row])
 
 
 @law
-def reading_variance(light: Any, variance: float, slope: float) -> Any:
+def reading_variance(light: Any, noise: ReadingNoise) -> Any:
     """Variance of a reading, counts^2 (Eren et al. 2016, eq. 7): shot noise grows with the light.
 
     Parameters
     ----------
     light
         Expected, counts.
-    variance, slope
-        As in `ReadingNoise`.
+    noise
+        Of the scene.
     """
-    return maximum(variance + slope * maximum(light, 0.0), MIN_VARIANCE)
+    lit = maximum(light, 0.0)
+    return maximum(noise.variance + (noise.slope + noise.square * lit) * lit, MIN_VARIANCE)
 
 
 @law
-def variance_slope(light: Any, variance: float, slope: float) -> Any:
+def variance_slope(light: Any, noise: ReadingNoise) -> Any:
     """Growth of `reading_variance` with the light, counts; at an edge that of the darker side."""
-    grows = (light > 0) & (variance + slope * light > MIN_VARIANCE)
-    return choose(grows, slope, 0.0)
+    lit = maximum(light, 0.0)
+    grows = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
+    return choose((light > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)

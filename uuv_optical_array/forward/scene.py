@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,12 +44,45 @@ class TableSettings:
     yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)]
 
 
+# Names of what may be unknown, beside the settings of effects.
+POWER, BEAM_SIGMA, AMBIENT = "lamp.power", "lamp.beam_sigma_deg", "ambient.level_counts"
+GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
+SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
+
+Known = Literal["exactly", "calibrated", "as_bought"]
+# What is left unknown of a rig that was calibrated once in this sea, and of one that never was;
+# orders of magnitude of our choice, for want of published ones.
+PRIORS: dict[str, dict[str, float]] = {
+    "exactly": {},
+    "calibrated": {
+        "lamp_power_std": 0.1,
+        "beam_sigma_std_deg": 0.3,
+        "k_std_per_m": 0.02,
+        "ambient_std_counts": 5.0,
+        "gain_std": 0.005,
+    },
+    "as_bought": {
+        "lamp_power_std": 0.2,
+        "beam_sigma_std_deg": 0.5,
+        "k_std_per_m": 0.05,
+        "ambient_std_counts": 10.0,
+        "gain_std": 0.01,
+    },
+}
+
+
 @dataclasses.dataclass(frozen=True)
 class PriorSettings:
     """How well the scene itself is known; what is not known is estimated along with the pose."""
 
+    known: Annotated[
+        Known, Quantity("how well the rest is known: a set of values, as `PRIORS` has them")
+    ] = "exactly"
     lamp_power_std: Annotated[
         float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
+    ] = 0.0
+    beam_sigma_std_deg: Annotated[
+        float, Quantity("standard deviation of the beam's width; 0: known", "deg", 0, 10)
     ] = 0.0
     k_std_per_m: Annotated[
         float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
@@ -56,21 +90,52 @@ class PriorSettings:
     ambient_std_counts: Annotated[
         float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
     ] = 0.0
-
+    ambient_gradient_std_counts: Annotated[
+        float,
+        Quantity(
+            "standard deviation of the ambient's rise from the array's middle to its edges",
+            "counts",
+            0,
+            1e6,
+        ),
+    ] = 0.0
+    gain_std: Annotated[
+        float,
+        Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3),
+    ] = 0.0
     temperature_std_c: Annotated[
         float,
         Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40),
+    ] = 0.0
+    aim_std_deg: Annotated[
+        float,
+        Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
+    ] = 0.0
+    shade_probability: Annotated[
+        float, Quantity("share of frames that something shades unevenly", "", 0, 0.99)
+    ] = 0.0
+    shade_depth: Annotated[
+        float,
+        Quantity("standard deviation of a shade over the array, in the logarithm", "", 0, 3),
     ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:
         """Return the standard deviation of each setting that is not known, by dotted name."""
         stds = {
-            "lamp.power": self.lamp_power_std,
+            POWER: self.lamp_power_std,
+            BEAM_SIGMA: self.beam_sigma_std_deg,
             "attenuation.k_per_m": self.k_std_per_m,
-            "ambient.level_counts": self.ambient_std_counts,
+            AMBIENT: self.ambient_std_counts,
+            **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
             "responsivity.temperature_c": self.temperature_std_c,
         }
         return {name: std for name, std in stds.items() if std > 0}
+
+    def shaded_std(self) -> dict[str, float]:
+        """Return the same of a shaded frame: a shade is even in part, like a weaker lamp."""
+        power = math.hypot(self.lamp_power_std, self.shade_depth)
+        modes = dict.fromkeys(SHADES, self.shade_depth / math.sqrt(len(SHADES)))
+        return {**self.nuisance_std(), POWER: power, **modes}
 
 
 _GROUPS: dict[str, Any] = {
@@ -187,17 +252,24 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         for group in settings:
             if group not in (*_GROUPS, "effects"):
                 raise unknown(group, (*_GROUPS, "effects"), "")
+        effects = check_effects(settings.get("effects"))
         groups = {}
         for group, declared in _GROUPS.items():
             values = check_all(declared, settings.get(group), group)
+            if group == "prior":
+                given = settings.get(group) or {}
+                values |= {
+                    key: std
+                    for key, std in PRIORS[values["known"]].items()
+                    if key not in given and (key != "k_std_per_m" or "attenuation" in effects)
+                }
             try:
                 groups[group] = declared(**values)
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
-        scene = Scene(name=name, effects=check_effects(settings.get("effects")), **groups)
+        scene = Scene(name=name, effects=effects, **groups)
         for key, effect in (
             ("k_std_per_m", "attenuation"),
-            ("ambient_std_counts", "ambient"),
             ("temperature_std_c", "responsivity"),
         ):
             if getattr(scene.prior, key) > 0 and effect not in scene.effects:

@@ -264,7 +264,7 @@ def write_light(
             lamps[5, j],
         )
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
-        light, _, _, _ = lamp_light(range_m, half_square, cosine, power, beam_sigma_rad)
+        light, _, _, _, _ = lamp_light(range_m, half_square, cosine, power, beam_sigma_rad)
         beam[LIGHT, j] = light
 
 

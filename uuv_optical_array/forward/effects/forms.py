@@ -86,6 +86,22 @@ class Gain:
 
 
 @dataclass(frozen=True)
+class Shade:
+    """What dims the lamp's light unevenly over the array, by a depth that is unknown.
+
+    Parameters
+    ----------
+    pattern
+        Logarithm of the factor on each detector, for a depth of 1, shape ``(n,)``.
+    nuisance
+        As in `Transmission`, of the depth, whose value in the scene is 0.
+    """
+
+    pattern: Array
+    nuisance: str
+
+
+@dataclass(frozen=True)
 class Blur:
     """Light that neighbours share.
 
@@ -128,4 +144,6 @@ class Converter:
     largest: float
 
 
-Form: TypeAlias = Transmission | Moving | Background | Gain | Blur | Noise | Saturation | Converter
+Form: TypeAlias = (
+    Transmission | Moving | Background | Gain | Shade | Blur | Noise | Saturation | Converter
+)

@@ -50,15 +50,17 @@ def spread(
     range_m: Any,
     half_square: Any,
     cosine: Any,
+    beam_sigma_deg: Any,
     scattering_per_m: Any,
     angle_squared: Any,
-    narrow: Any,
 ) -> Any:
     """Return what forward scatter makes of a Gaussian beam: a `Transmission`, see `beam_spread`.
 
-    Its settings are the coefficient, 1/m, the squared angle of one scattering and the variance of
-    the beam, rad^2.
+    Its settings are the standard deviation of the beam, deg, the coefficient, 1/m, and the squared
+    angle of one scattering, rad^2.
     """
+    degree = np.pi / 180
+    narrow = (beam_sigma_deg * degree) ** 2
     depth = scattering_per_m * range_m
     straight, scattered = exp(-depth), -expm1(-depth)
     wide = narrow + angle_squared * depth / (3 * scattered)
@@ -70,8 +72,11 @@ def spread(
     widening = widening * (scattered - depth * straight) / (scattered * scattered)
     by_range = scattering_per_m * straight * (wider / scattered - 1)
     by_range = by_range + wider * widening / wide * (half_square / wide - 1)
-    by_half_square = wider * (1 / narrow - 1 / wide)
-    return factor, by_range / factor, by_half_square / factor, 0.0, 0.0
+    precision_gained = 1 / narrow - 1 / wide
+    by_half_square = wider * precision_gained
+    by_narrow = wider * precision_gained * (1 - half_square * (1 / narrow + 1 / wide))
+    by_sigma = by_narrow * 2 * beam_sigma_deg * degree * degree
+    return factor, by_range / factor, by_half_square / factor, 0.0, by_sigma / factor
 
 
 def beam_spread(
@@ -92,12 +97,9 @@ def beam_spread(
     62, 1109, and Wells 1973, AGARD LS-61). Power is kept: what is lost belongs to `attenuation`.
     Single-scattering seas have b of 0.04 (clear), 0.2 (coastal) and 1.8 /m (harbour; Petzold 1972).
     """
-    settings = (
-        scattering_per_m,
-        float(np.radians(scattering_angle_deg) ** 2),
-        float(np.radians(lamp.beam_sigma_deg) ** 2),
-    )
-    return Transmission(spread, settings)
+    angle_squared = float(np.radians(scattering_angle_deg) ** 2)
+    settings = (lamp.beam_sigma_deg, scattering_per_m, angle_squared)
+    return Transmission(spread, settings, "lamp.beam_sigma_deg")
 
 
 def resolved_ambient(settings: dict[str, Any], name: str) -> dict[str, Any]:

@@ -1,0 +1,87 @@
+"""What a scene leaves unknown: its names and values, the shades, and gains as noise."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.unknowns import shade_modes
+
+
+def scene(prior, effects=None):
+    settings = load_scene("reference").settings() | {"prior": prior}
+    return scene_from_settings(settings | ({} if effects is None else {"effects": effects}), "sea")
+
+
+def test_one_line_says_how_well_a_sea_is_known():
+    assert scene({}).prior.nuisance_std() == {}
+    once = scene({"known": "calibrated"}).prior
+    assert once.nuisance_std() == {
+        "lamp.power": 0.1,
+        "lamp.beam_sigma_deg": 0.3,
+        "attenuation.k_per_m": 0.02,
+        "ambient.level_counts": 5.0,
+    }
+    assert once.gain_std == 0.005
+    bought = scene({"known": "as_bought", "lamp_power_std": 0.01}).prior
+    assert bought.nuisance_std()["lamp.power"] == 0.01  # a value beside it counts
+    assert bought.gain_std == 0.01
+
+
+def test_water_that_does_not_attenuate_has_no_unknown_attenuation():
+    prior = scene({"known": "as_bought"}, effects={}).prior
+    assert "attenuation.k_per_m" not in prior.nuisance_std()
+    with pytest.raises(
+        ValueError, match=r"prior\.k_std_per_m: the scene has no effects\.attenuation"
+    ):
+        scene({"k_std_per_m": 0.1}, effects={})
+
+
+def test_what_a_scene_says_is_read_again_as_it_was():
+    whole = scene({"known": "calibrated", "gain_std": 0.0})
+    assert scene_from_settings(whole.settings(), "again").prior == whole.prior
+
+
+@pytest.mark.parametrize("side", [3, 5, 21])
+def test_shades_are_uneven_smooth_and_of_one_size(side):
+    modes = shade_modes(side)
+    ones = np.ones(side * side)
+    np.testing.assert_allclose(modes @ modes.T / side**2, np.eye(5), atol=1e-12)
+    np.testing.assert_allclose(modes @ ones, 0, atol=1e-10)
+    # Of second order: third differences along the rows vanish.
+    planes = modes.reshape(5, side, side)
+    if side > 3:
+        np.testing.assert_allclose(np.diff(planes, 3, axis=-1), 0, atol=1e-10)
+        np.testing.assert_allclose(np.diff(planes, 3, axis=-2), 0, atol=1e-10)
+
+
+def test_a_shaded_frame_is_a_weaker_lamp_and_five_modes():
+    prior = scene({"lamp_power_std": 0.3, "shade_probability": 0.1, "shade_depth": 0.4}).prior
+    stds = prior.shaded_std()
+    assert stds["lamp.power"] == pytest.approx(0.5)
+    # Over detectors and draws the mean square of the modes together is that of the depth.
+    uneven = [std for name, std in stds.items() if name.startswith("shade.")]
+    assert np.sum(np.square(uneven)) == pytest.approx(0.16)
+    assert prior.nuisance_std() == {"lamp.power": 0.3}
+
+
+def test_an_unknown_gain_is_a_noise_that_grows_with_the_light():
+    rng = np.random.default_rng(5)
+    model = ForwardModel(scene({"gain_std": 0.05}))
+    light = np.array([10.0, 100.0, 800.0])
+    draws = model.read(light * (1 + 0.05 * rng.standard_normal((200_000, 3))), rng)
+    variance, slope = model.variance(light)
+    np.testing.assert_allclose(draws.var(axis=0), variance, rtol=0.02)
+    # The slope integrates to the variance.
+    noise = ReadingNoise(1.0, 0.3, 0.0, 1023.0, 0.0025)
+    grown = quad(lambda value: float(variance_slope(value, noise)), 0, 50)[0]
+    assert grown == pytest.approx(float(reading_variance(50.0, noise)) - 1.0)
+    assert (slope > 0).all()
+
+
+def test_readings_are_drawn_without_the_gains_that_only_the_prior_knows():
+    model = ForwardModel(scene({"gain_std": 0.3}))
+    readings = model.read(np.full(100_000, 500.0), np.random.default_rng(1))
+    assert readings.std() == pytest.approx(np.sqrt(1 + 1 / 12), rel=0.02)

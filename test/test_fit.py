@@ -18,7 +18,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     PosePrior,
     evaluate,
     light_at,
-    misfit,
     problem_of,
     propose,
     refine,
@@ -232,21 +231,6 @@ def test_the_information_is_that_of_each_reading_along_its_slopes_and_of_the_pri
         )
 
     check()
-
-
-@pytest.mark.parametrize("light", [300.0, 0.1, 1500.0])
-def test_the_misfit_is_the_mean_square_of_what_the_limits_leave(light):
-    fit = Fit(model_of())
-    at = fit.at(MIDDLE)
-    unit = light_at(fit.problem, at)
-    power = light / unit.max()
-    problem = fit.problem._replace(
-        optics=fit.problem.optics._replace(power=fit.problem.optics.power * power),
-        readings=np.clip(np.rint(power * unit + np.linspace(-3, 3, 25)), 0, 1023),
-    )
-    expected = np.clip(power * unit, 0, 1023)
-    squares = (problem.readings - expected) ** 2 / (1 + 1 / 12)
-    assert misfit(problem, at) == pytest.approx(squares.mean(), rel=1e-9)
 
 
 def own_minimum(fit, readings, start, roll):

@@ -74,7 +74,7 @@ def answer(estimator, parameters, image=None, roll=0.0):
     assert 0 <= found.angle_rad <= found.runner_up_angle_rad <= np.pi
     assert set(found.unobservable) <= set(DOF_NAMES)
     if estimator.settings.method == "least_squares":
-        assert 0 <= found.misfit <= estimator.settings.max_misfit
+        assert estimator.settings.max_misfit <= found.misfit <= 1
     return found
 
 

@@ -54,7 +54,7 @@ def test_mean_and_covariance_are_those_of_the_poses_that_saturate_it(
     expected = np.cov(poses.T) / np.outer(scale, scale)
     np.testing.assert_allclose(found.covariance / np.outer(scale, scale), expected, atol=0.25)
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
-    assert 0 <= found.misfit < 1
+    assert found.score < 0  # all is explained
 
 
 def test_a_lamp_too_dim_to_saturate_any_reading_is_no_pose():

@@ -6,17 +6,17 @@
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
+from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, turned_about_beam
+from uuv_optical_array.core.geometry import DOF_NAMES, YAW, Array, turned_about_beam
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.least_squares.frame import (
@@ -24,6 +24,7 @@ from uuv_optical_array.estimation.least_squares.frame import (
     MISFIT,
     MOST_STARTS,
     NO_START,
+    FrameResult,
     Guide,
     estimate_frame,
 )
@@ -43,8 +44,6 @@ PRIOR_HALF_EXTENTS = 3.0
 UNOBSERVABLE = 0.5
 # Rows of the table that fits start from: more make no fit more exact.
 START_ROWS = 1024
-# Share of honest images whose best fit is taken for a missed pose, and looked into farther.
-IMPLAUSIBLE = 0.01
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,8 @@ class EstimatorSettings:
         int, Quantity("nearest table rows that least_squares starts from", "rows", 1, MOST_STARTS)
     ] = 3
     max_misfit: Annotated[
-        float, Quantity("mean squared residual beyond which a fit is no pose", "", 1, 1e9)
-    ] = 4.0
+        float, Quantity("chance that an honest image is refused as a misfit", "", 0, 0.5)
+    ] = 1e-5
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,8 @@ class Estimate:
     runner_up_angle_rad
         Spectral angle to the second nearest signature.
     misfit
-        Mean squared residual in standard deviations, near 1 for an honest image; nan unless
-        the image was fitted.
+        Chance that an honest image leaves larger residuals, in [0, 1]; nan unless the image was
+        fitted.
     runner_up_misfit
         The same of the runner-up.
     unobservable
@@ -128,10 +127,12 @@ class Estimator:
         Rows near by angle from which ``least_squares`` starts; up to `MOST_STARTS` where these
         leave doubt.
     max_misfit
-        A fit with a larger misfit is no pose: the image is not of this scene.
+        An image whose residuals are less probable than this, under scene and prior, is not of this
+        scene and has no pose. Gains that the prior leaves unknown may be twice as large.
     compiled
         Whether ``least_squares`` runs as Numba compiles it, or as it stands; ``None``: where Numba
-        is installed. Compiling takes some ten seconds, once a machine.
+        is installed; the other methods only check their match by it, and do so as it stands.
+        Compiling takes some ten seconds, once a machine.
 
     Raises
     ------
@@ -162,17 +163,13 @@ class Estimator:
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
-        self._asked_to_compile = compiled
-        if method == "least_squares":
-            self._prepare()
+        fits = method == "least_squares"
+        if compiled is None:
+            # Importing Numba takes longer than a few matches.
+            compiled = fits and compilation.usable()
+        self._prepare(compiled)
 
-    @property
-    def _compiled(self) -> bool:
-        """Whether compiled code runs; asked late, because it imports Numba."""
-        asked = self._asked_to_compile
-        return compilation.usable() if asked is None else asked
-
-    def _prepare(self) -> None:
+    def _prepare(self, compiled: bool) -> None:
         """Make what a fit needs, so that the first frame takes no longer than the next."""
         table, scene = self.table, self.table.scene
         axes = grid_axes(scene.table)
@@ -182,29 +179,34 @@ class Estimator:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
         self._model = model = ForwardModel(scene)
-        self._problem = problem_of(model, self._prior, self._compiled)
+        clear = problem_of(model, self._prior, compiled)
+        # Logarithms of the odds of each kind of frame before it is seen.
+        chance = scene.prior.shade_probability
+        self._kinds = [(clear, math.log1p(-chance))]
+        if chance > 0:
+            shaded = replace(self._prior, nuisance_std=scene.prior.shaded_std())
+            self._kinds.append((problem_of(model, shaded, compiled), math.log(chance)))
         rows: Any = slice(None)
         if len(table.poses) > START_ROWS:
             # The same in every run: an image has one answer.
             rows = np.random.default_rng(0).choice(len(table.poses), START_ROWS, replace=False)
             rows.sort()
         units = unit_vectors(table.vectors(table.parameters[rows]))
-        readings = model.array.side**2
         self._guide = Guide(
             np.ascontiguousarray(units.T),
             np.array(table.poses[rows], dtype=float),
             table.vectors(np.ones(5)),
             self.settings.candidates,
-            float(chdtri(max(readings - 5, 1), IMPLAUSIBLE)) / readings,
-            float(self.settings.max_misfit),
+            float(-ndtri(self.settings.max_misfit)),
+            self.settings.method != "least_squares",
             model.array.side,
             float(scene.full_scale_counts),
             scene.signature.peak == "subdetector",
         )
         self._frame = estimate_frame
-        if self._compiled:
+        if compiled:
             self._frame = compilation.compiled(estimate_frame)
-            compilation.prepare(self._frame, self._problem, self._guide, np.ones((5, 1)))
+            compilation.prepare(self._frame, clear, self._guide, np.ones((5, 1)))
 
     def estimate(
         self,
@@ -219,7 +221,8 @@ class Estimator:
         parameters
             Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image.
         image
-            The image itself, counts, shape ``(side, side)``; ``least_squares`` needs it.
+            The image itself, counts, shape ``(side, side)``. ``least_squares`` needs it; the other
+            methods hold their match to it, and believe the key parameters without it.
         roll
             Roll of the follower, as its own sensors know it, rad.
 
@@ -255,7 +258,10 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         if fits:
             return self._least_squares(parameters[:, None], self._readings(image), roll)
-        return self._match(self.table.vectors(parameters), roll)
+        match = self._match(self.table.vectors(parameters), roll)
+        if image is None:
+            return match
+        return self._verified(match, parameters[:, None], self._readings(image), roll)
 
     def _readings(self, image: ArrayLike | None) -> Array:
         side = self.table.scene.array.detectors_per_side
@@ -286,52 +292,112 @@ class Estimator:
         covariance = spread.T @ spread / len(poses) + self._cell
         return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
 
-    @np.errstate(all="ignore")  # of light too dim and places too far for a float64
+    def _verified(
+        self, match: Estimate, parameters: Array, readings: Array, roll: float
+    ) -> Estimate:
+        """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
+        if readings.min() >= self._model.noise.high:
+            return match
+        found = self._fit(parameters, readings, roll)
+        off = match.pose - found.pose
+        off[YAW] = math.remainder(off[YAW], 2 * math.pi)
+        # The cell of the grid and the spread of the neighbours, wider where the match is farther
+        # off, and what the noise and the unknowns of the scene leave.
+        excess = float(off @ np.linalg.solve(match.covariance + found.covariance, off)) / 5
+        covariance = max(excess, 1.0) * match.covariance + found.covariance
+        return replace(
+            match,
+            covariance=0.5 * (covariance + covariance.T),
+            misfit=float(ndtr(-found.score)),
+            runner_up_misfit=float(ndtr(-found.runner_up_score)),
+        )
+
     def _least_squares(self, parameters: Array, readings: Array, roll: float) -> Estimate:
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        problem = self._problem._replace(readings=readings, roll=float(roll))
-        found = self._frame(problem, self._guide, parameters)
-        if found.outcome == NO_START:
-            raise NoPose("no fit: no start led to a finite likelihood")
-        if found.outcome == MISFIT:
-            raise self._misfit(found.misfit)
-        if found.outcome != FITTED:
-            raise NoPose("no fit: the image leaves the pose without a covariance")
+        found = self._fit(parameters, readings, roll)
         return Estimate(
             found.pose,
             found.covariance,
             found.angle,
-            None if np.isnan(found.runner_up_misfit) else found.runner_up,
+            None if np.isnan(found.runner_up_score) else found.runner_up,
             found.runner_up_angle,
-            found.misfit,
-            found.runner_up_misfit,
+            float(ndtr(-found.score)),
+            float(ndtr(-found.runner_up_score)),
             self._unobservable(found.covariance),
         )
 
+    @np.errstate(all="ignore")  # of light too dim and places too far for a float64
+    def _fit(self, parameters: Array, readings: Array, roll: float) -> FrameResult:
+        frames, evidence = [], []
+        for problem, log_odds in self._kinds:
+            of_image = problem._replace(readings=readings, roll=float(roll))
+            frames.append(self._frame(of_image, self._guide, parameters))
+            _, volume = np.linalg.slogdet(problem.nuisance_precision)
+            evidence.append(log_odds + 0.5 * float(volume) + frames[-1].log_evidence)
+        found = frames[0] if len(frames) == 1 else mixture(frames, np.array(evidence))
+        if found.outcome == NO_START:
+            raise NoPose("no fit: no start led to a finite likelihood")
+        if found.outcome == MISFIT:
+            raise self._misfit(found.score)
+        if found.outcome != FITTED:
+            raise NoPose("no fit: the image leaves the pose without a covariance")
+        return found
+
     def _saturated(self, roll: float) -> Estimate:
         found = saturated_posterior(self._model, self._prior, float(roll))
-        if found.misfit > self.settings.max_misfit:
-            raise self._misfit(found.misfit)
+        if found.score > self._guide.max_score:
+            raise self._misfit(found.score)
         return Estimate(
             found.mean,
             found.covariance,
             math.pi,  # no row was looked for
             None,
             math.pi,
-            found.misfit,
+            float(ndtr(-found.score)),
             unobservable=self._unobservable(found.covariance),
         )
 
-    def _misfit(self, misfit: float) -> NoPose:
+    def _misfit(self, score: float) -> NoPose:
         return NoPose(
-            f"no fit: the best pose leaves a misfit of {misfit:.3g}, more than "
-            f"{self.settings.max_misfit:g}; the image is not of this scene"
+            f"no fit: an honest image leaves such residuals with a chance of {ndtr(-score):.1e}, "
+            f"less than max_misfit {self.settings.max_misfit:g}; the image is not of this scene"
         )
 
     def _unobservable(self, covariance: Array) -> tuple[str, ...]:
         known = covariance.diagonal() <= self._unobservable_variance
         return () if known.all() else tuple(compress(DOF_NAMES, ~known))
+
+
+def mixture(frames: list[FrameResult], evidence: Array) -> FrameResult:
+    """Return what different kinds of frame make of one image together.
+
+    Parameters
+    ----------
+    frames
+        The image as each kind of frame, such as clear and shaded.
+    evidence
+        Logarithm of the probability of each, without constants in common; asked where a frame has
+        a pose.
+
+    Returns
+    -------
+    FrameResult
+        Of the most probable one, with the mean and the covariance of all that have a pose.
+    """
+    fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
+    if not fitted:
+        return frames[0]
+    best = max(fitted, key=lambda i: evidence[i])
+    weights = np.exp(evidence[fitted] - evidence[best])
+    weights /= weights.sum()
+    poses = np.array([frames[i].pose for i in fitted])
+    pose = weights @ poses
+    off = poses - pose
+    covariance = (weights[:, None] * off).T @ off
+    for weight, i in zip(weights, fitted, strict=True):
+        covariance += weight * frames[i].covariance
+    return frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
 
 
 def compiled_parts(scene: Scene) -> str:

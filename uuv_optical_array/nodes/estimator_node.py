@@ -232,8 +232,8 @@ def figures(estimate: Estimate) -> dict[str, str]:
     if estimate.unobservable:
         shown["unobservable"] = ", ".join(estimate.unobservable)
     if not math.isnan(estimate.misfit):
-        shown["misfit"] = f"{estimate.misfit:.3f}"
-        shown["runner_up_misfit"] = f"{estimate.runner_up_misfit:.3f}"
+        shown["misfit"] = f"{estimate.misfit:.3g}"
+        shown["runner_up_misfit"] = f"{estimate.runner_up_misfit:.3g}"
     for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True):
         shown[f"std_{name}"] = f"{math.sqrt(variance):.3f}"
     return shown

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.elementwise import borrowed
+from uuv_optical_array.core.elementwise import borrowed, zeros
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.features import write_parameters
@@ -19,6 +19,9 @@ from uuv_optical_array.estimation.least_squares.problem import (
     INFORMATION,
     MOST_STEPS,
     POSE,
+    POSE_SLOPES,
+    USUAL,
+    Misfit,
     Problem,
     State,
     misfit,
@@ -54,10 +57,10 @@ class Guide(NamedTuple):
         Of the five key parameters, and the constant that is appended, shape ``(6,)``.
     candidates
         Rows to start from; more where these leave doubt.
-    plausible_misfit
-        Beyond this noise can hardly explain a fit, and more starts follow.
-    max_misfit
-        Beyond this a fit is no pose.
+    max_score
+        Score of the misfit beyond which a fit is no pose.
+    gaussian
+        Whether the posterior is that of the linear model at the best minimum, not integrated.
     side, full_scale_counts, subdetector
         How key parameters are worked out: as `features.write_parameters` has them.
     """
@@ -66,8 +69,8 @@ class Guide(NamedTuple):
     poses: Array
     weights: Array
     candidates: int
-    plausible_misfit: float
-    max_misfit: float
+    max_score: float
+    gaussian: bool
     side: int
     full_scale_counts: float
     subdetector: bool
@@ -82,8 +85,16 @@ class FrameResult(NamedTuple):
         `FITTED`, or why there is no pose.
     pose, covariance
         m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    misfit, runner_up_misfit
-        Of the best and of the next minimum; nan where there is none.
+    score, runner_up_score
+        Of the misfit of the best and of the next minimum, as `problem.Misfit` has them: lenient;
+        nan where there is none.
+    stretch
+        That of the best, which the covariance has.
+    best
+        Pose and nuisances of the best minimum, shape ``(p,)``.
+    log_evidence
+        Logarithm of the integral of likelihood and prior, without the constants of the readings
+        and of the pose's prior.
     runner_up
         Pose of the next minimum; nan where there is none.
     angle, runner_up_angle
@@ -93,11 +104,14 @@ class FrameResult(NamedTuple):
     outcome: int
     pose: Array
     covariance: Array
-    misfit: float
+    score: float
     runner_up: Array
-    runner_up_misfit: float
+    runner_up_score: float
     angle: float
     runner_up_angle: float
+    stretch: float
+    best: Array
+    log_evidence: float
 
 
 def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
@@ -176,7 +190,8 @@ def descend(problem: Problem, minima: list[State], start: Array) -> None:
 
 def start_at(problem: Problem, pose: Array) -> Array:
     """Return coordinates and nuisances of a pose of the table, shape ``(p,)``."""
-    start = np.zeros(len(problem.mean))
+    start = np.empty(5 + len(problem.nuisance_mean))
+    start[5:] = problem.nuisance_mean
     turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
     at = from_pose(problem.frame, turned, problem.roll)
     for i in range(5):
@@ -186,7 +201,7 @@ def start_at(problem: Problem, pose: Array) -> Array:
 
 def find_minima(
     problem: Problem, guide: Guide, unit: Array
-) -> tuple[list[State], float, float, float]:
+) -> tuple[list[State], Misfit, float, float]:
     """Return the minima, best first, the misfit of the first, and the angles of the nearest rows.
 
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
@@ -199,7 +214,7 @@ def find_minima(
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
-    tried, found, first = 1, np.inf, True
+    tried, found, first = 1, Misfit(np.inf, np.inf, 1.0), True
     while True:
         for i in range(tried, count):
             descend(problem, minima, start_at(problem, guide.poses[rows[i]]))
@@ -211,7 +226,7 @@ def find_minima(
         if len(minima) > 0:
             found = misfit(problem, minima[0].parts[AT])
             rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-            if not (first and rivals) and found <= guide.plausible_misfit:
+            if not (first and rivals) and found.score <= USUAL:
                 break
         if count == most:
             break
@@ -260,6 +275,32 @@ def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     return moments
 
 
+def gaussian_posterior(state: State) -> PosteriorMoments:
+    """Return the moments of a posterior that is linear about a minimum."""
+    parts = state.parts
+    size = parts.shape[1]
+    factor, spread = zeros(size, size, state.cost), zeros(5, size, state.cost)
+    covariance = np.full((5, 5), np.nan)
+    for i in range(size):
+        for j in range(i + 1):
+            factor[i, j] = parts[INFORMATION + i, j]
+    if not cholesky(factor):
+        return PosteriorMoments(-np.inf, parts[POSE, :5].copy(), covariance, 0)
+    log_weight = state.log_volume - state.cost
+    for i in range(size):
+        log_weight -= np.log(factor[i, i])
+    for i in range(5):
+        for k in range(5):
+            spread[i, k] = parts[POSE_SLOPES + i, k]
+        solve_lower(factor, spread[i])
+        for j in range(i + 1):
+            shared = 0.0
+            for k in range(size):
+                shared += spread[i, k] * spread[j, k]
+            covariance[i, j] = covariance[j, i] = shared
+    return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, LEAST_NODES)
+
+
 def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
     """Estimate the pose of one image.
 
@@ -283,30 +324,38 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     unit /= np.sqrt((unit * unit).sum())
     minima, best, angle, second_angle = find_minima(problem, guide, unit)
     nothing: Any = np.full(5, np.nan)
-    covariance = np.full((5, 5), np.nan)
-    if len(minima) == 0:
-        return FrameResult(
-            NO_START, nothing, covariance, best, nothing, np.nan, angle, second_angle
-        )
-    if not best <= guide.max_misfit:
-        pose = minima[0].parts[POSE, :5].copy()
-        return FrameResult(MISFIT, pose, covariance, best, nothing, np.nan, angle, second_angle)
-    moments = whole_posterior(problem, minima)
-    runner_up, runner_up_misfit = nothing, np.nan
-    if len(minima) > 1:
-        runner_up = minima[1].parts[POSE, :5].copy()
-        runner_up_misfit = misfit(problem, minima[1].parts[AT])
-    outcome = FITTED
-    factor = moments.covariance.copy()
-    if moments.nodes < LEAST_NODES or not cholesky(factor):
-        outcome = NO_COVARIANCE
+    covariance: Any = np.full((5, 5), np.nan)
+    at = np.full(5 + len(problem.nuisance_mean), np.nan)
+    outcome, pose, evidence = NO_START, nothing, -np.inf
+    runner_up, runner_up_score = nothing, np.nan
+    if len(minima) > 0:
+        at[:] = minima[0].parts[AT]
+        at[:5] = minima[0].parts[POSE, :5]
+        outcome = MISFIT
+        if best.lenient_score <= guide.max_score:
+            outcome = FITTED
+            if guide.gaussian:
+                moments = gaussian_posterior(minima[0])
+            else:
+                moments = whole_posterior(problem, minima)
+            pose, evidence = moments.mean, moments.log_weight
+            covariance = best.stretch * moments.covariance
+            factor = covariance.copy()
+            if moments.nodes < LEAST_NODES or not cholesky(factor):
+                outcome = NO_COVARIANCE
+            if len(minima) > 1:
+                runner_up = minima[1].parts[POSE, :5].copy()
+                runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
     return FrameResult(
         outcome,
-        moments.mean,
-        moments.covariance,
-        best,
+        pose,
+        covariance,
+        best.lenient_score,
         runner_up,
-        runner_up_misfit,
+        runner_up_score,
         angle,
         second_angle,
+        best.stretch,
+        at,
+        evidence,
     )

@@ -18,6 +18,11 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.estimation.likelihood import likelihood_of
+from uuv_optical_array.estimation.misfit import (
+    chi_square_score,
+    chi_square_value,
+    residual_moments,
+)
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
@@ -35,6 +40,9 @@ MOST_STEPS = 40
 # Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
 # leaves is second order of that.
 ARRIVED = 5e-3
+# A score that one honest image of a hundred exceeds.
+USUAL = 2.326
+LENIENCE = 4.0  # times the variance of unknown gains
 # Rows of the parts of a state, see its properties.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
@@ -63,8 +71,10 @@ class Problem(NamedTuple):
     ----------
     optics, noise, frame
         Of the scene.
-    mean, std
-        Of the prior: pose, then nuisances, shape ``(p,)``.
+    pose_mean, pose_std
+        Of the prior of the pose, m and rad, shape ``(5,)`` each.
+    nuisance_mean, nuisance_precision
+        Of the prior of the q nuisances: mean and inverse covariance, shapes ``(q,)``, ``(q, q)``.
     reach
         Longest step of a fit by coordinate, shape ``(p,)``.
     readings
@@ -76,8 +86,10 @@ class Problem(NamedTuple):
     optics: Optics
     noise: ReadingNoise
     frame: Frame
-    mean: Array
-    std: Array
+    pose_mean: Array
+    pose_std: Array
+    nuisance_mean: Array
+    nuisance_precision: Array
     reach: Array
     readings: Array
     roll: float
@@ -143,13 +155,15 @@ def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem
     compiled
         Whether it is for compiled code.
     """
-    nuisance_std = np.array(list(prior.nuisance_std.values()))
+    nuisance_std = np.array(list(prior.nuisance_std.values()), dtype=float)
     return Problem(
         model.optics(tuple(prior.nuisance_std), compiled),
         model.noise,
         frame_of(model),
-        np.concatenate([prior.pose_mean, np.zeros(len(nuisance_std))]),
-        np.concatenate([prior.pose_std, nuisance_std]),
+        np.array(prior.pose_mean, dtype=float),
+        np.array(prior.pose_std, dtype=float),
+        np.zeros(len(nuisance_std)),
+        np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
         np.zeros(model.array.side**2),
         0.0,
@@ -191,7 +205,7 @@ def evaluate(problem: Problem, at: Array) -> State:
     """Return the posterior at a place, shape ``(p,)``, with derivatives."""
     size, n = len(at), len(problem.readings)
     optics, frame, roll = problem.optics, problem.frame, problem.roll
-    mean, std, nuisances = problem.mean, problem.std, at[5:]
+    mean, std, nuisances = problem.pose_mean, problem.pose_std, at[5:]
     lamp, pose, log_volume = to_lamp(frame, at, roll)
     lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
@@ -208,7 +222,7 @@ def evaluate(problem: Problem, at: Array) -> State:
     write_volume_slopes(frame, lamp, lamp_slopes, parts)
     for i in range(size):
         parts[AT, i] = at[i]
-    # The prior is another five readings, of the pose, and one of each nuisance.
+    # The prior is another five readings, of the pose, and some of the nuisances.
     for i in range(5):
         parts[POSE, i] = pose[i]
         precision = 1 / std[i]
@@ -221,13 +235,24 @@ def evaluate(problem: Problem, at: Array) -> State:
             slope *= precision
             for s in range(5):
                 parts[INFORMATION + q, s] += slope * pose_slopes[i, s]
+    cost += nuisance_cost(problem, at)
     for i in range(5, size):
-        precision = 1 / std[i]
-        off = (at[i] - mean[i]) * precision
-        cost += 0.5 * off * off
-        parts[GRADIENT, i] -= off * precision
-        parts[INFORMATION + i, i] += precision * precision
+        for j in range(5, size):
+            precision = problem.nuisance_precision[i - 5, j - 5]
+            parts[GRADIENT, i] -= precision * (at[j] - problem.nuisance_mean[j - 5])
+            parts[INFORMATION + i, j] += precision
     return State(cost, log_volume, parts)
+
+
+def nuisance_cost(problem: Problem, at: Array) -> float:
+    """Return the negative logarithm of the nuisances' prior, without constants."""
+    cost = 0.0
+    for i in range(len(problem.nuisance_mean)):
+        off = at[5 + i] - problem.nuisance_mean[i]
+        for j in range(len(problem.nuisance_mean)):
+            other = at[5 + j] - problem.nuisance_mean[j]
+            cost += 0.5 * off * problem.nuisance_precision[i, j] * other
+    return cost
 
 
 def write_volume_slopes(frame: Frame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
@@ -287,16 +312,47 @@ def light_at(problem: Problem, at: Array) -> Array:
     return image[0]
 
 
-def misfit(problem: Problem, at: Array) -> float:
-    """Return the mean squared residual at a place, in standard deviations of a reading.
+class Misfit(NamedTuple):
+    """How well a fit explains the readings.
 
-    A censored reading counts by how far the light is from where it would not be censored.
+    Parameters
+    ----------
+    score
+        Standard normal value that is as improbable as what an honest image leaves.
+    lenient_score
+        The same where unknown gains may be twice as large as the prior says.
+    stretch
+        Factor of the covariance, >= 1: by how much the squares exceed what one honest image of a
+        hundred leaves.
+    """
+
+    score: float
+    lenient_score: float
+    stretch: float
+
+
+def misfit(problem: Problem, at: Array) -> Misfit:
+    """Compare what a fit leaves with what an honest image leaves.
+
+    A reading at a limit counts by how far the light is from where it would not be, and an unknown
+    by the square of its offset over its standard deviation.
     """
     light, noise = light_at(problem, at), problem.noise
-    n = len(light)
-    total_squares = 0.0
-    for j in each(n):
+    squares, mean, variance, lenient_mean, lenient_variance = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in each(len(light)):
         expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
-        off = problem.readings[j] - expected
-        total_squares += total(off * off / reading_variance(light[j], noise.variance, noise.slope))
-    return total_squares / n
+        off, spread = problem.readings[j] - expected, reading_variance(light[j], noise)
+        square, around = residual_moments(light[j], sqrt(spread), noise)
+        lenient = 1 + (LENIENCE - 1) * noise.square * light[j] * light[j] / spread
+        squares += total(off * off / spread)
+        mean += total(square)
+        variance += total(around)
+        lenient_mean += total(lenient * square)
+        lenient_variance += total(lenient * lenient * around)
+    squares += nuisance_cost(problem, at) * 2
+    usual = chi_square_value(USUAL, mean, variance)
+    return Misfit(
+        chi_square_score(squares, mean, variance),
+        chi_square_score(squares, lenient_mean, lenient_variance),
+        max(1.0, squares / usual),
+    )

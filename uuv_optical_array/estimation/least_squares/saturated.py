@@ -14,6 +14,7 @@ import numpy as np
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
 from uuv_optical_array.estimation.likelihood import log_likelihood
+from uuv_optical_array.estimation.misfit import chi_square_score, residual_moments
 from uuv_optical_array.forward.model import ForwardModel
 
 SAMPLES = 4096  # of each round
@@ -29,13 +30,13 @@ class SaturatedPosterior(NamedTuple):
     ----------
     mean, covariance
         Of the pose, m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    misfit
-        Mean squared residual of the likeliest sample, in standard deviations of a reading.
+    score
+        Of the misfit of the likeliest sample, as `misfit.chi_square_score`.
     """
 
     mean: Array
     covariance: Array
-    misfit: float
+    score: float
 
 
 def saturated_posterior(model: ForwardModel, prior: PosePrior, roll: float) -> SaturatedPosterior:
@@ -76,6 +77,8 @@ def saturated_posterior(model: ForwardModel, prior: PosePrior, roll: float) -> S
         # A share of the prior keeps the Gaussian of few samples from being none.
         factor = np.linalg.cholesky(WIDER**2 * covariance + np.diag((0.05 * std) ** 2))
     variance, _ = model.variance(best)
-    misfit = (np.maximum(model.noise.high - best, 0.0) ** 2 / variance).mean()
+    squares = np.maximum(model.noise.high - best, 0.0) ** 2 / variance
+    expected, around = residual_moments(best, np.sqrt(variance), model.noise)
+    score = chi_square_score(squares.sum(), expected.sum(), around.sum())
     covariance = 0.5 * (covariance + covariance.T)
-    return SaturatedPosterior(mean[:5], covariance[:5, :5], float(misfit))
+    return SaturatedPosterior(mean[:5], covariance[:5, :5], float(score))

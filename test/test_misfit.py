@@ -1,0 +1,106 @@
+"""The distribution of residuals: its moments by quadrature, its tail by SciPy and by chance."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.stats import chi2, norm
+
+from uuv_optical_array.estimation.least_squares.coordinates import from_pose
+from uuv_optical_array.estimation.least_squares.problem import (
+    MOST_STEPS,
+    PosePrior,
+    misfit,
+    problem_of,
+    refine,
+)
+from uuv_optical_array.estimation.misfit import (
+    chi_square_score,
+    chi_square_value,
+    cut_moments,
+    residual_moments,
+)
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+POSE = np.array([-5.0, 0.3, -0.2, 0.1, 0.05])
+PRIOR_STD = np.array([6.0, 1.8, 1.8, 1.0, 1.0])
+NUISANCES = {"lamp.power": 0.1, "ambient.level_counts": 5.0}
+
+
+@given(inside=st.floats(-8, 40))
+@settings(deadline=None, derandomize=True, max_examples=60)
+def test_a_limit_leaves_the_moments_that_quadrature_finds(inside):
+    def left(z):
+        return max(z, -inside) if inside >= 0 else max(z + inside, 0.0)
+
+    for power, found in zip((2, 4), cut_moments(inside), strict=True):
+        edges = [-12.0, float(np.clip(-inside, -12, 12)), 0.0, 12.0]
+        expected = sum(
+            quad(lambda z, p=power: left(z) ** p * norm.pdf(z), low, high, epsabs=1e-13)[0]
+            for low, high in zip(sorted(edges)[:-1], sorted(edges)[1:], strict=True)
+        )
+        assert float(found) == pytest.approx(expected, rel=1e-7, abs=1e-10)
+
+
+@pytest.mark.parametrize("readings", [9, 25, 441])
+def test_the_score_is_that_of_a_chi_square_without_what_was_fitted(readings):
+    for chance in (0.5, 1e-2, 1e-5):
+        limit = chi2.isf(chance, readings - 5)
+        score = chi_square_score(limit, float(readings), 2.0 * readings)
+        # Wilson and Hilferty's cube root is that good.
+        assert float(score) == pytest.approx(norm.isf(chance), abs=0.2)
+        back = chi_square_value(score, float(readings), 2.0 * readings)
+        assert float(back) == pytest.approx(limit, rel=1e-12)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.7, 300.0, 1022.0, 1025.0])
+def test_a_residual_has_the_moments_of_readings_that_are_drawn(light):
+    model = ForwardModel(load_scene("reference"))
+    rng = np.random.default_rng(3)
+    readings = np.clip(light + rng.standard_normal(400_000), 0, 1023)
+    squares = (readings - np.clip(light, 0, 1023)) ** 2
+    noise = model.noise._replace(variance=1.0)
+    mean, variance = residual_moments(light, 1.0, noise)
+    assert float(mean) == pytest.approx(squares.mean(), abs=5 * squares.std() / 632)
+    assert float(variance) == pytest.approx(squares.var(), rel=0.05, abs=1e-3)
+
+
+def scores(gain_std, gain_off, count=400, power_off=0.0):
+    """Misfits of images whose gains are off by some share, as far as the prior says or not."""
+    values = load_scene("reference").settings() | {"prior": {"gain_std": gain_std}}
+    model = ForwardModel(scene_from_settings(values, "sea"))
+    problem = problem_of(model, PosePrior(POSE, PRIOR_STD, NUISANCES), False)
+    start = np.concatenate([from_pose(problem.frame, POSE, 0.0), np.zeros(2)])
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(count):
+        offsets = {name: np.array(std * rng.standard_normal()) for name, std in NUISANCES.items()}
+        offsets["lamp.power"] = offsets["lamp.power"] + power_off
+        light = model.light(POSE, 0.0, offsets)
+        light = light * (1 + gain_off * rng.standard_normal(light.shape))
+        of_image = problem._replace(readings=model.read(light, rng).ravel())
+        found.append(misfit(of_image, refine(of_image, start, MOST_STEPS).at))
+    return found
+
+
+def test_honest_images_leave_scores_of_a_standard_normal():
+    found = np.array([each.score for each in scores(0.005, 0.005)])
+    assert abs(found.mean()) < 5 / np.sqrt(len(found))
+    assert found.std() == pytest.approx(1.0, abs=0.15)
+    assert (np.array([each.stretch for each in scores(0.005, 0.005)]) > 1).mean() < 0.03
+
+
+def test_gains_twice_as_far_off_as_the_prior_says_are_no_misfit_and_widen_the_covariance():
+    found = scores(0.005, 0.01, count=100)
+    assert max(each.lenient_score for each in found) < 4.3
+    assert np.median([each.stretch for each in found]) > 1.3
+    # Where the prior knows of none they are one.
+    known = scores(0.0, 0.01, count=20)
+    assert min(each.lenient_score for each in known) > 4.3
+
+
+def test_an_unknown_far_outside_its_prior_counts_as_a_residual():
+    near, far = (np.mean([e.score for e in scores(0.0, 0.0, 60, off)]) for off in (0.0, 0.5))
+    assert far > near + 1

@@ -1,0 +1,108 @@
+"""Whether residuals are those of an honest image: their sum of squares and its distribution.
+
+A reading inside the limits adds a square of a standard normal. One near a limit of the array adds
+less, because what lies beyond the limit is cut off; both have closed moments. Their sum is taken
+for a scaled chi-square of the same mean and variance, without what the fit takes away.
+"""
+
+import math
+from typing import Any
+
+from numpy import exp, maximum, minimum, sqrt
+from scipy.special import log_ndtr
+
+from uuv_optical_array.core.elementwise import choose, law
+from uuv_optical_array.forward.optics import ReadingNoise
+
+FITTED = 5  # numbers of the pose; every other unknown has a prior, whose square counts too
+DENSITY = 1 / math.sqrt(2 * math.pi)
+
+
+@law
+def cut_moments(inside: Any) -> tuple[Any, Any]:
+    """Return mean square and mean fourth power of a normal that is cut off at a limit.
+
+    Parameters
+    ----------
+    inside
+        How far the mean is inside the limit, in standard deviations; negative: beyond it, and then
+        what the limit leaves counts from the limit.
+
+    Returns
+    -------
+    square, fourth
+        Of ``max(z, -inside)`` for a standard normal z; inside < 0: of ``max(z - |inside|, 0)``.
+    """
+    a = minimum(abs(inside), 35.0)
+    square_a, density = a * a, DENSITY * exp(-0.5 * a * a)
+    beyond = exp(log_ndtr(-a))
+    within_square = 1 - beyond - a * density + square_a * beyond
+    within_fourth = 3 * (1 - beyond) - a * (square_a + 3) * density + square_a * square_a * beyond
+    beyond_square = (1 + square_a) * beyond - a * density
+    beyond_fourth = (3 + square_a * (6 + square_a)) * beyond - a * (5 + square_a) * density
+    square = choose(inside >= 0, within_square, maximum(beyond_square, 0.0))
+    fourth = choose(inside >= 0, within_fourth, maximum(beyond_fourth, 0.0))
+    return square, fourth
+
+
+@law
+def residual_moments(light: Any, std: Any, noise: ReadingNoise) -> tuple[Any, Any]:
+    """Return mean and variance of the square of a residual, in standard deviations of the reading.
+
+    Parameters
+    ----------
+    light
+        Expected, counts.
+    std
+        Of the reading, counts.
+    noise
+        Of the scene: the limits are asked for.
+    """
+    low_square, low_fourth = cut_moments((light - noise.low) / std)
+    high_square, high_fourth = cut_moments((noise.high - light) / std)
+    # The farther limit cuts off next to nothing.
+    square, fourth = minimum(low_square, high_square), minimum(low_fourth, high_fourth)
+    return square, maximum(fourth - square * square, 0.0)
+
+
+@law
+def chi_square_shape(mean: Any, variance: Any) -> tuple[Any, Any]:
+    """Return the mean of a sum of squares that a fit leaves, and the spread of its cube root.
+
+    Parameters
+    ----------
+    mean, variance
+        Of the sum before the fit.
+
+    Returns
+    -------
+    left
+        Mean after it, >= 1.
+    spread
+        Variance of the cube root of the sum over its mean (E. Wilson and M. Hilferty, 1931, Proc.
+        Nat. Acad. Sci. 17, 684).
+    """
+    left = maximum(mean - FITTED, 1.0)
+    return left, maximum(variance - 2 * FITTED, 2.0) / (9 * left * left)
+
+
+@law
+def chi_square_score(squares: Any, mean: Any, variance: Any) -> Any:
+    """Return the standard normal value that is as improbable as a sum of squares.
+
+    Parameters
+    ----------
+    squares
+        The sum, what priors of other unknowns add included, >= 0.
+    mean, variance
+        As in `chi_square_shape`.
+    """
+    left, spread = chi_square_shape(mean, variance)
+    return ((squares / left) ** (1 / 3) - 1 + spread) / sqrt(spread)
+
+
+@law
+def chi_square_value(score: Any, mean: Any, variance: Any) -> Any:
+    """Return the sum of squares of a score: the inverse of `chi_square_score`."""
+    left, spread = chi_square_shape(mean, variance)
+    return left * maximum(1 - spread + score * sqrt(spread), 0.0) ** 3

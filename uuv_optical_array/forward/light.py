@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from numpy import exp, maximum, minimum, sqrt
-from scipy.integrate import quad
 
 from uuv_optical_array.core.elementwise import choose, law
 from uuv_optical_array.core.settings import Quantity
@@ -71,6 +70,9 @@ def beam_solid_angle(sigma_rad: float) -> float:
         ``2 pi`` times the integral of ``exp(-eta^2 / (2 sigma^2)) sin eta`` from 0 to pi, sr; for
         a narrow beam ``2 pi sigma^2``.
     """
+    # Imported here: it takes a tenth of a second, which a node has no use for.
+    from scipy.integrate import quad
+
     end = min(math.pi, 12 * sigma_rad)  # a narrow peak would be missed in a wide interval
     integral, _ = quad(lambda eta: math.exp(-((eta / sigma_rad) ** 2) / 2) * math.sin(eta), 0, end)
     return 2 * math.pi * float(integral)

@@ -18,7 +18,7 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
-from uuv_optical_array.estimation.table.disk import cached_table, load_table
+from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.scene import load_scene
@@ -36,6 +36,7 @@ from uuv_optical_array.nodes.shared.messages import (
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.table_builder import TableBuilder
 
 PARAMETERS = {
     "scene": SCENE,
@@ -86,6 +87,9 @@ class EstimatorNode(Node):
         compiled = self.create_guard_condition(self.on_compiled)
         self.compiler = FitCompiler(self.scene, compiled.trigger)
         self.context.on_shutdown(self.compiler.stop)
+        built = self.create_guard_condition(self.on_built)
+        self.builder = TableBuilder(self.scene, built.trigger)
+        self.context.on_shutdown(self.builder.stop)
         try:
             self.on_change({"table": self.parameters["table"]})
         except ValueError as reason:
@@ -104,7 +108,7 @@ class EstimatorNode(Node):
             tracker = Tracker(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
-            table = load_table(path, self.scene) if path else cached_table(self.scene)
+            table = load_table(path, self.scene) if path else self.builder.table()
         # After the table, which the first pose waits for: the two would share the processor.
         if settings.method == FIT:
             self.compiler.start()
@@ -124,6 +128,13 @@ class EstimatorNode(Node):
         compiled = self.compiler.done and not self.compiler.failure
         return Estimator(table, **asdict(settings), compiled=compiled)
 
+    def on_built(self) -> None:
+        """Let the table take over that was built in the background, or say why there is none."""
+        if self.builder.failure:
+            self.tell(self.parameters.settings(EstimatorSettings))
+        elif not self.parameters["table"]:
+            self.on_change({"table": ""})
+
     def on_compiled(self) -> None:
         """Let the fit take over; where it could not be compiled, the plain one."""
         settings = self.parameters.settings(EstimatorSettings)
@@ -138,9 +149,10 @@ class EstimatorNode(Node):
         return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
 
     def tell(self, settings: EstimatorSettings) -> None:
-        """Warn while another method answers than the one that is asked for."""
+        """Warn while another method or table answers than the one that is asked for."""
         waiting = settings.method == FIT and not self.compiler.done
-        self.diagnostics.warn(WAITING if waiting else "")
+        reasons = self.builder.shortcoming(self.table), WAITING if waiting else ""
+        self.diagnostics.warn("; ".join(filter(None, reasons)))
 
     def on_features(self, message: PointCloud2) -> None:
         """Answer a signature, at once or when its image is there."""

@@ -124,6 +124,32 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     return SignatureTable(scene, *arrays)
 
 
+def open_cached(scene: Scene) -> SignatureTable | None:
+    """Open the scene's table from the user's cache.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    SignatureTable or None
+        The table; ``None`` where the cache has none.
+
+    Raises
+    ------
+    ValueError
+        As `load_table`, for one that cannot be used.
+    """
+    path = _cached_path(scene)
+    return load_table(path, scene) if path.exists() else None
+
+
+def _cached_path(scene: Scene) -> Path:
+    return files.cache_dir() / f"{scene.name}-{scene.fingerprint[:16]}"
+
+
 def cached_table(scene: Scene, progress: Progress = iter) -> SignatureTable:
     """Open the scene's table from the user's cache, building it there the first time.
 
@@ -139,12 +165,12 @@ def cached_table(scene: Scene, progress: Progress = iter) -> SignatureTable:
     SignatureTable
         The table; in memory only, where the cache cannot be written.
     """
-    path = files.cache_dir() / f"{scene.name}-{scene.fingerprint[:16]}"
-    if path.exists():
-        try:
-            return load_table(path, scene)
-        except ValueError:
-            shutil.rmtree(path, ignore_errors=True)
+    path = _cached_path(scene)
+    try:
+        if table := open_cached(scene):
+            return table
+    except ValueError:
+        shutil.rmtree(path, ignore_errors=True)
     table = build_table(scene, progress=progress)
     try:
         save_table(table, path)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from uuv_optical_array.core import compilation, memory
 from uuv_optical_array.core.elementwise import transmit
 from uuv_optical_array.core.geometry import Array, lamp_in_body
+from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.features import key_parameters, lifted, write_parameters
 from uuv_optical_array.estimation.spectral_angle import SpectralIndex
 from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, lamp_light, ray
@@ -25,6 +26,7 @@ BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger ones
 TILE_READINGS = 400  # whose rays stay in the first level of the cache
 # Rows of a table from which loading Numba takes less time than it saves.
 WORTH_COMPILING = 1_000_000
+COARSE_POINTS = 7  # an axis; some 0.1 s of work
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 
@@ -150,6 +152,20 @@ def build_table(
     if kept == 0:
         raise no_light(scene, min_peak_counts)
     return SignatureTable(scene, poses[:kept], parameters[:kept])
+
+
+def coarse_scene(scene: Scene) -> Scene:
+    """Return the scene with a grid of at most `COARSE_POINTS` points an axis, of the same extent.
+
+    A table of it answers at once, with a covariance that counts its wider cells.
+    """
+    spans: dict[str, Span] = {
+        field.name: getattr(scene.table, field.name) for field in fields(scene.table)
+    }
+    coarse = {
+        name: span._replace(number=min(span.number, COARSE_POINTS)) for name, span in spans.items()
+    }
+    return replace(scene, table=TableSettings(**coarse))
 
 
 def signatures(

@@ -1,8 +1,8 @@
 import contextlib
-from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from followers import PUBLISHED, STATION, TICK_S, covariance, follow, off_station, sam_noise, steady
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -15,98 +15,9 @@ from uuv_optical_array.control.formation import (
     FormationController,
     FormationSettings,
 )
-from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all
 from uuv_optical_array.estimation.tracker import Outlier
-
-STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
-TICK_S = 0.05
-GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
-
-
-def covariance(correlation: float) -> Array:
-    """Return what an estimator by SAM would publish on the follow scene."""
-    std = np.array([0.35, 0.25, 0.25, np.radians(7), np.radians(7)])
-    alike = np.eye(5)
-    alike[1, 4] = alike[4, 1] = -correlation
-    alike[2, 3] = alike[3, 2] = correlation
-    published: Array = alike * np.outer(std, std)
-    return published
-
-
-PUBLISHED = covariance(0.97)
-
-
-def exact(pose: Array) -> Array:
-    return pose
-
-
-def sam_noise(seed: int) -> Callable[[Array], Array]:
-    """Return the errors of a match on the follow scene: y against yaw, z with pitch, on a grid."""
-    rng = np.random.default_rng(seed)
-    std = np.array([0.30, 0.21, 0.21, np.radians(5.4), np.radians(5.4)])
-    correlation = np.eye(5)
-    correlation[1, 4] = correlation[4, 1] = -0.97
-    correlation[2, 3] = correlation[3, 2] = 0.97
-    spread = np.linalg.cholesky(correlation * np.outer(std, std))
-
-    def measure(pose: Array) -> Array:
-        noisy: Array = pose + spread @ rng.standard_normal(5)
-        return np.rint(noisy / GRID) * GRID
-
-    return measure
-
-
-def off_station(error: Sequence[float]) -> Array:
-    return np.add(STATION, error)
-
-
-def relative(leader: Vehicle, follower: Vehicle) -> Array:
-    """Return the pose of the follower in the leader's frame, by SciPy's rotations."""
-    to_world = Rotation.from_euler("ZYX", [leader.yaw, leader.pitch, 0])
-    own = Rotation.from_euler("ZYX", [follower.yaw, follower.pitch, 0])
-    yaw, pitch, _ = (to_world.inv() * own).as_euler("ZYX")
-    return np.array([*to_world.inv().apply(follower.position - leader.position), pitch, yaw])
-
-
-def follow(
-    seconds: float,
-    measure: Callable[[Array], Array] = exact,
-    twist: Callable[[float], tuple[Array, Array]] = leader_twist,
-    offset: Sequence[float] = (-0.5, -0.2, 0.0),
-    published: Array = PUBLISHED,
-    latency_ticks: int = 1,
-) -> tuple[Array, Array]:
-    """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
-
-    Returns the true errors of the pose and the commands (linear, angular), a row a tick.
-    """
-    leader = Vehicle(np.zeros(3))
-    follower = start_behind(leader, 6.0, offset)
-    controller = FormationController(FormationSettings())
-    errors, commands, images = [], [], []
-    for tick in range(round(seconds / TICK_S)):
-        now = tick * TICK_S
-        pose = relative(leader, follower)
-        images.append((now, measure(pose) if tick % 2 == 0 else None))
-        if tick >= latency_ticks:
-            stamp, seen = images[tick - latency_ticks]
-            if seen is not None:
-                with contextlib.suppress(Outlier):  # as the node does
-                    controller.update(stamp, seen, published)
-        linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
-        errors.append(pose - STATION)
-        commands.append([*linear, *angular])
-        leader.step(*twist(now), TICK_S)
-        follower.step(linear, angular, TICK_S)
-    return np.array(errors), np.array(commands)
-
-
-def steady(
-    linear: Sequence[float], angular: Sequence[float]
-) -> Callable[[float], tuple[Array, Array]]:
-    return lambda _: (np.array(linear), np.array(angular))
 
 
 def after_half_a_second(pose: Array) -> tuple[Array, Array]:
@@ -424,7 +335,9 @@ def test_a_pause_between_commands_allows_no_leap() -> None:
 )
 @settings(deadline=None)
 def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float, ...]]) -> None:
-    controller, now, before = FormationController(FormationSettings()), 0.0, np.zeros(6)
+    # A minimum distance is kept however hard that brakes.
+    controller = FormationController(FormationSettings(min_distance_m=0.0))
+    now, before = 0.0, np.zeros(6)
     fastest = np.array([1.0, 0.6, 0.6, 0, *np.radians([10, 10])])
     hardest = np.array([0.2, 0.2, 0.2, 0, *np.radians([3, 3])])
     for *pose, step in poses:
@@ -442,6 +355,7 @@ def test_each_command_is_that_of_a_textbook_filter_and_the_law(stand_off_m: floa
     # No two alike that could stand for each other.
     s = FormationSettings(
         stand_off_m=stand_off_m,
+        min_distance_m=0.0,
         position_gain_per_s=0.5,
         attitude_gain_per_s=0.3,
         smoothing_s=0.6,

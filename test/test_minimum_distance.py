@@ -1,0 +1,154 @@
+"""The follower keeps its minimum distance to the lamp whatever it is told within its bounds."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from followers import PUBLISHED, TICK_S, follow, off_station, steady
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.vehicles import leader_twist
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.tracker import Outlier
+
+MARGIN_M = 3 * np.sqrt(PUBLISHED[0, 0])  # dead astern, three standard deviations of the range
+
+
+def biased(metres: float) -> Callable[[Array], Array]:
+    """Return a measurement of a lamp that seems farther than it is."""
+    return lambda pose: pose - [metres, 0, 0, 0, 0]
+
+
+def nearest(errors: Array, s: FormationSettings) -> float:
+    return float(np.linalg.norm(errors[:, :3] - [s.stand_off_m, 0, 0], axis=1).min())
+
+
+def stops(now: float) -> tuple[Array, Array]:
+    return np.array([0.5 if now < 20 else 0.0, 0, 0]), np.zeros(3)
+
+
+@pytest.mark.parametrize("twist", [stops, leader_twist, steady([0, 0, 0], [0, 0, 0])])
+def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(
+    twist: Callable[[float], tuple[Array, Array]],
+) -> None:
+    s = FormationSettings(stand_off_m=3.2, min_distance_m=2.5)
+    # The station as it is measured lies within the minimum.
+    errors, _ = follow(40, biased(1.0), twist, settings=s)
+    assert nearest(errors, s) > 2.5
+
+
+def test_without_a_minimum_the_same_bias_brings_the_follower_nearer() -> None:
+    s = FormationSettings(stand_off_m=3.2, min_distance_m=0.0)
+    errors, _ = follow(40, biased(1.0), stops, settings=s)
+    assert nearest(errors, s) < 1.5
+
+
+@pytest.mark.parametrize("bias", [3.0, 2.0])
+def test_a_bias_of_metres_that_the_covariance_admits_is_kept_off_too(bias: float) -> None:
+    s = FormationSettings()
+    errors, _ = follow(40, biased(bias), stops, published=PUBLISHED * (bias / MARGIN_M) ** 2)
+    assert nearest(errors, s) > s.min_distance_m
+
+
+@pytest.mark.parametrize("lit_s", [4.0, 7.0, 10.0, 13.0])
+def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
+    lit_s: float,
+) -> None:
+    s = FormationSettings(stand_off_m=3.5, min_distance_m=3.0, stop_time_s=6.0)
+    controller = FormationController(s)
+    x = -12.0
+    for tick in range(round(30 / TICK_S)):
+        now = tick * TICK_S
+        if now < lit_s:
+            # As exact as it may be, and so as near as it may go.
+            controller.update(now, [x, 0, 0, 0, 0], PUBLISHED * 1e-4)
+        command = controller.command(now)
+        assert command is not None
+        x += command[0][0] * TICK_S
+    assert -x > 3.0
+    assert command[0][0] == 0
+
+
+def surging() -> tuple[FormationController, float]:
+    """Return a controller that surges ahead behind a leader, and the time."""
+    controller = FormationController(FormationSettings())
+    for tick in range(60):
+        controller.update(tick * 0.1, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED)
+        command = controller.command(tick * 0.1)
+    assert command is not None
+    assert command[0][0] > 0.5
+    return controller, tick * 0.1
+
+
+@given(st.lists(st.tuples(st.floats(-8, -0.3), st.floats(0.01, 2.0)), min_size=1, max_size=20))
+@settings(deadline=None, max_examples=60)
+def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]]) -> None:
+    controller, now = surging()
+    for x, std in frames:
+        now += 0.1
+        nearest_m = -x - 3 * std
+        try:
+            controller.update(now, [x, 0, 0, 0, 0], np.eye(5) * std**2)
+        except Outlier:
+            nearest_m = -x
+        command = controller.command(now)
+        assert command is not None
+        if nearest_m < FormationSettings().min_distance_m:
+            assert command[0][0] <= 1e-12
+
+
+@given(st.floats(0, 2 * np.pi), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)))
+@settings(deadline=None, max_examples=30)
+def test_nor_does_a_sideways_one(round_beam: float, turned: tuple[float, float]) -> None:
+    # The station is nearer to the lamp than this place beside the beam, whose range is 4 m.
+    place = np.array([-3.0, *np.sqrt(7) * np.array([np.cos(round_beam), np.sin(round_beam)])])
+    to_beacon = Rotation.from_euler("ZYX", [turned[1], turned[0], 0.0])
+    for min_distance_m, closes_in in ((2.9, False), (0.0, True)):
+        s = FormationSettings(stand_off_m=3.0, min_distance_m=min_distance_m)
+        controller = FormationController(s)
+        for tick in range(10):
+            controller.update(tick * 0.1, [*place, *turned], np.eye(5) * 0.4**2)
+            command = controller.command(tick * 0.1)
+        assert command is not None
+        # By the track, which is a few millimetres off.
+        assert (to_beacon.apply(command[0]) @ place / 4.0 < -2e-3) == closes_in
+
+
+def test_too_near_it_backs_off_until_it_is_not() -> None:
+    s = FormationSettings(stand_off_m=4.0, min_distance_m=3.0)
+    errors, commands = follow(
+        20,
+        twist=steady([0, 0, 0], [0, 0, 0]),
+        offset=(2.5, 0, 0),
+        published=PUBLISHED / 100,
+        settings=s,
+    )
+    assert nearest(errors[:1], s) == pytest.approx(1.5)
+    assert commands[10:40, 0].max() < -0.05
+    assert nearest(errors[-1:], s) > 3.0
+    # Backing off gains speed as any motion does.
+    assert np.abs(np.diff(commands[:, 0])).max() <= 0.2 * TICK_S + 1e-9
+
+
+def test_a_refused_pose_below_the_minimum_stops_the_approach_until_the_next() -> None:
+    controller, now = surging()
+    with pytest.raises(Outlier):
+        controller.update(now + 0.1, [-1.9, 0, 0, 0, 0], PUBLISHED)
+    near = controller.command(now + 0.1)
+    assert near is not None
+    assert near[0][0] <= 0
+    controller.update(now + 0.2, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED)
+    again = controller.command(now + 0.2)
+    assert again is not None
+    assert again[0][0] > near[0][0]
+
+
+def test_a_station_within_the_minimum_is_not_reached() -> None:
+    s = FormationSettings(stand_off_m=1.5, min_distance_m=3.0)
+    errors, _ = follow(
+        40, twist=steady([0, 0, 0], [0, 0, 0]), offset=(-4, 0, 0), published=PUBLISHED, settings=s
+    )
+    assert 0 < nearest(errors, s) - MARGIN_M - 3.0 < 0.1

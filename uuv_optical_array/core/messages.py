@@ -7,6 +7,8 @@ import numpy as np
 from uuv_optical_array.control.trajectory import unit_quaternion
 from uuv_optical_array.core.geometry import Array
 
+MAX_POSITION_M = 1e8  # any place on Earth in any of its grids
+
 
 class Refused(ValueError):
     """A message that must not be used; the text says why, its kind before the colon."""
@@ -40,6 +42,10 @@ def checked_pose(pose: Any) -> tuple[Array, Array]:
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
     if not np.isfinite(position).all():
         raise Refused(f"not finite: position {position.tolist()}")
+    if (np.abs(position) > MAX_POSITION_M).any():
+        raise Refused(
+            f"out of bounds: position {position.tolist()}, not within +-{MAX_POSITION_M:g} m"
+        )
     return position, checked_quaternion(pose.orientation)
 
 

@@ -200,7 +200,7 @@ class EstimatorNode(Node):
         """Publish the pose of one signature, or say why there is none."""
         tracking = self.parameters["tracking"]
         try:
-            # A track puts late frames in their place.
+            # A track puts late frames in their place first.
             if not tracking:
                 self.order.check(features.header)
             if self.estimator is None:
@@ -217,6 +217,7 @@ class EstimatorNode(Node):
                 track = self.tracker.update(stamp, estimate.pose, estimate.covariance)
                 if track.stamp_ns != stamp:
                     raise Refused("late frame: it entered the track, whose newer pose is out")
+                self.order.check(features.header)
                 estimate = replace(estimate, pose=track.pose, covariance=track.covariance)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
@@ -228,7 +229,8 @@ class EstimatorNode(Node):
             header,
             roll,
         )
-        self.poses.publish(pose)
+        if not self.poses.publish(pose):
+            return
         self.send_transform(header, self.parameters["tf_child_frame"], pose.pose.pose)
         method = self.estimator.settings.method
         shown = {"method": method, **({"fit": self.fit} if method == FIT else {})}

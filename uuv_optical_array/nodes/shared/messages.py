@@ -17,26 +17,49 @@ from uuv_optical_array.estimation.features import FEATURE_NAMES
 from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_yaw
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
+# Beyond any vehicle and any sea, m/s or rad/s, and m^2, m rad or rad^2.
+MAX_RATE, MAX_COVARIANCE = 1e3, 1e12
+
+
+def not_finite(message: Any) -> str:
+    """Return where in a ROS message a number is not finite; empty where all are."""
+    if isinstance(message, PointCloud2):  # of `features_to_message`
+        return "" if np.isfinite(np.frombuffer(message.data, dtype="<f8")).all() else "data"
+    for name, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, name)
+        if "/" in kind:
+            for part in value if "<" in kind or "[" in kind else [value]:
+                if where := not_finite(part):
+                    return f"{name}.{where}"
+        elif ("double" in kind or "float" in kind) and not np.isfinite(value).all():
+            return name
+    return ""
 
 
 class StampOrder:
     """Let stamps only move forward, and yet let a stream start anew.
 
-    A stamp that is not later than the one before it is refused, but becomes the one the next is
-    compared with: one late message is dropped, and a clock that was set back costs one message.
+    A stamp that is not later than the newest is refused, however many such come late. Only where
+    two in a row advance and are more than `RESTART_NS` behind the newest was the clock set back,
+    or the newest a stray: the stream starts anew with the second.
     """
 
+    RESTART_NS = 1_000_000_000
+
     def __init__(self) -> None:
-        self._previous_ns: int | None = None
+        self._newest_ns: int | None = None
+        self._far_behind_ns: int | None = None  # the stamp before, where it was that
 
     def check(self, header: Header) -> None:
         """Refuse a stamp that does not advance."""
-        previous, self._previous_ns = self._previous_ns, stamp_ns(header)
-        if previous is not None and self._previous_ns <= previous:
-            raise Refused(
-                f"stamp not later: {self._previous_ns * 1e-9:.9f} s came after "
-                f"{previous * 1e-9:.9f} s"
-            )
+        stamp, newest, behind = stamp_ns(header), self._newest_ns, self._far_behind_ns
+        far = newest is not None and newest - stamp > self.RESTART_NS
+        anew = far and behind is not None and stamp > behind
+        if newest is None or stamp > newest or anew:
+            self._newest_ns, self._far_behind_ns = stamp, None
+            return
+        self._far_behind_ns = stamp if far else None
+        raise Refused(f"stamp not later: {stamp * 1e-9:.9f} s came after {newest * 1e-9:.9f} s")
 
 
 class StampPairs:
@@ -165,6 +188,11 @@ def covariance_from_message(message: PoseWithCovarianceStamped) -> Array:
     covariance = np.reshape(message.pose.covariance, (6, 6)).astype(float)
     if not np.isfinite(covariance).all():
         raise Refused("not finite: the pose's covariance")
+    if (np.abs(covariance) > MAX_COVARIANCE).any():
+        raise Refused(
+            f"out of bounds: the pose's covariance, with {np.abs(covariance).max():g}, not within "
+            f"+-{MAX_COVARIANCE:g}"
+        )
     return covariance
 
 
@@ -189,4 +217,6 @@ def twist_from_message(message: TwistStamped) -> tuple[Array, Array]:
     values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
     if not np.isfinite(values).all():
         raise Refused(f"not finite: twist {values.tolist()}")
+    if (np.abs(values) > MAX_RATE).any():
+        raise Refused(f"out of bounds: twist {values.tolist()}, not within +-{MAX_RATE:g}")
     return values[:3], values[3:]

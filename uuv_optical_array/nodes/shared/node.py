@@ -16,14 +16,44 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
+from uuv_optical_array.nodes.shared.messages import not_finite
 
-def publish(node: Node, message_type: type, topic: str) -> Publisher:
-    """Create a reliable publisher whose QoS parameters can override."""
-    return node.create_publisher(
-        message_type,
-        topic,
-        QoSProfile(depth=10),
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+
+class FinitePublisher:
+    """Publish messages but those that hold a number that is not finite.
+
+    Parameters
+    ----------
+    node
+        The node that publishes; its ``diagnostics`` tell what was held back.
+    publisher
+        Where the others go.
+    """
+
+    def __init__(self, node: Any, publisher: Publisher) -> None:
+        self._node, self._publisher = node, publisher
+
+    def publish(self, message: Any) -> bool:
+        """Publish a message; return whether it was."""
+        where = not_finite(message)
+        if where:
+            topic = self._publisher.topic_name
+            self._node.diagnostics.refuse(f"not finite: {where} of {topic}, which is not published")
+            return False
+        self._publisher.publish(message)
+        return True
+
+
+def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
+    """Create a reliable publisher of finite numbers whose QoS parameters can override."""
+    return FinitePublisher(
+        node,
+        node.create_publisher(
+            message_type,
+            topic,
+            QoSProfile(depth=10),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        ),
     )
 
 
@@ -54,7 +84,7 @@ def transform_publisher(node: Node, wanted: bool) -> Callable[[Header, str, Pose
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
         return nothing
-    publisher = node.create_publisher(TFMessage, "/tf", 100)
+    publisher = FinitePublisher(node, node.create_publisher(TFMessage, "/tf", 100))
 
     def send(header: Header, child_frame: str, pose: Pose) -> None:
         message = TransformStamped(header=header, child_frame_id=child_frame)

@@ -14,13 +14,16 @@ from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, Scene
-from uuv_optical_array.studies.shared.frame_errors import FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.frame_errors import (
+    SIGMAS,
+    FrameErrors,
+    answer_of,
+    frame_errors,
+)
 from uuv_optical_array.studies.shared.pose_errors import by_column
-from uuv_optical_array.studies.shared.working_volume import lit_poses
+from uuv_optical_array.studies.shared.working_volume import DAY_S, lit_poses
 
 BAND = 0.95
-SIGMAS = 6.0
-DAY_S = 86_400.0  # from which random moments are drawn
 # What the estimator that estimates nuisances along knows of them.
 PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
 # What is off by how much: the attenuation in 1/m and the lamp's power as a share.
@@ -48,11 +51,6 @@ class Accuracy(FrameErrors):
     bounds: Array
 
     @property
-    def rms_error(self) -> Array:
-        """Root mean square error, m and rad, shape ``(5,)``."""
-        return np.sqrt(np.mean(self.errors[self.posed] ** 2, axis=0))
-
-    @property
     def rms_bound(self) -> Array:
         """Root of the mean variance of the bound, m and rad, shape ``(5,)``."""
         return np.sqrt(np.mean(self.bounds[self.posed] ** 2, axis=0))
@@ -63,13 +61,6 @@ class Accuracy(FrameErrors):
         return self.rms_error / self.rms_bound
 
     @property
-    def nees(self) -> Array:
-        """Normalised squared error of each posed frame; 5 on average for honest covariances."""
-        errors = self.errors[self.posed]
-        weighted = np.linalg.solve(self.covariances[self.posed], errors[..., None])[..., 0]
-        return (errors * weighted).sum(axis=1)
-
-    @property
     def nees_band(self) -> tuple[float, float]:
         """Where the mean of as many chi-square(5) variables lies with probability `BAND`."""
         count = int(self.posed.sum())
@@ -78,16 +69,9 @@ class Accuracy(FrameErrors):
         low, high = 2 * gammaincinv(5 * count / 2, tails) / count
         return float(low), float(high)
 
-    def beyond_sigma(self, limit: float) -> int:
-        """Count frames off by more than `limit` of their own standard deviations in any DOF."""
-        return self._beyond(limit * np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)))
-
     def beyond_bound(self, limit: float) -> int:
         """Count frames off by more than `limit` times the local bound in any DOF."""
-        return self._beyond(limit * self.bounds)
-
-    def _beyond(self, most: Array) -> int:
-        return int((np.abs(self.errors) > most).any(axis=1).sum())
+        return int((np.abs(self.errors) > limit * self.bounds).any(axis=1).sum())
 
 
 def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
@@ -240,7 +224,7 @@ def as_object(found: Accuracy) -> dict[str, Any]:
         "rms_error": by_column(found.rms_error * IN_DEGREES),
         "rms_bound": by_column(found.rms_bound * IN_DEGREES),
         "ratio_to_bound": dict(zip(DOF_NAMES, found.ratio_to_bound.tolist(), strict=True)),
-        "beyond_6_sigma": found.beyond_sigma(SIGMAS),
+        "beyond_6_sigma": int(found.beyond_sigma(SIGMAS).sum()),
         "beyond_6_bounds": found.beyond_bound(SIGMAS),
         "nees_mean": float(nees.mean()),
         "nees_std_error": float(nees.std() / np.sqrt(len(nees))),

@@ -22,6 +22,8 @@ Answer: TypeAlias = Callable[[Array], tuple[Array, Array | float]]
 # The forward model that a frame's time is compared with: this many poses, timed every so often.
 MODEL_POSES = 4
 MODEL_EVERY = 16
+# Off by more than so many of its own standard deviations, an estimate is false.
+SIGMAS = 6.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,23 @@ class FrameErrors:
     def posed(self) -> NDArray[np.bool_]:
         """Which frames got a pose, shape ``(n,)``."""
         return ~np.isnan(self.errors[:, 0])
+
+    @property
+    def rms_error(self) -> Array:
+        """Root mean square error of the posed frames, m and rad, shape ``(5,)``."""
+        return np.sqrt(np.mean(self.errors[self.posed] ** 2, axis=0))
+
+    @property
+    def nees(self) -> Array:
+        """Normalised squared error of each posed frame; 5 on average for honest covariances."""
+        errors = self.errors[self.posed]
+        weighted = np.linalg.solve(self.covariances[self.posed], errors[..., None])[..., 0]
+        return (errors * weighted).sum(axis=1)
+
+    def beyond_sigma(self, limit: float) -> NDArray[np.bool_]:
+        """Say which frames are off by more than `limit` of their own sigmas in any DOF."""
+        stds = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
+        return np.asarray((np.abs(self.errors) > limit * stds).any(axis=1))
 
     @property
     def frame_ms(self) -> tuple[float, float]:

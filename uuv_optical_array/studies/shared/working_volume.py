@@ -1,5 +1,7 @@
 """The working volume of Eren et al. (2016), what it asks for there, and poses drawn from it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
@@ -18,6 +20,7 @@ LOW = np.array([-8.0, *-HIGH[1:]])
 VARIANCE = (HIGH - LOW) ** 2 / 12
 MIN_PEAK_COUNTS = 20.0
 BLOCK_POSES = 4096  # drawn at a time
+DAY_S = 86_400.0  # from which random moments are drawn
 
 
 def uniform_poses(count: int, rng: np.random.Generator) -> Array:
@@ -25,8 +28,13 @@ def uniform_poses(count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(LOW, HIGH, (count, 5))
 
 
-def lit_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> Array:
-    """Draw poses uniformly from the part of the volume where there is light.
+def lit_poses(
+    model: ForwardModel,
+    count: int,
+    rng: np.random.Generator,
+    draw: Callable[[int, np.random.Generator], Array] = uniform_poses,
+) -> Array:
+    """Draw poses from the part of the volume where there is light.
 
     Parameters
     ----------
@@ -36,6 +44,8 @@ def lit_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> Arra
         How many, >= 1.
     rng
         Where they come from.
+    draw
+        How; as `uniform_poses`.
 
     Returns
     -------
@@ -50,11 +60,11 @@ def lit_poses(model: ForwardModel, count: int, rng: np.random.Generator) -> Arra
     """
     poses = np.empty((0, 5))
     while len(poses) < count:
-        block = uniform_poses(BLOCK_POSES, rng)
+        block = draw(BLOCK_POSES, rng)
         lit = model.expected(block).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
         if not lit.any():
             raise ValueError(
-                f"scene {model.scene.name}: none of {BLOCK_POSES} poses in 4 to 8 m peaks above "
+                f"scene {model.scene.name}: none of {BLOCK_POSES} random poses peaks above "
                 f"{MIN_PEAK_COUNTS:g} counts; strengthen the lamp"
             )
         poses = np.concatenate([poses, block[lit]])

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from uuv_optical_array.commands import build_parser
+from uuv_optical_array.commands.studies.robustness import page_to_fill
 from uuv_optical_array.forward.effects.reference import effects_table, settings_table
+from uuv_optical_array.studies.robustness.kinds import kinds_table
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "uuv_optical_array"
@@ -92,3 +94,9 @@ def test_the_tables_of_effects_are_those_of_the_list():
     page = (ROOT / "docs/scenes.md").read_text(encoding="utf-8")
     for table in (effects_table(), settings_table()):
         assert f"\n\n{table}\n\n" in page
+
+
+def test_the_table_of_kinds_of_mismatch_is_that_of_the_list():
+    page = ROOT / "docs/robustness.md"
+    assert f"\n\n{kinds_table()}\n\n" in page.read_text(encoding="utf-8")
+    assert page_to_fill(page) == page

@@ -11,6 +11,7 @@ from uuv_optical_array.commands.studies import (
     design,
     limits,
     paper,
+    robustness,
     tradeoff,
 )
 
@@ -21,6 +22,7 @@ COMMANDS = (
     table,
     limits,
     accuracy,
+    robustness,
     tradeoff,
     advise,
     design,

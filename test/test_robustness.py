@@ -1,0 +1,244 @@
+"""``uuv_array robustness``: figures of planted errors, what is plausible, and whole runs."""
+
+import dataclasses
+import functools
+import json
+import re
+
+import command_line
+import numpy as np
+import pytest
+from command_line import assert_picture
+from scipy import stats
+
+from uuv_optical_array.commands.studies import robustness as command
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import PriorSettings, load_scene
+from uuv_optical_array.studies.robustness import study
+from uuv_optical_array.studies.robustness.kinds import KINDS, SHIPPED, kinds_named
+from uuv_optical_array.studies.shared.frame_errors import FrameErrors
+from uuv_optical_array.studies.shared.working_volume import lit_poses
+
+run = functools.partial(command_line.run, "robustness")
+BY_NAME = {kind.name: kind for kind in KINDS}
+# What a program that reads the answer counts on.
+KEYS = ("kind", "frames", "answered", "beyond_6_sigma", "beyond_1_m", "nees_mean")
+
+
+def test_figures_are_those_of_the_errors():
+    # One sigma is 0.2 m and 0.02 rad; the last frame has no pose.
+    errors = np.zeros((5, 5))
+    errors[0, 1] = 0.2  # NEES 1
+    errors[1, :2] = 0.8, -0.8  # 32, and off by 1.13 m
+    errors[2, 4] = -0.13  # 42.25, beyond 6 sigma
+    errors[3, 2] = 1.3  # the same, and off by 1.3 m
+    errors[4] = np.nan
+    covariances = np.full((5, 5, 5), np.diag([0.04, 0.04, 0.04, 4e-4, 4e-4]))
+    covariances[4] = np.nan
+    frames = FrameErrors(errors, covariances, np.ones(5), np.ones(1))
+    plausible = np.array([True, True, True, False, False])
+    told = study.KindResult(BY_NAME["k-0.05"], frames, plausible).as_object()
+    assert (told["kind"], told["times_prior"]) == ("k-0.05", 2.5)
+    counts = {"frames": 5, "answered": 4, "beyond_6_sigma": 2, "beyond_1_m": 2}
+    assert {**counts, "indistinguishable": 1}.items() <= told.items()
+    assert told["nees_mean"] == pytest.approx((1 + 32 + 2 * 42.25) / 4)
+    assert told["rms_range_m"] == pytest.approx(0.4)
+    across = (0.2**2 + 0.8**2 + 1.3**2) / 8
+    assert told["rms_across_m"] == pytest.approx(np.sqrt(across))
+    assert told["rms_angle_deg"] == pytest.approx(np.degrees(0.13 / np.sqrt(8)))
+
+
+def test_without_an_answer_there_are_no_means():
+    frames = FrameErrors(
+        np.full((2, 5), np.nan), np.full((2, 5, 5), np.nan), np.ones(2), np.ones(1)
+    )
+    told = study.KindResult(BY_NAME["noise"], frames, np.zeros(2, bool)).as_object()
+    assert told["answered"] == told["beyond_6_sigma"] == told["beyond_1_m"] == 0
+    assert told["nees_mean"] is told["rms_range_m"] is told["times_prior"] is None
+    json.dumps(told, allow_nan=False)
+
+
+def fitted(model, poses, images):
+    """Return linear least squares about the truth with the prior's nuisances, and covariances."""
+    stds = model.scene.prior.nuisance_std()
+    answers, covariances = poses.copy(), np.empty((len(poses), 5, 5))
+    for i, pose in enumerate(poses):
+        light, slopes = model.linearised(pose, offsets={name: np.zeros(()) for name in stds})
+        scatter = np.diag(model.variance(light)[0])
+        for j, std in enumerate(stds.values()):
+            scatter += std**2 * np.outer(slopes[:, 5 + j], slopes[:, 5 + j])
+        weighted = slopes[:, :5].T @ np.linalg.inv(scatter)
+        covariances[i] = np.linalg.inv(weighted @ slopes[:, :5])
+        answers[i] += covariances[i] @ weighted @ (images[i].ravel() - light)
+    return answers, covariances
+
+
+@pytest.mark.parametrize("prior", [PriorSettings(), PriorSettings(lamp_power_std=0.02)])
+def test_honest_images_have_any_tail_probability_alike(prior):
+    # Bright and without limits, so that all is linear.
+    settings = load_scene("reference")
+    effects = {name: settings.effects[name] for name in ("attenuation", "sensor_noise")}
+    model = ForwardModel(dataclasses.replace(settings, effects=effects, prior=prior))
+    model.power *= 100
+    rng = np.random.default_rng(4)
+    poses = lit_poses(model, 300, rng) * [1, 0.3, 0.3, 0.3, 0.3]
+    offsets = {name: std * rng.standard_normal(300) for name, std in prior.nuisance_std().items()}
+    images = model.expose(poses, rng, 0.0, offsets)
+    answers, covariances = fitted(model, poses, images)
+    tail = study.tail_probability(model, answers, covariances, images)
+    assert stats.kstest(tail, "uniform").pvalue > 1e-3
+    spoilt = images.copy()
+    spoilt[:, 2, 2] *= 0.9
+    assert (study.tail_probability(model, answers, covariances, spoilt) < 1e-3).all()
+    answers[:, 0] += 10 * np.sqrt(covariances[:, 0, 0])
+    assert (study.tail_probability(model, answers, covariances, images) < 1e-3).mean() > 0.99
+    answers[7] = np.nan
+    assert study.tail_probability(model, answers, covariances, images)[7] == 0
+
+
+def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(scene):
+    model = ForwardModel(scene)
+    pose = np.array([[-2.0, 0, 0, 0, 0]])
+    image, light = model.expected(pose), model.light(pose)
+    assert (light > 1100).any()
+    nowhere = 1e-12 * np.eye(5)[None]
+    assert study.tail_probability(model, pose, nowhere, image)[0] == pytest.approx(1)
+    # By how much the light of full readings is off does not show; that they are not full does.
+    dim = np.minimum(image, 1000.0)
+    assert study.tail_probability(model, pose, nowhere, dim)[0] < 1e-6
+
+
+def test_every_kind_is_off_by_what_it_says():
+    times = {kind.name: kind.times_prior for kind in KINDS}
+    assert len(times) == len(KINDS)
+    within = {kind.name for kind in KINDS if kind.within}
+    assert {"nothing", "k-0.04", "beam+0.6", "power_x0.8", "ambient_10", "gains_0.01"} < within
+    assert not within & {"k-0.05", "beam-2", "power_x2", "gains_0.02", "gradient_30", "blob"}
+    assert times["power_x0.5"] == pytest.approx(0.5 / SHIPPED["power"])
+    assert times["gradient_30"] == pytest.approx(15 / SHIPPED["ambient_counts"])
+    assert times["mirrored"] is None
+    for kind in KINDS:
+        assert re.fullmatch(r"[\w+.-]+", kind.name)  # no comma, which parts names
+        for sentence in (kind.what, kind.cure):
+            assert re.fullmatch(r"[A-Z].*\.", sentence)
+
+
+def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
+    class Recorder:
+        def __init__(self):
+            self.table, self.images = table, []
+
+        def estimate(self, parameters, image):
+            self.images.append(image)
+            raise NoPose("planted")
+
+    def frames(seed):
+        recorder = Recorder()
+        kinds = kinds_named("nothing,ambient_10,gains_0.01", table.scene)
+        results = list(study.measure_kinds(recorder, kinds, 20, seed))
+        assert [len(result.frames.errors) for result in results] == [20, 20, 20]
+        images = np.reshape(recorder.images, (3, 21, *recorder.images[0].shape))
+        return images[:, 1:]  # the first answer is a rehearsal
+
+    plain, brighter, gained = frames(3)
+    unlimited = (plain > 0) & (brighter < 1023)
+    assert set(np.unique((brighter - plain)[unlimited])) <= {10.0}
+    # Of 1 % each; what differs is neither the pose nor the noise.
+    assert np.abs((gained - plain)[unlimited]).max() < 0.06 * 1023
+    np.testing.assert_array_equal(frames(3)[2], gained)
+    assert (frames(4)[0] != plain).any()
+
+
+def test_an_honest_scene_and_a_broken_one(table):
+    kinds = kinds_named("stuck_detector,nothing", table.scene)
+    results = study.measure_kinds(Estimator(table, "sam"), kinds, 60, 1)
+    honest, stuck = (result.as_object() for result in results)
+    assert (honest["kind"], stuck["kind"]) == ("nothing", "stuck_detector")  # as in the list
+    assert honest["answered"] > 50
+    assert honest["beyond_6_sigma"] < 10
+    assert stuck["beyond_6_sigma"] > 0.5 * stuck["answered"]
+    assert stuck["nees_mean"] > 10 * honest["nees_mean"]
+
+
+SOME = ("--method", "sam", "--kinds", "nothing,mirrored")
+
+
+def test_the_command_tells_prints_draws_and_fills_a_page(capsys, tmp_path, scene_file):
+    page, picture = tmp_path / "page.md", tmp_path / "r.png"
+    page.write_text(f"before\n{command.BEGIN}\nold\n{command.END}\nafter\n", encoding="utf-8")
+    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--report", page)
+    run(*words, *SOME, "--json")
+    out, err = capsys.readouterr()
+    answer = json.loads(out)
+    assert (answer["scene"], answer["method"]) == ("small", "sam")
+    assert (answer["poses"], answer["complete"]) == (12, True)
+    assert [row["kind"] for row in answer["kinds"]] == ["nothing", "mirrored"]
+    assert all(row.keys() >= set(KEYS) for row in answer["kinds"])
+    assert [row["frames"] for row in answer["kinds"]] == [12, 12]
+    assert "mirrored: 100%" in err
+    assert "12/12" in err
+    assert_picture(picture)
+    filled = page.read_text(encoding="utf-8")
+    assert re.fullmatch(
+        rf"before\n{command.BEGIN}\n\n(\|.*\|\n){{4}}\n{command.END}\nafter\n", filled
+    )
+    run(*words, *SOME)
+    lines = capsys.readouterr().out.splitlines()
+    assert page.read_text(encoding="utf-8") == filled  # filled again, not twice
+    for row in answer["kinds"]:
+        shown = next(line.split() for line in lines if line.startswith(row["kind"]))
+        figures = ["answered", "beyond_6_sigma", "indistinguishable", "beyond_1_m"]
+        assert shown[2:6] == [str(row[key]) for key in figures]
+        assert shown[-1] == f"{row['nees_mean']:.3g}"
+        assert f"| {' | '.join(shown)} |" in filled
+
+
+@pytest.mark.parametrize(("frames", "kinds"), [(0, []), (7, [7]), (12, [12]), (17, [12, 5])])
+def test_an_interrupt_keeps_the_kinds_that_it_has(
+    capsys, tmp_path, scene_file, monkeypatch, frames, kinds
+):
+    heard = []
+
+    def interrupted(rounds, unit, what):
+        for i in rounds:
+            if len(heard) == frames:
+                raise KeyboardInterrupt
+            heard.append(what)
+            yield i
+
+    monkeypatch.setattr(command.cli, "bar", interrupted)
+    words = ("--scene", scene_file, "--poses", 12, "--output", tmp_path / "r.png", "--json")
+    run(*words, *SOME, code=130)
+    out = capsys.readouterr().out
+    if not kinds:
+        assert out == "interrupted: nothing measured\n"
+        assert not list(tmp_path.iterdir())
+        return
+    answer = json.loads(out)
+    assert not answer["complete"]
+    assert [row["frames"] for row in answer["kinds"]] == kinds
+    assert_picture(tmp_path / "r.png")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--poses", 0), ("--poses", "0", "from 1")),
+        (("--seed", -1), ("--seed", "-1", "from 0")),
+        (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
+        (("--kinds", "k-0.05,rain"), ("--kinds", "'rain'", "nothing", "blob")),
+        (("--kinds", ""), ("--kinds", "''", "nothing")),
+        (("--kinds", "moving"), ("--kinds", "moving", "plume", "scene follow has not")),
+        (("--output", "/nowhere/r.png"), ("--output", "/nowhere", "make it first")),
+        (("--report", "/nowhere/r.md"), ("--report", "/nowhere", "make it first")),
+        (("--report", __file__), ("--report", __file__, command.BEGIN, "add them")),
+    ],
+)
+def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):
+    monkeypatch.setattr(command, "cached_table", None)
+    error = run(*words, code=1)
+    assert error.startswith("uuv_array robustness: ")
+    for word in named:
+        assert word in error

@@ -1,0 +1,238 @@
+"""The light of seas that differ from the scene: closed forms, and the second forward model."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+import second_forward as second
+from scipy import stats
+
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.robustness import truths
+from uuv_optical_array.studies.robustness.kinds import KINDS, kinds_named
+from uuv_optical_array.studies.shared.working_volume import DAY_S, uniform_poses
+
+POSES = uniform_poses(4, np.random.default_rng(3))
+BY_NAME = {kind.name: kind for kind in KINDS}
+
+
+def settings_of(name="reference", **effects):
+    settings = load_scene(name).settings()
+    settings["effects"] |= copy.deepcopy(effects)
+    return settings
+
+
+# Daylight tells apart what belongs to the lamp and what does not.
+SEA = {"ambient": {"level_counts": 20.0}, "forward_scatter": {"window_m": 0.3}}
+SUNLIT = settings_of(**SEA)
+CLEAR = settings_of()
+del CLEAR["effects"]["attenuation"]
+
+
+def model_of(settings):
+    return ForwardModel(scene_from_settings(settings, "sea"))
+
+
+def light_of(name, settings=SUNLIT, poses=POSES, seed=5):
+    return BY_NAME[name].light(model_of(settings), poses, np.random.default_rng(seed))
+
+
+def by_second(settings, poses=POSES, power_of=SUNLIT, **words):
+    """Return the light of a truth by the second model, the lamp's power that of the scene."""
+    power = second.power_of(power_of) * words.pop("factor", 1.0)
+    return np.stack([second.light(settings, pose, power=power, **words) for pose in poses])
+
+
+def changed(group, key, by):
+    settings = settings_of(**SEA)
+    inner = settings["effects"][group] if group in settings["effects"] else settings[group]
+    inner[key] += by
+    return settings
+
+
+def without(effect, settings=SUNLIT):
+    effects = {name: values for name, values in settings["effects"].items() if name != effect}
+    return {**settings, "effects": effects}
+
+
+ASIDE, ABOVE = np.array([0, 0.3, 0, 0, 0]), np.array([0, 0, 1.0, 0, 0])
+LAMP = without("ambient")
+TRUTHS = {
+    "nothing": lambda: by_second(SUNLIT),
+    "k-0.05": lambda: by_second(changed("attenuation", "k_per_m", -0.05)),
+    "k+0.02": lambda: by_second(changed("attenuation", "k_per_m", 0.02)),
+    "beam-2": lambda: by_second(changed("lamp", "beam_sigma_deg", -2)),
+    "beam+0.6": lambda: by_second(changed("lamp", "beam_sigma_deg", 0.6)),
+    "power_x0.5": lambda: by_second(SUNLIT, factor=0.5),
+    "power_x2": lambda: by_second(SUNLIT, factor=2.0),
+    "ambient_10": lambda: by_second(changed("ambient", "level_counts", 10)),
+    "second_lamp_0.3": lambda: by_second(SUNLIT) + 0.3 * by_second(LAMP, POSES - ASIDE),
+    "reflection": lambda: by_second(SUNLIT) + 0.1 * by_second(LAMP, POSES - ABOVE),
+    "rolled_15": lambda: by_second(SUNLIT, roll=math.radians(15)),
+    # Starboard and port change places, of the image and of the world.
+    "mirrored": lambda: by_second(SUNLIT, POSES * [1, -1, 1, 1, -1]),
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_light_is_that_of_the_second_model(name):
+    np.testing.assert_allclose(light_of(name), TRUTHS[name](), rtol=1e-9, atol=1e-9)
+
+
+def test_light_of_other_water_and_beam_is_that_of_the_same_lamp():
+    # Without blur the ratio is known by the ray alone.
+    clear = without("forward_scatter", LAMP)
+    model = model_of(clear)
+    ranges, half_squares = model.rays(POSES, np.zeros(4))[:2]
+    plain = light_of("nothing", clear).reshape(4, -1)
+    more = light_of("k+0.05", clear).reshape(4, -1)
+    np.testing.assert_allclose(more / plain, np.exp(-0.05 * ranges), rtol=1e-9)
+    wide = light_of("beam+2", clear).reshape(4, -1)
+    by = 1 / np.radians(8.0) ** 2 - 1 / np.radians(10.0) ** 2
+    assert clear["lamp"]["beam_sigma_deg"] == 8
+    np.testing.assert_allclose(wide / plain, np.exp(by * half_squares), rtol=1e-9)
+
+
+def test_water_can_attenuate_more_in_a_scene_without_attenuation_and_not_less():
+    murky = {**CLEAR, "effects": {"attenuation": {"k_per_m": 0.05}, **CLEAR["effects"]}}
+    np.testing.assert_allclose(light_of("k+0.05", CLEAR), by_second(murky, power_of=CLEAR))
+    scene = scene_from_settings(CLEAR, "clear")
+    assert {"k+0.02", "beam-2"} < {kind.name for kind in kinds_named(None, scene)}
+    with pytest.raises(ValueError, match=r"k-0\.02 needs .* 0\.02 /m, which scene clear has not"):
+        kinds_named("k-0.02", scene)
+
+
+def test_daylight_grows_from_port_to_starboard():
+    added = light_of("gradient_30") - light_of("nothing")
+    np.testing.assert_allclose(
+        added, np.broadcast_to(np.linspace(0, 30, added.shape[-1]), added.shape)
+    )
+
+
+def test_what_moves_is_that_of_the_moments_that_are_drawn():
+    settings = settings_of("night_plume")
+    moments = np.random.default_rng(5).uniform(0, DAY_S, 4)
+    expected = [
+        by_second(settings, [pose], settings, time_s=moment)[0]
+        for pose, moment in zip(POSES, moments, strict=True)
+    ]
+    np.testing.assert_allclose(light_of("moving", settings), expected, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"moving needs .*plume, which scene reference has not"):
+        kinds_named("moving", load_scene("reference"))
+
+
+def test_an_array_that_is_turned_on_its_mount_stays_where_it_is():
+    clear = without("attenuation", without("forward_scatter", LAMP))
+    power, sigma = second.power_of(clear), math.radians(clear["lamp"]["beam_sigma_deg"])
+    direction = np.random.default_rng(5).uniform(0, 2 * np.pi, 4)
+    bow = np.array([clear["array"]["bow_m"], 0, 0])
+    expected = []
+    for pose, turn in zip(POSES, direction, strict=True):
+        pitch, yaw = pose[3:] + np.radians(1) * np.array([np.sin(turn), np.cos(turn)])
+        vehicle = np.array(second.attitude(*pose[3:], 0))
+        array = np.array(second.attitude(pitch, yaw, 0))
+        for place, normal in second.detectors(clear["array"]):
+            at = pose[:3] + vehicle @ bow + array @ (np.array(place) - bow)
+            range_m = np.linalg.norm(at)
+            cosine = max(-(array @ normal) @ at / range_m, 0)
+            off_axis = math.acos(-at[0] / range_m)
+            expected.append(power * cosine / range_m**2 * math.exp(-((off_axis / sigma) ** 2) / 2))
+    np.testing.assert_allclose(light_of("aim_1", clear).ravel(), expected, rtol=1e-9)
+
+
+# What is drawn for each frame.
+MANY = np.repeat(POSES[:1], 2000, axis=0)
+
+
+def test_gains_are_independent_and_as_wide_as_they_are_called():
+    gains = light_of("gains_0.02", poses=MANY) / light_of("nothing", poses=MANY)
+    assert stats.kstest((gains.ravel() - 1) / 0.02, "norm").pvalue > 1e-3
+    flat = gains.reshape(len(gains), -1)
+    between = np.corrcoef(flat.T) - np.eye(flat.shape[1])
+    assert np.abs(between).max() < 6 / math.sqrt(len(gains))
+
+
+def test_a_shade_is_smooth_and_as_deep_as_it_is_called():
+    dark = 20.0  # daylight is not shaded
+    lit = light_of("nothing", poses=MANY) - dark
+    depth = np.log((light_of("shade_0.1", poses=MANY) - dark) / lit)
+    side = depth.shape[-1]
+    assert np.sqrt(np.mean(depth**2)) == pytest.approx(0.1, rel=0.05)
+    column, row = np.meshgrid(np.arange(side), np.arange(side))
+    terms = [column**i * row**j for i in range(3) for j in range(3 - i)]
+    plane = np.stack(terms).reshape(6, -1).T.astype(float)
+    rest = np.linalg.lstsq(plane, depth.reshape(len(depth), -1).T, rcond=None)[1]
+    assert rest.max() < 1e-18
+    assert np.linalg.matrix_rank(depth.reshape(len(depth), -1), tol=1e-6) == 5
+
+
+@pytest.mark.parametrize(("name", "level"), [("dead_detector", 0.0), ("stuck_detector", 1023.0)])
+def test_one_detector_of_each_frame_fails(name, level):
+    model = model_of(SUNLIT)
+    failed = model.converted(light_of(name, poses=MANY))
+    honest = model.converted(light_of("nothing", poses=MANY))
+    differ = failed != honest
+    assert (differ.sum(axis=(1, 2)) == 1).all()
+    assert (failed[differ] == level).all()
+    counts = differ.sum(axis=0).ravel()
+    assert stats.chisquare(counts).pvalue > 1e-3  # any of them, as often
+
+
+@pytest.mark.parametrize(("name", "gain"), [("dark_rows", 0.0), ("dim_rows", 0.9)])
+def test_two_neighbouring_rows_of_each_frame_lose_light(name, gain):
+    ratio = light_of(name, poses=MANY) / light_of("nothing", poses=MANY)
+    np.testing.assert_allclose(ratio, ratio[..., :1] + np.zeros(ratio.shape[-1]))
+    rows = [tuple(np.flatnonzero(frame < 0.95)) for frame in ratio[..., 0]]
+    assert set(rows) == {(i, i + 1) for i in range(ratio.shape[1] - 1)}
+    np.testing.assert_allclose(np.sort(ratio[..., 0], axis=1)[:, :2], gain)
+    np.testing.assert_allclose(np.sort(ratio[..., 0], axis=1)[:, 2:], 1)
+
+
+def test_a_hard_shadow_covers_half_of_the_array_from_any_side():
+    shaded = light_of("half_shadow", poses=MANY)
+    lit = light_of("nothing", poses=MANY)
+    dark = np.isclose(shaded, 20.0)  # daylight stays
+    assert (dark | np.isclose(shaded, lit)).all()
+    side = dark.shape[-1]
+    assert not dark[:, side // 2, side // 2].any()
+    # What is opposite to a dark detector is lit, so that nearly half are dark.
+    assert (dark ^ dark[:, ::-1, ::-1]).sum() == dark.size - len(dark)
+    assert 0.4 < dark[:, 0, 0].mean() < 0.6
+
+
+def test_noise_is_uniform_and_blobs_are_gaussian():
+    readings = light_of("noise", poses=MANY[:50]).ravel()
+    assert stats.kstest(readings / 1023, "uniform").pvalue > 1e-3
+    blobs = light_of("blob", poses=MANY[:50])
+    side = blobs.shape[-1]
+    column, row = np.meshgrid(np.arange(side), np.arange(side))
+    terms = np.stack([column**0, column, row, column**2, row**2]).reshape(5, -1).T.astype(float)
+    rest = np.linalg.lstsq(terms, np.log(blobs).reshape(50, -1).T, rcond=None)[1]
+    assert rest.max() < 1e-12
+    assert blobs.max() <= 1023
+
+
+def test_poses_nearer_and_farther_aside_than_the_table():
+    poses, near, aside = (
+        draw(100, np.random.default_rng(1))
+        for draw in (uniform_poses, truths.near_poses, truths.aside_poses)
+    )
+    np.testing.assert_allclose(near[:, 0], -2)
+    np.testing.assert_allclose(near[:, 1:3] / 2, -poses[:, 1:3] / poses[:, :1])
+    np.testing.assert_allclose(np.hypot(aside[:, 1], aside[:, 2]), 1.5)
+    np.testing.assert_allclose(aside[:, 1] * poses[:, 2], aside[:, 2] * poses[:, 1])
+    for other in (near, aside):
+        np.testing.assert_array_equal(other[:, 3:], poses[:, 3:])
+
+
+def test_a_narrow_beam_does_not_light_what_is_far_aside():
+    settings = settings_of()
+    settings["lamp"]["beam_sigma_deg"] = 3.0
+    narrow = scene_from_settings(settings, "narrow")
+    names = {kind.name for kind in kinds_named(None, narrow)}
+    assert "near_2m" in names
+    assert "aside_1.5m" not in names
+    with pytest.raises(ValueError, match=r"aside_1\.5m needs light .* scene narrow has not"):
+        kinds_named("aside_1.5m", narrow)

@@ -1,0 +1,175 @@
+"""``uuv_array robustness``: what estimates are worth where the sea is not the scene."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from uuv_optical_array.commands import cli
+from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.estimator import METHODS, Estimator
+from uuv_optical_array.estimation.table.disk import cached_table
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.robustness.kinds import kinds_named
+from uuv_optical_array.studies.robustness.study import KindResult, measure_kinds
+
+DESCRIPTION = """\
+Estimate poses from images of a sea that is not the scene, kind of mismatch by kind: another lamp,
+other water, daylight, broken detectors, shade, images of no lamp at all. The estimator believes the
+scene. An honest one answers what its prior covers and knows how well, and refuses the rest; an
+answer off by more than six of its own standard deviations is false. docs/robustness.md has the
+kinds and what to do about each."""
+
+EPILOG = """\
+examples:
+  uuv_array robustness                               every kind, in the default scene
+  uuv_array robustness --method sam                  the paper's method
+  uuv_array robustness --kinds k-0.05,power_x0.8     some kinds
+  uuv_array robustness --scene night_plume --kinds nothing,moving
+Ctrl-C ends it early and reports the kinds it has."""
+
+NUMBERS = {
+    "poses": cli.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
+    "seed": cli.Number(cli.SEED, 1),
+}
+# Between these lines of a page `--report` puts its table.
+BEGIN, END = "<!-- begin of uuv_array robustness -->", "<!-- end of uuv_array robustness -->"
+COLUMNS = {
+    "kind": "kind",
+    "times_prior": "times the prior",
+    "answered": "answered",
+    "beyond_6_sigma": "beyond 6 sigma",
+    "indistinguishable": "indistinguishable",
+    "beyond_1_m": "beyond 1 m",
+    "rms_range_m": "range (m)",
+    "rms_across_m": "across (m)",
+    "rms_angle_deg": "angle (deg)",
+    "nees_mean": "NEES",
+}
+
+
+def add_parser(subparsers: cli.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = cli.add_command(
+        subparsers,
+        "robustness",
+        run,
+        "measure what estimates are worth where the sea is not the scene",
+        DESCRIPTION,
+        EPILOG,
+    )
+    cli.add_scene(parser, "follow")
+    parser.add_argument(
+        "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--kinds",
+        metavar="NAME,...",
+        help="kinds of mismatch, with commas between them (default: all that the scene can have)",
+    )
+    cli.add_numbers(parser, NUMBERS)
+    cli.add_json(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("robustness.png"),
+        help="picture (default: robustness.png)",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="PAGE",
+        help=f"Markdown page that gets a complete table, between the lines {BEGIN} and {END}",
+    )
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def cells(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """Return the table of kinds, its heads first."""
+    return [list(COLUMNS.values()), *([_cell(row[key]) for key in COLUMNS] for row in rows)]
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the kinds as text."""
+    lines = cells(rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+        for line in lines
+    )
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the kinds as a Markdown table."""
+    heads, *lines = cells(rows)
+    return "\n".join(f"| {' | '.join(line)} |" for line in [heads, ["---"] * len(heads), *lines])
+
+
+def filled(page: str, text: str) -> str:
+    """Return a page with a text between its marks, in place of what was there.
+
+    Raises
+    ------
+    ValueError
+        For a page without the marks.
+    """
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"no lines {BEGIN} and {END}, between which the table goes; add them")
+    return f"{before}{BEGIN}\n\n{text}\n\n{END}{after}"
+
+
+def page_to_fill(path: Path) -> Path:
+    """Return a page that has the marks; ValueError or OSError where it cannot be filled."""
+    path = cli.file_to_write(path, "--report")
+    try:
+        filled(path.read_text(encoding="utf-8"), "")
+    except ValueError as error:
+        raise ValueError(f"--report {path}: {error}") from None
+    return path
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the study, print and draw it."""
+    count, seed = cli.numbers_of(options, NUMBERS)
+    scene = load_scene(options.scene)
+    try:
+        kinds = kinds_named(options.kinds, scene)
+    except ValueError as error:
+        raise ValueError(f"--{error}") from None
+    output = cli.file_to_write(options.output, "--output")
+    page = page_to_fill(options.report) if options.report else None
+    found: list[KindResult] = []
+    try:
+        estimator = Estimator(cached_table(scene), options.method)
+        for result in measure_kinds(
+            estimator, kinds, count, seed, lambda name, frames: cli.bar(frames, "frame", name)
+        ):
+            found.append(result)
+    except KeyboardInterrupt:
+        print("interrupted: nothing measured")
+        return cli.INTERRUPTED
+    complete = len(found) == len(kinds) and len(found[-1].frames.errors) == count
+    rows = [result.as_object() for result in found]
+    about = f"{options.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
+    from uuv_optical_array.plots.robustness import draw_robustness
+
+    draw_robustness(rows, about, output)
+    if page and complete:
+        files.write_text(page, filled(page.read_text(encoding="utf-8"), markdown(rows)))
+    if options.json:
+        told = {"scene": scene.name, "method": options.method, "seed": seed, "poses": count}
+        print(json.dumps({**told, "complete": complete, "kinds": rows, "picture": str(output)}))
+    else:
+        print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
+        if not complete:
+            print("interrupted: the table ends where the work ended")
+    return 0 if complete else cli.INTERRUPTED

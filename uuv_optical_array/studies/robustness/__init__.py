@@ -1,0 +1,1 @@
+"""What estimates are worth where the sea is not the scene."""

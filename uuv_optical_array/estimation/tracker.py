@@ -1,34 +1,49 @@
-"""One track through the poses of many frames: a Kalman filter of the pose and its rate.
+"""One track through many frames: a Kalman filter of pose, rate and constants of the day.
 
 Where the tracker is told the follower's commands, the pose moves by them and by what is left, the
 motion of the leader; without commands that rest is the whole relative motion (`motion`).
-Covariances are kept as triangular roots (T. Kailath, A. H. Sayed and B. Hassibi, *Linear
-Estimation*, 2000, ch. 12), which stay positive definite whatever the rounding.
+Covariances are kept as triangular roots (`root_filter`), which stay positive definite whatever the
+rounding.
 
-Only errors that are new in every frame average out. The part that is not, such as the bias of a
-grid, is ``common_share``; errors that last for some frames lie between and are not modelled.
+A frame comes as a pose with its covariance, or with its readings, linearised. Of a bare pose only
+errors that are new in every frame average out. The part that is not, such as the bias of a grid, is
+``common_share``; errors that last for some frames lie between and are not modelled. Readings say
+what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
+are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
+(`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
+so far from it that what is left of the bend would make the track overconfident.
 """
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, YAW, Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.constants import Constants, Learnt, drift
+from uuv_optical_array.estimation.joint_coordinates import AsTheyAre, JointCoordinates
+from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.motion import OwnMotion, RandomMotion, in_beacon
+from uuv_optical_array.estimation.root_filter import Belief, Reading, correct, triangular
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
 RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track
-# The state: the pose, and its rate less what the commands say of it.
-POSE, RATE = slice(0, 5), slice(5, 10)
+# The state: the pose, its rate less what the commands say of it, constants and learnt gain errors.
+POSE, RATE, MOVING = slice(0, 5), slice(5, 10), 10
+UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of which nothing is known
+# Gain errors of more detectors are not learnt, but spoil their readings for ever.
+MOST_LEARNT = 49
+
+Relinearise = Callable[[Array], LinearisedReadings]
 
 
 GateProbability = Annotated[
@@ -77,6 +92,9 @@ class TrackerSettings:
         float, Quantity("without a pose for longer, the track starts anew", "s", 0.1, 60)
     ] = 2.0
     buffer_s: Annotated[float, Quantity("how late a frame may come", "s", 0, 10)] = 0.5
+    constants_hold_s: Annotated[
+        float, Quantity("time in which the sea's constants drift to new values", "s", 60, 1e7)
+    ] = 43_200.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +115,11 @@ class Track:
         How many are in the track; 1 where it starts anew, with the pose as measured.
     distance
         Mahalanobis distance of the newest frame from its prediction, >= 0.
+    constants
+        What is known of the scene's constants by now, by dotted name.
+    gains
+        Relative gain errors of the detectors, as learnt, shape ``(n,)``; shape ``(0,)`` where they
+        are not.
     """
 
     stamp_ns: int
@@ -105,6 +128,8 @@ class Track:
     joint_covariance: Array
     frames: int
     distance: float
+    constants: Mapping[str, Learnt] = field(default_factory=dict)
+    gains: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def covariance(self) -> Array:
@@ -116,13 +141,14 @@ class _Frame(NamedTuple):
     stamp_ns: int
     pose: Array
     root: Array  # of the covariance, lower triangular
+    readings: LinearisedReadings | None
+    relinearise: Relinearise | None
 
 
 @dataclass(frozen=True)
 class _State:
     frame: _Frame  # the newest in the track
-    mean: Array
-    root: Array  # of the covariance without the common share
+    belief: Belief  # without the common share
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
@@ -138,14 +164,30 @@ class Tracker:
         Checked settings.
     random_motion
         What the commands do not explain; ``None`` is that of `settings`, the same for all axes.
+    constants
+        What is not known of the scene, to be learnt from frames with readings.
     """
 
     def __init__(
-        self, settings: TrackerSettings, random_motion: RandomMotion | None = None
+        self,
+        settings: TrackerSettings,
+        random_motion: RandomMotion | None = None,
+        constants: Constants | None = None,
     ) -> None:
         # The buffer by stamp and the last frame before it, each with the state it led to.
         self._history: list[tuple[_Frame, _State]] = []
+        self._forgotten: _State | None = None  # the last state of the track before
         self._own_motion = OwnMotion()
+        self._constants = c = constants or Constants()
+        learnt = c.detectors if c.gain_std > 0 and c.detectors <= MOST_LEARNT else 0
+        self._spoilt = c.detectors if c.gain_std > 0 and not learnt else 0
+        self._of_constants = slice(MOVING, MOVING + len(c.names))
+        self._of_gains = slice(MOVING + len(c.names), MOVING + len(c.names) + learnt)
+        # Standard deviations of all that lasts, before any frame.
+        self._lasting = np.concatenate([c.stds, np.full(learnt, c.gain_std)])
+        self._size = MOVING + len(self._lasting)
+        self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
+        self._linear = [*range(5), *range(MOVING, MOVING + len(c.names))]
         self.configure(settings, random_motion)
 
     def configure(
@@ -162,7 +204,9 @@ class Tracker:
         self._buffer_ns, self._reset_ns = round(s.buffer_s * 1e9), round(s.reset_after_s * 1e9)
 
     def reset(self) -> None:
-        """Forget the track; the commands stay."""
+        """Forget the track; the commands and what was learnt of the constants stay."""
+        if self._history:
+            self._forgotten = self._history[-1][1]
         self._history = []
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
@@ -186,7 +230,14 @@ class Tracker:
         # that, as the newest frame is older than the newest command.
         self._own_motion.forget(stamp_ns - 2 * (self._buffer_ns + self._reset_ns))
 
-    def update(self, stamp_ns: int, pose: ArrayLike, covariance: ArrayLike) -> Track:
+    def update(
+        self,
+        stamp_ns: int,
+        pose: ArrayLike,
+        covariance: ArrayLike,
+        readings: LinearisedReadings | None = None,
+        relinearise: Relinearise | None = None,
+    ) -> Track:
         """Take a frame; one that comes late is put in its place and those after it are replayed.
 
         Parameters
@@ -198,6 +249,13 @@ class Tracker:
             ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
         covariance
             Of `pose`, shape ``(5, 5)``, positive definite.
+        readings
+            The likelihood of the image near its own best fit; ``None``: only `pose` and
+            `covariance` are used, and the constants stay as they are.
+        relinearise
+            Returns the same likelihood near another place, as `LinearisedReadings.at` has it; the
+            track asks for it where it knows pose and constants better than the image alone.
+            ``None``: `readings` have to do.
 
         Returns
         -------
@@ -211,14 +269,17 @@ class Tracker:
         StampRefused
             For a frame older than the buffer, or a stamp that is in it.
         ValueError
-            For a pose or covariance of wrong shape or out of bounds.
+            For a pose, covariance or readings of wrong shape or out of bounds.
         """
         s, history = self._settings, self._history
-        frame = _Frame(stamp_ns, *_checked(pose, covariance))
+        if readings is not None:
+            readings = _checked_readings(readings, self._constants)
+        frame = _Frame(stamp_ns, *_checked(pose, covariance), readings, relinearise)
         newest_ns = _stamp(history[-1]) if history else stamp_ns
         age_ns = newest_ns - stamp_ns
+        forgotten = self._forgotten
         if age_ns > self._buffer_ns + self._reset_ns:
-            history = []
+            history, forgotten = [], history[-1][1]
         elif age_ns > self._buffer_ns:
             raise StampRefused(
                 f"late frame: {age_ns * 1e-9:.3f} s older than the newest, more than "
@@ -231,16 +292,36 @@ class Tracker:
             raise StampRefused(f"repeated stamp: {stamp_ns} ns is in the track already", newest_ns)
         state = history[-1][1] if history else None
         for later in (frame, *(entry[0] for entry in late)):
-            state = self._next(state, later)
+            state = self._next(state, later) if state else self._start(later, forgotten)
             history.append((later, state))
         oldest = bisect_left(history, _stamp(history[-1]) - self._buffer_ns, key=_stamp)
-        self._history = history[max(oldest - 1, 0) :]
+        self._history, self._forgotten = history[max(oldest - 1, 0) :], forgotten
         if distance := history[place][1].outlier:
             raise Outlier(
                 f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
             )
         newest = history[-1][1]
-        return self._track(newest.frame.stamp_ns, newest.mean, newest.root, newest)
+        return self._track(newest.frame.stamp_ns, newest.belief, newest)
+
+    def constants(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Return what is known of the constants: the prior of the next frame's fit.
+
+        Parameters
+        ----------
+        stamp_ns
+            Of that frame, ns; they have drifted since the newest one in the track.
+
+        Returns
+        -------
+        mean
+            Of the offsets, in the order of their names, shape ``(q,)``.
+        covariance
+            Shape ``(q, q)``, positive definite.
+        """
+        state = self._history[-1][1] if self._history else self._forgotten
+        belief, held = self._held(state, stamp_ns), self._of_constants
+        covariance = belief.covariance
+        return belief.mean[held].copy(), covariance[held, held]
 
     def predict(self, stamp_ns: int) -> Track:
         """Carry the track on to an instant by its rate and the commands.
@@ -276,62 +357,163 @@ class Tracker:
                 f"no track: no frame for {age_ns * 1e-9:.3f} s, more than reset_after_s "
                 f"{self._settings.reset_after_s:g}"
             )
-        return self._track(stamp_ns, *self._ahead(newest, stamp_ns), newest)
+        return self._track(stamp_ns, self._ahead(newest, stamp_ns), newest)
 
-    def _track(self, stamp_ns: int, mean: Array, root: Array, newest: _State) -> Track:
-        own = in_beacon(mean[POSE], self._own_motion.twist(stamp_ns))
-        common = np.zeros((10, 5))
-        common[POSE] = math.sqrt(self._settings.common_share) * newest.frame.root
-        root = np.hstack([root, common])
+    def _track(self, stamp_ns: int, belief: Belief, newest: _State) -> Track:
+        mean, covariance = belief.mean, belief.covariance
+        stds = np.sqrt(covariance.diagonal()[self._of_constants]).tolist()
+        offsets = mean[self._of_constants].tolist()
+        joint = covariance[:MOVING, :MOVING].copy()
+        if newest.frame.readings is None:
+            root = newest.frame.root
+            joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
-            mean[RATE] + own,
-            root @ root.T,
+            mean[RATE] + in_beacon(mean[POSE], self._own_motion.twist(stamp_ns)),
+            joint,
             newest.frames,
             newest.distance,
+            dict(zip(self._constants.names, map(Learnt, offsets, stds), strict=True)),
+            mean[self._of_gains].copy(),
         )
 
-    def _next(self, state: _State | None, frame: _Frame) -> _State:
-        if state is None or frame.stamp_ns - state.frame.stamp_ns > self._reset_ns:
-            return self._start(frame)
+    def _next(self, state: _State, frame: _Frame) -> _State:
+        if frame.stamp_ns - state.frame.stamp_ns > self._reset_ns:
+            return self._start(frame, state)
         fused = self._fuse(state, frame)
         if fused.distance <= self._gate:
             return fused
         rival = self._fuse(state.rival, frame) if state.rival else None
         if rival is None or rival.distance > self._gate:
-            rival = self._start(frame)
+            rival = self._start(frame, state)
         if rival.frames >= self._settings.reacquire_frames:
             return rival
         return replace(state, rival=rival, outlier=fused.distance)
 
-    def _start(self, frame: _Frame) -> _State:
-        root = block_diag(self._own_share * frame.root, self._random_motion.start)
-        return _State(frame, np.concatenate([frame.pose, np.zeros(5)]), root)
+    def _start(self, frame: _Frame, before: _State | None) -> _State:
+        """Return a new track, which keeps what was learnt of the constants."""
+        mean, root, shared = self._held(before, frame.stamp_ns)
+        mean[POSE] = frame.pose
+        start = self._own_share * frame.root
+        if frame.readings is not None:
+            mean[POSE], start = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
+        anew = block_diag(start, self._random_motion.start, root[MOVING:])
+        belief = Belief(mean, anew, shared)
+        if frame.readings is not None:
+            belief, _ = self._corrected(belief, frame)
+        return _State(frame, belief)
 
-    def _ahead(self, state: _State, stamp_ns: int) -> tuple[Array, Array]:
-        """Return mean and root of a state at a later stamp."""
+    def _held(self, state: _State | None, stamp_ns: int) -> Belief:
+        """Return a belief in nothing but what lasts, at a stamp."""
+        if state is None:
+            nothing = np.zeros((self._size, self._spoilt))
+            root = np.vstack([np.zeros((MOVING, len(self._lasting))), np.diag(self._lasting)])
+            return Belief(np.zeros(self._size), root, nothing)
+        step_s = (stamp_ns - state.frame.stamp_ns) * 1e-9
+        mean, root, shared = self._drifted(state.belief, step_s)
+        root = np.vstack([np.zeros((MOVING, len(self._lasting))), triangular(root[MOVING:])])
+        mean[:MOVING], shared[:MOVING] = 0.0, 0.0
+        return Belief(mean, root, shared)
+
+    def _drifted(self, belief: Belief, step_s: float) -> Belief:
+        """Let what lasts drift."""
+        kept = drift(self._settings.constants_hold_s, step_s)
+        lost = math.sqrt(1 - kept**2)
+        mean, root = belief.mean.copy(), belief.root.copy()
+        mean[MOVING:] *= kept
+        root[MOVING:] *= kept
+        fresh = np.zeros((self._size, len(self._lasting)))
+        fresh[MOVING:] = np.diag(lost * self._lasting)
+        shared = belief.shared.copy()
+        shared[MOVING:] *= kept
+        # The numbers that spoil the readings drift, too: what came of the old ones is left behind.
+        return Belief(mean, np.hstack([root, fresh, lost * shared]), kept * shared)
+
+    def _ahead(self, state: _State, stamp_ns: int) -> Belief:
+        """Return the belief of a state at a later stamp."""
         start_ns = state.frame.stamp_ns
         step_s = (stamp_ns - start_ns) * 1e-9
-        ahead = np.eye(10) + step_s * np.eye(10, k=5)
-        mean = ahead @ state.mean
+        mean, root, shared = self._drifted(state.belief, step_s)
+        for part in (mean, root, shared):
+            part[POSE] += step_s * part[RATE]
         # The attitude's error turns the own motion by so little that the random motion covers it.
-        mean[POSE] += in_beacon(state.mean[POSE], self._own_motion.way(start_ns, stamp_ns))
-        root = np.hstack([ahead @ state.root, self._random_motion.noise(step_s)])
-        return _wrapped(mean), root
+        at = state.belief.mean[POSE]
+        mean[POSE] += in_beacon(at, self._own_motion.way(start_ns, stamp_ns))
+        noise = self._random_motion.noise(step_s)
+        random = np.zeros((self._size, noise.shape[1]))
+        random[:MOVING] = noise
+        return Belief(_wrapped(mean), np.hstack([root, random]), shared)
 
     def _fuse(self, state: _State, frame: _Frame) -> _State:
-        mean, prior = self._ahead(state, frame.stamp_ns)
-        joint: Array = np.block(
-            [[self._own_share * frame.root, prior[POSE]], [np.zeros((10, 5)), prior]]
-        )
-        # Made triangular, it holds the root of the innovation, the gain and the new root.
-        joint = np.asarray(np.linalg.qr(joint.T, mode="r")).T
-        innovation = _wrapped(frame.pose - mean[POSE])
-        innovation = solve_triangular(joint[:5, :5], innovation, lower=True)
-        mean = _wrapped(mean + joint[5:, :5] @ innovation)
-        distance = float(np.linalg.norm(innovation))
-        return _State(frame, mean, joint[5:, 5:], state.frames + 1, distance)
+        belief, distance = self._corrected(self._ahead(state, frame.stamp_ns), frame)
+        return _State(frame, belief, state.frames + 1, distance)
+
+    def _corrected(self, belief: Belief, frame: _Frame) -> tuple[Belief, float]:
+        """Return a belief corrected by a frame, and the distance of the frame from it."""
+        if frame.readings is not None:
+            belief, distance = self._corrected_by_readings(
+                belief, frame.readings, frame.relinearise
+            )
+            return belief._replace(mean=_wrapped(belief.mean)), distance
+        slopes = np.eye(5, self._size)
+        off = _wrapped(frame.pose - belief.mean[POSE])
+        reading = Reading(off, slopes, self._own_share * frame.root, np.zeros(0))
+        belief, distance = correct(belief, reading, MOVING)
+        return belief._replace(mean=_wrapped(belief.mean)), distance
+
+    def _corrected_by_readings(
+        self, belief: Belief, readings: LinearisedReadings, relinearise: Relinearise | None
+    ) -> tuple[Belief, float]:
+        entries, coordinates = self._linear, self._coordinates
+        here = coordinates.of(belief.mean[entries])
+        _, slopes = coordinates.place(here)
+        before = _turned(belief, entries, np.asarray(np.linalg.inv(slopes)), here)
+        at = coordinates.of(readings.at)
+        _, slopes = coordinates.place(at)
+        reading = self._reading(before, readings, at, slopes)
+        after, distance = correct(before, reading, self._size)
+        at = after.mean[entries]
+        place, slopes = coordinates.place(at)
+        # What is beyond the gate is no frame of this track, wherever it is linearised.
+        if relinearise and distance <= self._gate:
+            again = _checked_readings(relinearise(place), self._constants)
+            after, _ = correct(before, self._reading(before, again, at, slopes), self._size)
+            place, slopes = coordinates.place(after.mean[entries])
+        return _turned(after, entries, slopes, place), distance
+
+    def _reading(
+        self, belief: Belief, readings: LinearisedReadings, at: Array, by_coordinates: Array
+    ) -> Reading:
+        """Return readings as the filter takes them, by the state in its coordinates.
+
+        They were linearised at the coordinates `at`, by which pose and constants have the given
+        slopes.
+        """
+        off = self._coordinates.difference(belief.mean[self._linear], at)
+        slopes = readings.slopes @ by_coordinates
+        # A reading that says nothing is one that nothing moves.
+        says = np.isfinite(readings.variances)
+        light = np.where(says, readings.light, 0.0)
+        by_state = np.zeros((len(says), self._size))
+        by_state[:, self._linear] = np.where(says[:, None], slopes, 0.0)
+        residual = np.where(says, readings.residuals, 0.0) - by_state[:, self._linear] @ off
+        gains = self._of_gains
+        if gains.stop > gains.start:
+            by_state[:, gains] = np.diag(light)
+            residual -= light * belief.mean[gains]
+        noise = np.diag(np.sqrt(np.where(says, readings.variances, 1.0)))
+        spoilt = self._constants.gain_std * light if self._spoilt else np.zeros(0)
+        return Reading(residual, by_state, noise, spoilt)
+
+
+def _turned(belief: Belief, entries: list[int], slopes: Array, place: Array) -> Belief:
+    """Return a belief of which some entries are given in other coordinates, by their slopes."""
+    mean, root, shared = (part.copy() for part in belief)
+    mean[entries] = place
+    root[entries] = slopes @ root[entries]
+    shared[entries] = slopes @ shared[entries]
+    return Belief(mean, root, shared)
 
 
 def _stamp(entry: tuple[_Frame, _State]) -> int:
@@ -362,3 +544,20 @@ def _checked(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
             f"one, from {MIN_VARIANCE:g} to {MAX_VARIANCE:g} and in a ratio of {MAX_CONDITION:g}"
         )
     return _wrapped(pose), np.linalg.cholesky(covariance)
+
+
+def _checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:
+    """Return readings as arrays of the tracker's own."""
+    readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
+    width = 5 + len(constants.names)
+    count = constants.detectors if constants.gain_std > 0 else readings.residuals.size
+    shapes = ((width,), (count,), (count, width), (count,), (count,))
+    for name, part, shape in zip(readings._fields, readings, shapes, strict=True):
+        if part.shape != shape:
+            raise ValueError(f"readings: {name} has the shape {part.shape}; give {shape}")
+        if not (np.isfinite(part) | ((part > 0) & (name == "variances"))).all():
+            raise ValueError(f"readings: {name} holds numbers that are not finite")
+    if not (readings.variances > 0).all():
+        low = readings.variances.min()
+        raise ValueError(f"readings: a variance is {low:g}; give variances > 0, inf for no reading")
+    return readings

@@ -1,0 +1,69 @@
+"""What a scene does not know of its sea and a tracker can learn: constants of the day."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from uuv_optical_array.estimation.least_squares.coordinates import Frame
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Settings of the scene that are not known, and how far they may be off.
+
+    Parameters
+    ----------
+    names
+        Dotted names, as `ForwardModel.nuisances` has them; the offset of ``lamp.power`` is that
+        of its logarithm.
+    stds
+        Standard deviation of the offset of each, > 0; the mean is 0.
+    gain_std
+        Relative gain error of a detector, white over the array; 0: none.
+    detectors
+        How many there are, where there are gain errors.
+    frame
+        Of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
+        constants are corrected as they are, which is right only where the light is linear in them.
+
+    Raises
+    ------
+    ValueError
+        For standard deviations that are not > 0 or not one for each name, or for gain errors of no
+        detector.
+    """
+
+    names: tuple[str, ...] = ()
+    stds: tuple[float, ...] = ()
+    gain_std: float = 0.0
+    detectors: int = 0
+    frame: Frame | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
+            raise ValueError(
+                f"stds: {list(self.stds)}; give one > 0 for each of {', '.join(self.names)}"
+            )
+        if not 0 <= self.gain_std < 1 or self.detectors < 0:
+            raise ValueError(
+                f"gain_std: {self.gain_std}, detectors: {self.detectors}; give a relative error "
+                "of 0 to 1 and a count"
+            )
+        if self.gain_std > 0 and not self.detectors:
+            raise ValueError(f"detectors: 0, with gain_std {self.gain_std}; give their number")
+
+
+class Learnt(NamedTuple):
+    """What is known of a constant by now: mean and standard deviation of its offset."""
+
+    mean: float
+    std: float
+
+
+def drift(held_s: float, step_s: float) -> float:
+    """Return what is left after a step of what was known of a constant, in (0, 1].
+
+    Constants drift as an Ornstein-Uhlenbeck process, whose mean goes to 0 and whose variance goes
+    to that of the prior and never beyond.
+    """
+    return math.exp(-max(step_s, 0.0) / held_s)

@@ -41,6 +41,7 @@ def test_figures_are_those_of_the_errors():
     plausible = np.array([True, True, True, False, False])
     told = study.KindResult(BY_NAME["k-0.05"], frames, plausible).as_object()
     assert (told["kind"], told["times_prior"]) == ("k-0.05", 2.5)
+    assert not told["within_twice_prior"]
     counts = {"frames": 5, "answered": 4, "beyond_6_sigma": 2, "beyond_1_m": 2}
     assert {**counts, "indistinguishable": 1}.items() <= told.items()
     assert told["nees_mean"] == pytest.approx((1 + 32 + 2 * 42.25) / 4)
@@ -92,8 +93,10 @@ def test_honest_images_have_any_tail_probability_alike(prior):
     spoilt = images.copy()
     spoilt[:, 2, 2] *= 0.9
     assert (study.tail_probability(model, answers, covariances, spoilt) < 1e-3).all()
-    answers[:, 0] += 10 * np.sqrt(covariances[:, 0, 0])
+    # Ten standard deviations off, unless the answer is known to be no better.
+    answers += 10 * covariances[:, 0] / np.sqrt(covariances[:, :1, 0])
     assert (study.tail_probability(model, answers, covariances, images) < 1e-3).mean() > 0.99
+    assert (study.tail_probability(model, answers, 100 * covariances, images) > 1e-3).mean() > 0.95
     answers[7] = np.nan
     assert study.tail_probability(model, answers, covariances, images)[7] == 0
 
@@ -119,6 +122,8 @@ def test_every_kind_is_off_by_what_it_says():
     assert times["power_x0.5"] == pytest.approx(0.5 / SHIPPED["power"])
     assert times["gradient_30"] == pytest.approx(15 / SHIPPED["ambient_counts"])
     assert times["mirrored"] is None
+    both = dataclasses.replace(BY_NAME["nothing"], off_by={"ambient_counts": 5, "gains": 0.02})
+    assert both.times_prior == 4
     for kind in KINDS:
         assert re.fullmatch(r"[\w+.-]+", kind.name)  # no comma, which parts names
         for sentence in (kind.what, kind.cure):
@@ -181,9 +186,8 @@ def test_the_command_tells_prints_draws_and_fills_a_page(capsys, tmp_path, scene
     assert "12/12" in err
     assert_picture(picture)
     filled = page.read_text(encoding="utf-8")
-    assert re.fullmatch(
-        rf"before\n{command.BEGIN}\n\n(\|.*\|\n){{4}}\n{command.END}\nafter\n", filled
-    )
+    table = r"sam in scene small, 12 poses .*:\n\n(\|.*\|\n){4}\n"
+    assert re.fullmatch(rf"before\n{command.BEGIN}\n\n{table}{command.END}\nafter\n", filled)
     run(*words, *SOME)
     lines = capsys.readouterr().out.splitlines()
     assert page.read_text(encoding="utf-8") == filled  # filled again, not twice
@@ -203,23 +207,26 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
 
     def interrupted(rounds, unit, what):
         for i in rounds:
-            if len(heard) == frames:
-                raise KeyboardInterrupt
             heard.append(what)
+            if len(heard) == frames + 1:  # once
+                raise KeyboardInterrupt
             yield i
 
     monkeypatch.setattr(command.cli, "bar", interrupted)
-    words = ("--scene", scene_file, "--poses", 12, "--output", tmp_path / "r.png", "--json")
+    page, picture = tmp_path / "page.md", tmp_path / "r.png"
+    page.write_text(command.BEGIN + command.END, encoding="utf-8")
+    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--report", page, "--json")
     run(*words, *SOME, code=130)
+    assert page.read_text(encoding="utf-8") == command.BEGIN + command.END
     out = capsys.readouterr().out
     if not kinds:
         assert out == "interrupted: nothing measured\n"
-        assert not list(tmp_path.iterdir())
+        assert not picture.exists()
         return
     answer = json.loads(out)
     assert not answer["complete"]
     assert [row["frames"] for row in answer["kinds"]] == kinds
-    assert_picture(tmp_path / "r.png")
+    assert_picture(picture)
 
 
 @pytest.mark.parametrize(

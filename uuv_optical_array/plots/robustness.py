@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uuv_optical_array.plots.style import mark, plain_log_ticks, save
-from uuv_optical_array.studies.robustness.kinds import WITHIN
 from uuv_optical_array.studies.robustness.study import FAR_M
 
 ANSWERED, FALSE, EXCUSED = "#1f6fb4", "#c8401e", "#e0a080"
@@ -27,7 +26,7 @@ def _percent(left: Axes, right: Axes, y: Any, rows: Sequence[dict[str, Any]]) ->
     """Draw the shares answered and false, as bars and in figures."""
     answered = np.array([row["answered"] / row["frames"] for row in rows])
     false, excused = (
-        np.array([row[key] / max(row["answered"], 1) for row in rows])
+        np.array([row[key] / row["answered"] if row["answered"] else np.nan for row in rows])
         for key in ("beyond_6_sigma", "indistinguishable")
     )
     left.barh(y, 100 * answered, color=ANSWERED)
@@ -35,8 +34,8 @@ def _percent(left: Axes, right: Axes, y: Any, rows: Sequence[dict[str, Any]]) ->
     right.barh(y, 100 * excused, color=EXCUSED)
     for panel, shares in ((left, answered), (right, false)):
         for at, share in zip(y, 100 * shares, strict=True):
-            text = "0" if share == 0 else "100" if share == 100 else f"{share:.1f}"
-            panel.text(103, at, text, va="center", fontsize=9)
+            text = f"{share:.0f}" if share in (0, 100) else f"{share:.1f}"
+            panel.text(103, at, "-" if np.isnan(share) else text, va="center", fontsize=9)
         panel.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100])
     left.set_xlabel("answered, of all (%)")
     right.set_xlabel("beyond 6 sigma, of answered (%)")
@@ -66,7 +65,7 @@ def draw_robustness(rows: Sequence[dict[str, Any]], about: str, path: Path) -> N
     plain_log_ticks(grid[2].xaxis)
     for axes in grid:
         for at, row in zip(y, rows, strict=True):
-            if row["times_prior"] is not None and row["times_prior"] <= WITHIN * (1 + 1e-9):
+            if row["within_twice_prior"]:
                 axes.axhspan(at - 0.5, at + 0.5, color=SHADED, lw=0, zorder=0)
         axes.grid(axis="x", alpha=0.4)
         axes.set_axisbelow(True)
@@ -78,7 +77,7 @@ def draw_robustness(rows: Sequence[dict[str, Any]], about: str, path: Path) -> N
         mark("beyond 6 of its own sigma", "s", color=FALSE, ms=9),
         mark("the same, of an image as honest ones are", "s", color=EXCUSED, ms=9),
         *(mark(label, marker, color=colour) for _, marker, colour, label in ERRORS),
-        mark(f"within {WITHIN:g} shipped priors", "s", color="0.85", ms=9),
+        mark("within twice the prior", "s", color="0.85", ms=9),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
     figure.suptitle(f"Where the sea is not the scene: {about}", fontsize=13)

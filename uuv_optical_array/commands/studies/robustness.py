@@ -164,7 +164,8 @@ def run(options: argparse.Namespace) -> int:
 
     draw_robustness(rows, about, output)
     if page and complete:
-        files.write_text(page, filled(page.read_text(encoding="utf-8"), markdown(rows)))
+        text = f"{about}:\n\n{markdown(rows)}"
+        files.write_text(page, filled(page.read_text(encoding="utf-8"), text))
     if options.json:
         told = {"scene": scene.name, "method": options.method, "seed": seed, "poses": count}
         print(json.dumps({**told, "complete": complete, "kinds": rows, "picture": str(output)}))

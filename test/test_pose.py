@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import (
+    body_twist,
     covariance_5x5,
     covariance_6x6,
     relative_pose,
     roll_pitch_yaw,
     rotation_matrix,
+    turned_on_mount,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
@@ -243,3 +245,34 @@ def test_the_5x5_comes_back_from_the_6x6_with_the_rolls_share_alone():
     moved = np.array([0.0, 0.3, 0.4, -np.sin(0.3), 0.0])
     rolled = covariance_5x5(pose, covariance_6x6(pose, covariance, 0.1))
     np.testing.assert_allclose(rolled - covariance, 0.01 * np.outer(moved, moved), atol=1e-12)
+
+
+def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it():
+    pose, roll, bow_m, angle = np.array([-5.0, 0.4, -0.3, 0.2, -0.3]), 0.5, 0.4, 1e-5
+    axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    array = pose[:3] + axes.apply([bow_m, 0.0, 0.0])
+    slopes = turned_on_mount(pose, roll, bow_m)
+    for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
+        seen = axes * Rotation.from_rotvec(about)
+        yaw, pitch, _ = seen.as_euler("ZYX")
+        moved = np.array([*(array - seen.apply([bow_m, 0.0, 0.0])), pitch, yaw]) - pose
+        np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
+
+
+def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
+    pose, rate = np.array([-5.0, 0.4, -0.3, 0.3, -0.4]), np.array([0.3, -0.2, 0.1, 0.05, -0.08])
+    roll, step = 0.6, 1e-6
+
+    def axes(at):
+        return Rotation.from_euler("ZYX", [at[4], at[3], roll])
+
+    twist, covariance = body_twist(pose, rate, np.diag([1.0, 4.0, 9.0, 0.01, 0.04]), roll)
+    after = pose + step * rate
+    linear = axes(pose).inv().apply((after - pose)[:3]) / step
+    angular = (axes(pose).inv() * axes(after)).as_rotvec() / step
+    np.testing.assert_allclose(twist, [*linear, *angular], atol=1e-6)
+    turn = axes(pose).as_matrix()
+    np.testing.assert_allclose(
+        covariance[:3, :3], turn.T @ np.diag([1.0, 4.0, 9.0]) @ turn, atol=1e-12
+    )
+    np.linalg.cholesky(covariance)

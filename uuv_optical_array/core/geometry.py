@@ -224,6 +224,66 @@ def turned_components(
     return x, cos_r * y - sin_r * z, sin_r * y + cos_r * z, arctan2(-forward_z, level), turned
 
 
+def body_twist(
+    pose: ArrayLike, rate: ArrayLike, covariance: ArrayLike, roll: float
+) -> tuple[Array, Array]:
+    """Return the twist in the follower's frame of a pose that changes at some rate.
+
+    Parameters
+    ----------
+    pose, rate
+        ``(x, y, z, pitch, yaw)``, m and rad, and its change, m/s and rad/s, shape ``(5,)`` each.
+    covariance
+        Of the rate, shape ``(5, 5)``.
+    roll
+        Of the follower, rad; it is taken not to change.
+
+    Returns
+    -------
+    twist : Array
+        Linear velocity along and angular velocity about x, y and z, m/s and rad/s, shape ``(6,)``.
+    covariance : Array
+        Shape ``(6, 6)``; that of the roll rate is as large as that of the faster turn.
+    """
+    _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
+    slopes = np.zeros((6, 5))
+    slopes[:3, :3] = rotation_matrix(pitch, yaw, roll).T
+    slopes[3:, 3] = 0.0, np.cos(roll), -np.sin(roll)
+    slopes[3:, 4] = -np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)
+    covariance = np.asarray(covariance, dtype=float)
+    spread = slopes @ covariance @ slopes.T
+    spread[3, 3] += covariance[3:, 3:].diagonal().max()
+    return slopes @ np.asarray(rate, dtype=float), spread
+
+
+def turned_on_mount(pose: ArrayLike, roll: float, bow_m: float) -> Array:
+    """Return how a pose seems to move when the array is turned on its mount, to first order.
+
+    Parameters
+    ----------
+    pose
+        Of the follower, m and rad, shape ``(5,)``.
+    roll
+        Its roll, rad.
+    bow_m
+        From ``base_link`` forward to the point that the array turns about, m.
+
+    Returns
+    -------
+    Array
+        By pitch and yaw of the array about its own axes, m and rad per rad, shape ``(5, 2)``.
+    """
+    pitch, yaw = np.asarray(pose, dtype=float)[3:]
+    slopes = np.zeros((5, 2))
+    # The array stays where it is, and so the vehicle seems to swing about it.
+    swing = np.array([[0.0, 0.0], [0.0, bow_m], [-bow_m, 0.0]])
+    slopes[:3] = -rotation_matrix(pitch, yaw, roll) @ swing
+    level = max(np.cos(pitch), 1e-6)
+    slopes[3] = np.cos(roll), -np.sin(roll)
+    slopes[4] = np.sin(roll) / level, np.cos(roll) / level
+    return slopes
+
+
 def turned_about_beam(poses: Array, roll: float) -> Array:
     """Turn level followers about the beam axis until they roll: the light does not change.
 

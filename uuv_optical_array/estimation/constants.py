@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from uuv_optical_array.estimation.least_squares.coordinates import Frame
+from uuv_optical_array.estimation.least_squares.coordinates import Frame, frame_of
+from uuv_optical_array.forward.model import ForwardModel
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,15 @@ class Constants:
             )
         if self.gain_std > 0 and not self.detectors:
             raise ValueError(f"detectors: 0, with gain_std {self.gain_std}; give their number")
+
+
+def constants_of(model: ForwardModel) -> Constants:
+    """Return what the prior of a model's scene leaves unknown."""
+    prior = model.scene.prior
+    stds = prior.nuisance_std()
+    return Constants(
+        tuple(stds), tuple(stds.values()), prior.gain_std, model.array.side**2, frame_of(model)
+    )
 
 
 class Learnt(NamedTuple):

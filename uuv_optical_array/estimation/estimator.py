@@ -6,18 +6,26 @@
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, YAW, Array, turned_about_beam
+from uuv_optical_array.core.geometry import (
+    DOF_NAMES,
+    YAW,
+    Array,
+    turned_about_beam,
+    turned_on_mount,
+)
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
@@ -28,8 +36,13 @@ from uuv_optical_array.estimation.least_squares.frame import (
     Guide,
     estimate_frame,
 )
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, problem_of
+from uuv_optical_array.estimation.least_squares.problem import (
+    PosePrior,
+    Problem,
+    problem_of,
+)
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
+from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
@@ -42,6 +55,8 @@ METHODS: tuple[Method, ...] = get_args(Method)
 PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
+# Standard deviations that mean and best fit of a posterior as good as Gaussian may be apart.
+LINEAR = 0.5
 # Rows of the table that fits start from: more make no fit more exact.
 START_ROWS = 1024
 
@@ -92,6 +107,11 @@ class Estimate:
         The same of the runner-up.
     unobservable
         Degrees of freedom of which the image says next to nothing.
+    best
+        Pose and offsets of the scene's unknown constants at the best fit, shape ``(5 + q,)``, where
+        the image's likelihood is as good as Gaussian about it; ``None`` where it is not.
+    stretch
+        Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     """
 
     pose: Array
@@ -102,6 +122,41 @@ class Estimate:
     misfit: float = field(default=float("nan"))
     runner_up_misfit: float = field(default=float("nan"))
     unobservable: tuple[str, ...] = ()
+    best: Array | None = None
+    stretch: float = 1.0
+
+
+class FrameKind(NamedTuple):
+    """A kind of frame that an image may be: clear, or shaded.
+
+    Parameters
+    ----------
+    problem
+        Its posterior, without readings.
+    log_odds
+        Logarithm of the share of such frames.
+    places
+        Those of the scene's q unknown constants among the problem's nuisances.
+    variances
+        Theirs, as the scene's prior has them, shape ``(q,)``.
+    """
+
+    problem: Problem
+    log_odds: float
+    places: NDArray[np.intp]
+    variances: Array
+
+    def knowing(self, constants: tuple[Array, Array] | None) -> Problem:
+        """Return the problem where the constants are known by a mean and a covariance."""
+        if constants is None or not len(self.places):
+            return self.problem
+        mean, covariance = constants
+        # What a kind of frame adds to the prior of a constant stays.
+        whole = np.linalg.inv(self.problem.nuisance_precision)
+        whole[np.ix_(self.places, self.places)] += covariance - np.diag(self.variances)
+        at = np.zeros(len(whole))
+        at[self.places] = mean
+        return self.problem._replace(nuisance_mean=at, nuisance_precision=np.linalg.inv(whole))
 
 
 class Estimator:
@@ -163,29 +218,39 @@ class Estimator:
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
-        fits = method == "least_squares"
-        if compiled is None:
-            # Importing Numba takes longer than a few matches.
-            compiled = fits and compilation.usable()
-        self._prepare(compiled)
+        scene = table.scene
+        self._model = ForwardModel(scene)
+        self.constants = constants_of(self._model)
+        self._asked_to_compile = compiled
+        self._frame: Callable[..., FrameResult] | None = None
+        if method == "least_squares":
+            self._prepare()
 
-    def _prepare(self, compiled: bool) -> None:
+    @property
+    def _compiled(self) -> bool:
+        """Whether compiled code runs; asked late, because it imports Numba."""
+        asked = self._asked_to_compile
+        return compilation.usable() if asked is None else asked
+
+    def _prepare(self) -> None:
         """Make what a fit needs, so that the first frame takes no longer than the next."""
-        table, scene = self.table, self.table.scene
+        table, scene, compiled = self.table, self.table.scene, self._compiled
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
-        self._model = model = ForwardModel(scene)
+        model, names = self._model, self.constants.names
         clear = problem_of(model, self._prior, compiled)
-        # Logarithms of the odds of each kind of frame before it is seen.
         chance = scene.prior.shade_probability
-        self._kinds = [(clear, math.log1p(-chance))]
+        variances = np.square(self.constants.stds)
+        self._kinds = [FrameKind(clear, math.log1p(-chance), np.arange(len(names)), variances)]
         if chance > 0:
             shaded = replace(self._prior, nuisance_std=scene.prior.shaded_std())
-            self._kinds.append((problem_of(model, shaded, compiled), math.log(chance)))
+            places = np.array([[*shaded.nuisance_std].index(name) for name in names], dtype=int)
+            problem = problem_of(model, shaded, compiled)
+            self._kinds.append(FrameKind(problem, math.log(chance), places, variances))
         rows: Any = slice(None)
         if len(table.poses) > START_ROWS:
             # The same in every run: an image has one answer.
@@ -198,7 +263,7 @@ class Estimator:
             table.vectors(np.ones(5)),
             self.settings.candidates,
             float(-ndtri(self.settings.max_misfit)),
-            self.settings.method != "least_squares",
+            False,
             model.array.side,
             float(scene.full_scale_counts),
             scene.signature.peak == "subdetector",
@@ -213,6 +278,7 @@ class Estimator:
         parameters: ArrayLike | None,
         image: ArrayLike | None = None,
         roll: float = 0.0,
+        constants: tuple[Array, Array] | None = None,
     ) -> Estimate:
         """Estimate the pose from one image.
 
@@ -225,6 +291,10 @@ class Estimator:
             methods hold their match to it, and believe the key parameters without it.
         roll
             Roll of the follower, as its own sensors know it, rad.
+        constants
+            What is known by now of the scene's unknown constants, as `Tracker.constants` has it:
+            mean and covariance of their offsets, shapes ``(q,)`` and ``(q, q)``; ``None``: no more
+            than the scene's prior says.
 
         Returns
         -------
@@ -237,13 +307,27 @@ class Estimator:
             For parameters that are not finite or hold no light, for a signature or an image that
             belongs to no pose of the scene.
         """
+        found = self._estimate(parameters, image, float(roll), constants)
+        aim = np.radians(self.table.scene.prior.aim_std_deg)
+        if aim > 0:
+            slopes = turned_on_mount(found.pose, roll, self.table.scene.array.bow_m)
+            found = replace(found, covariance=found.covariance + aim**2 * slopes @ slopes.T)
+        return found
+
+    def _estimate(
+        self,
+        parameters: ArrayLike | None,
+        image: ArrayLike | None,
+        roll: float,
+        constants: tuple[Array, Array] | None,
+    ) -> Estimate:
         fits = self.settings.method == "least_squares"
         if parameters is None:
             readings = self._readings(image)
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._least_squares(np.full((5, 1), np.nan), readings, roll)
+                return self._least_squares(np.full((5, 1), np.nan), readings, roll, constants)
             scene = self.table.scene
             side = scene.array.detectors_per_side
             parameters = key_parameters(
@@ -257,11 +341,12 @@ class Estimator:
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         if fits:
-            return self._least_squares(parameters[:, None], self._readings(image), roll)
-        match = self._match(self.table.vectors(parameters), roll)
+            return self._least_squares(parameters[:, None], self._readings(image), roll, constants)
+        match, rows = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
-        return self._verified(match, parameters[:, None], self._readings(image), roll)
+        parameters = parameters[:, None]
+        return self._verified(match, rows, parameters, self._readings(image), roll, constants)
 
     def _readings(self, image: ArrayLike | None) -> Array:
         side = self.table.scene.array.detectors_per_side
@@ -271,8 +356,8 @@ class Estimator:
             raise NoPose(f"no image: {method} needs {side} x {side} finite readings")
         return readings.reshape(-1)
 
-    def _match(self, vector: Array, roll: float) -> Estimate:
-        """Estimate by the nearest rows of the table."""
+    def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp]]:
+        """Estimate by the nearest rows of the table, and return them, nearest first."""
         count = self.settings.neighbours
         angles, rows = self._index.nearest(vector, count)
         # Rows that look exactly alike are all possible, however many there are.
@@ -290,15 +375,31 @@ class Estimator:
         pose = np.add.reduce(poses) / len(poses) if mean else np.array(poses[0])
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
-        return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
+        return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1])), rows
 
     def _verified(
-        self, match: Estimate, parameters: Array, readings: Array, roll: float
+        self,
+        match: Estimate,
+        rows: NDArray[np.intp],
+        parameters: Array,
+        readings: Array,
+        roll: float,
+        constants: tuple[Array, Array] | None,
     ) -> Estimate:
         """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
+        if self._frame is None:
+            self._prepare()
         if readings.min() >= self._model.noise.high:
             return match
-        found = self._fit(parameters, readings, roll)
+        # From the match itself, and from its neighbours only where it leads nowhere.
+        units = unit_vectors(self.table.vectors(self.table.parameters[rows[:MOST_STARTS]]))
+        near = self._guide._replace(
+            units=np.ascontiguousarray(units.T),
+            poses=np.array(self.table.poses[rows[:MOST_STARTS]], dtype=float),
+            candidates=1,
+            gaussian=True,
+        )
+        found = self._fit(near, parameters, readings, roll, constants)
         off = match.pose - found.pose
         off[YAW] = math.remainder(off[YAW], 2 * math.pi)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
@@ -312,29 +413,51 @@ class Estimator:
             runner_up_misfit=float(ndtr(-found.runner_up_score)),
         )
 
-    def _least_squares(self, parameters: Array, readings: Array, roll: float) -> Estimate:
+    def _least_squares(
+        self,
+        parameters: Array,
+        readings: Array,
+        roll: float,
+        constants: tuple[Array, Array] | None,
+    ) -> Estimate:
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found = self._fit(parameters, readings, roll)
+        found = self._fit(self._guide, parameters, readings, roll, constants)
+        runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
+        off = found.pose - found.best[:5]
+        off[YAW] = math.remainder(off[YAW], 2 * math.pi)
+        linear = off @ np.linalg.solve(found.covariance, off) < LINEAR**2
+        whole = len(found.best) == 5 + len(self.constants.names)
         return Estimate(
             found.pose,
             found.covariance,
             found.angle,
-            None if np.isnan(found.runner_up_score) else found.runner_up,
+            runner_up,
             found.runner_up_angle,
             float(ndtr(-found.score)),
             float(ndtr(-found.runner_up_score)),
             self._unobservable(found.covariance),
+            found.best if runner_up is None and linear and whole else None,
+            found.stretch,
         )
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
-    def _fit(self, parameters: Array, readings: Array, roll: float) -> FrameResult:
+    def _fit(
+        self,
+        guide: Guide,
+        parameters: Array,
+        readings: Array,
+        roll: float,
+        constants: tuple[Array, Array] | None,
+    ) -> FrameResult:
+        assert self._frame is not None  # prepared
         frames, evidence = [], []
-        for problem, log_odds in self._kinds:
-            of_image = problem._replace(readings=readings, roll=float(roll))
-            frames.append(self._frame(of_image, self._guide, parameters))
+        for kind in self._kinds:
+            problem = kind.knowing(constants)
+            of_image = problem._replace(readings=readings, roll=roll)
+            frames.append(self._frame(of_image, guide, parameters))
             _, volume = np.linalg.slogdet(problem.nuisance_precision)
-            evidence.append(log_odds + 0.5 * float(volume) + frames[-1].log_evidence)
+            evidence.append(kind.log_odds + 0.5 * float(volume) + frames[-1].log_evidence)
         found = frames[0] if len(frames) == 1 else mixture(frames, np.array(evidence))
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
@@ -343,6 +466,26 @@ class Estimator:
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
         return found
+
+    def lineariser(
+        self, estimate: Estimate, image: ArrayLike, roll: float = 0.0
+    ) -> Callable[[Array], LinearisedReadings]:
+        """Return what an image says of pose and constants near a place, as a tracker asks it.
+
+        Parameters
+        ----------
+        estimate
+            What `estimate` made of the image.
+        image, roll
+            As it was given them.
+        """
+        model, names, readings = self._model, self.constants.names, self._readings(image)
+
+        def near(at: Array) -> LinearisedReadings:
+            found = linearised_readings(model, names, readings, at, roll)
+            return found._replace(variances=estimate.stretch * found.variances)
+
+        return near
 
     def _saturated(self, roll: float) -> Estimate:
         found = saturated_posterior(self._model, self._prior, float(roll))

@@ -5,12 +5,14 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.geometry import DOF_NAMES, covariance_6x6
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, body_twist, covariance_6x6
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import (
     Estimate,
     Estimator,
@@ -20,7 +22,8 @@ from uuv_optical_array.estimation.estimator import (
 )
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
-from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
@@ -33,6 +36,7 @@ from uuv_optical_array.nodes.shared.messages import (
     imu_roll,
     pose_to_message,
     stamp_ns,
+    write_twist,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters, parameters_of
@@ -52,14 +56,16 @@ PARAMETERS = {
         0.02,
         Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
     ),
-    "tracking": Parameter(False, Quantity("whether the poses of many frames are filtered")),
+    "tracking": Parameter(
+        True, Quantity("whether the poses of many frames are filtered and constants learnt")
+    ),
     **parameters_of(TrackerSettings),
     "beacon_frame": Parameter("leader/beacon", Quantity("frame of the pose: the lamp's"), True),
     "publish_tf": Parameter(
         False, Quantity("whether the pose goes to /tf too, where tf2_msgs is installed"), True
     ),
     "tf_child_frame": Parameter(
-        "base_link_by_light", Quantity("frame that the pose places on /tf"), True
+        "base_link_by_light", Quantity("frame that pose and odometry place: the follower's"), True
     ),
 }
 # What needs a new estimator, and what a new track.
@@ -80,7 +86,8 @@ class EstimatorNode(Node):
         self.order = StampOrder()
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
-        self.tracker = Tracker(self.parameters.settings(TrackerSettings))
+        self.constants = constants_of(ForwardModel(self.scene))
+        self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
@@ -95,9 +102,10 @@ class EstimatorNode(Node):
         except ValueError as reason:
             self.diagnostics.fail(str(reason))
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
+        self.tracks = publish(self, Odometry, "relative_odometry")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         subscribe(self, PointCloud2, "array/features", self.on_features)
-        subscribe(self, Image, "array/image", self.on_image)
+        self.images = subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Imu, "imu", self.on_imu)
 
     def on_change(self, changes: dict[str, Any]) -> None:
@@ -105,13 +113,12 @@ class EstimatorNode(Node):
         tracker, table, estimator = self.tracker, self.table, self.estimator
         settings = self.parameters.settings(EstimatorSettings, changes)
         if changes.keys() & OF_TRACKER:
-            tracker = Tracker(self.parameters.settings(TrackerSettings, changes))
+            tracker = self.tracker_for(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else self.builder.table()
         # After the table, which the first pose waits for: the two would share the processor.
-        if settings.method == FIT:
-            self.compiler.start()
+        self.compiler.start()
         if table is not None and changes.keys() & OF_ESTIMATOR:
             estimator = self.estimator_for(table, settings)
         # Nothing is refused from here on.
@@ -120,6 +127,10 @@ class EstimatorNode(Node):
             self.diagnostics.fail("")
             self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
         self.tell(settings)
+
+    def tracker_for(self, settings: TrackerSettings) -> Tracker:
+        """Return a tracker that knows nothing yet of the scene's unknown constants."""
+        return Tracker(settings, constants=self.constants)
 
     def estimator_for(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
         """Return an estimator with settings; until the fit is compiled, one that does without."""
@@ -138,7 +149,7 @@ class EstimatorNode(Node):
     def on_compiled(self) -> None:
         """Let the fit take over; where it could not be compiled, the plain one."""
         settings = self.parameters.settings(EstimatorSettings)
-        if self.table is not None and settings.method == FIT:
+        if self.table is not None:
             self.estimator = self.estimator_for(self.table, settings)
         self.tell(settings)
         self.get_logger().info(f"{FIT}: {self.fit}")
@@ -155,17 +166,15 @@ class EstimatorNode(Node):
         self.diagnostics.warn("; ".join(filter(None, reasons)))
 
     def on_features(self, message: PointCloud2) -> None:
-        """Answer a signature, at once or when its image is there."""
-        if self.parameters["method"] != FIT:
-            self.answer(message, None)
-        else:
+        """Keep a signature for its image; without anyone who sends images, a match does without."""
+        if self.parameters["method"] == FIT or self.count_publishers(self.images.topic_name):
             self.join(message.header, features=message)
+        else:
+            self.answer(message, None)
 
     def on_image(self, message: Image) -> None:
-        """Keep an image for its signature, where the method asks for it."""
-        # So it does while another one answers for it: when it takes over, no image is missing.
-        if self.parameters["method"] == FIT:
-            self.join(message.header, image=message)
+        """Keep an image for its signature."""
+        self.join(message.header, image=message)
 
     def join(self, header: Header, **message: Any) -> None:
         """Answer when both the signature and the image of a stamp are there."""
@@ -197,12 +206,12 @@ class EstimatorNode(Node):
         return self.roll_rad
 
     def answer(self, features: PointCloud2, image: Image | None) -> None:
-        """Publish the pose of one signature, or say why there is none."""
-        tracking = self.parameters["tracking"]
+        """Publish what one image says, or say why it says nothing."""
+        header, stamp = features.header, stamp_ns(features.header)
+        track = None
         try:
-            # A track puts late frames in their place first.
-            if not tracking:
-                self.order.check(features.header)
+            if not self.parameters["tracking"]:
+                self.order.check(header)
             if self.estimator is None:
                 raise Refused("no table: see the error")
             parameters = features_from_message(features)
@@ -210,31 +219,63 @@ class EstimatorNode(Node):
                 raise Refused("no light: the feature node found none to match")
             side = self.scene.array.detectors_per_side
             readings = None if image is None else image_from_message(image, side)
-            roll = self.roll_at(features.header)
-            estimate = self.estimator.estimate(parameters, readings, roll)
-            if tracking:
-                stamp = stamp_ns(features.header)
-                track = self.tracker.update(stamp, estimate.pose, estimate.covariance)
+            roll = self.roll_at(header)
+            known = self.tracker.constants(stamp) if self.parameters["tracking"] else None
+            estimate = self.estimator.estimate(parameters, readings, roll, known)
+            if self.parameters["tracking"]:
+                track = self.tracked(stamp, estimate, readings, roll)
+                # A track puts late frames in their place first.
                 if track.stamp_ns != stamp:
                     raise Refused("late frame: it entered the track, whose newer pose is out")
-                self.order.check(features.header)
-                estimate = replace(estimate, pose=track.pose, covariance=track.covariance)
+                self.order.check(header)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        header = Header(stamp=features.header.stamp, frame_id=self.parameters["beacon_frame"])
+        header = Header(stamp=header.stamp, frame_id=self.parameters["beacon_frame"])
         pose = pose_to_message(
-            estimate.pose,
-            covariance_6x6(estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]),
-            header,
-            roll,
+            estimate.pose, self.covariance_6x6(estimate.pose, estimate.covariance), header, roll
         )
         if not self.poses.publish(pose):
             return
         self.send_transform(header, self.parameters["tf_child_frame"], pose.pose.pose)
+        shown = figures(estimate)
+        if track is not None:
+            self.publish_track(track, header, roll)
+            shown |= learnt(track)
         method = self.estimator.settings.method
-        shown = {"method": method, **({"fit": self.fit} if method == FIT else {})}
-        self.diagnostics.answer(**shown, **figures(estimate))
+        self.diagnostics.answer(method=method, fit=self.fit, **shown)
+
+    def covariance_6x6(self, pose: Array, covariance: Array) -> Array:
+        """Return a covariance as ROS has it, with what is known of the roll."""
+        return covariance_6x6(pose, covariance, self.parameters["roll_std_rad"])
+
+    def tracked(self, stamp: int, estimate: Estimate, image: Array | None, roll: float) -> Track:
+        """Return the track with a frame, by its readings where these are as good as linear."""
+        assert self.estimator is not None
+        if estimate.best is None or image is None:
+            return self.tracker.update(stamp, estimate.pose, estimate.covariance)
+        near = self.estimator.lineariser(estimate, image, roll)
+        return self.tracker.update(
+            stamp, estimate.pose, estimate.covariance, near(estimate.best), near
+        )
+
+    def publish_track(self, track: Track, header: Header, roll: float) -> None:
+        """Publish pose and twist of the track."""
+        covariance = self.covariance_6x6(track.pose, track.covariance)
+        twist, spread = body_twist(track.pose, track.rate, track.joint_covariance[5:, 5:], roll)
+        message = Odometry(header=header, child_frame_id=self.parameters["tf_child_frame"])
+        message.pose = pose_to_message(track.pose, covariance, header, roll).pose
+        write_twist(message.twist.twist, twist[:3], twist[3:])
+        message.twist.covariance = spread.ravel()
+        self.tracks.publish(message)
+
+
+def learnt(track: Track) -> dict[str, str]:
+    """Return what the diagnostics show of what a track has learnt."""
+    return {
+        f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
+        for name, known in track.constants.items()
+    }
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -207,7 +207,8 @@ def find_minima(
     Where the first starts lead to rivals or to a fit that noise can hardly explain, more follow.
     """
     most = min(MOST_STARTS, guide.units.shape[1])
-    count = min(guide.candidates if lit(problem) >= FEW_LIT else MOST_STARTS, most)
+    enough = guide.gaussian or lit(problem) >= FEW_LIT
+    count = min(guide.candidates if enough else MOST_STARTS, most)
     rows, chords = nearest_rows(guide.units, unit, max(count, 2))
     angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
     second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))

@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from uuv_optical_array.nodes.shared.messages import not_finite
@@ -57,9 +58,11 @@ def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
     )
 
 
-def subscribe(node: Node, message_type: type, topic: str, callback: Callable[[Any], None]) -> None:
+def subscribe(
+    node: Node, message_type: type, topic: str, callback: Callable[[Any], None]
+) -> Subscription:
     """Create a subscription with sensor-data QoS that parameters can override."""
-    node.create_subscription(
+    return node.create_subscription(
         message_type,
         topic,
         callback,

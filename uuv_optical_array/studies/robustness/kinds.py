@@ -11,22 +11,18 @@ import numpy as np
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.scene import PRIORS, Scene
 from uuv_optical_array.studies.robustness import truths
 from uuv_optical_array.studies.robustness.truths import Light
 from uuv_optical_array.studies.shared.working_volume import lit_poses, uniform_poses
 
-# What a scene that was calibrated once leaves open: standard deviations in the units of the kinds,
-# of the power, K, the beam's width, the ambient level, its change from the middle of the array to
-# an edge, each detector's gain and an uneven shade.
+# What a scene that was calibrated once leaves open: standard deviations in the units of the kinds.
 SHIPPED = {
-    "power": 0.1,
-    "k_per_m": 0.02,
-    "beam_deg": 0.3,
-    "ambient_counts": 5.0,
-    "gradient_counts": 5.0,
-    "gains": 0.005,
-    "shade": 0.02,
+    "power": PRIORS["calibrated"]["lamp_power_std"],
+    "k_per_m": PRIORS["calibrated"]["k_std_per_m"],
+    "beam_deg": PRIORS["calibrated"]["beam_sigma_std_deg"],
+    "ambient_counts": PRIORS["calibrated"]["ambient_std_counts"],
+    "gains": PRIORS["calibrated"]["gain_std"],
 }
 # Within so many of these standard deviations poses are to be answered, and honest.
 WITHIN = 2.0
@@ -150,7 +146,6 @@ def _gradients() -> list[Kind]:
             f"Daylight adds 0 counts at the port edge and {high:g} at the starboard edge.",
             AMBIENT_CURE,
             truths.plus(0.0, high),
-            {"ambient_counts": high / 2, "gradient_counts": high / 2},
         )
         for high in (10.0, 30.0)
     ]
@@ -217,7 +212,6 @@ KINDS = (
             f"An uneven, smooth shade changes the light over the array by {100 * std:g} %, RMS.",
             SHADE_CURE,
             truths.with_shade(std),
-            {"shade": std},
         )
         for std in (0.02, 0.05, 0.1)
     ),

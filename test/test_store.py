@@ -117,7 +117,7 @@ def test_poses_of_a_grid_are_indexed_as_an_array(lit):
 def test_one_and_two_threads_write_the_same_bytes(tmp_path):
     one, two = (build(tmp_path / f"{n}.zarr", threads=n) for n in (1, 2))
     assert contents(one.path) == contents(two.path)
-    assert len(contents(one.path)) == len(one.chunks) + 2 == -(-ROWS // CHUNK) + 2
+    assert len(contents(one.path)) == len(one.chunks) + 4 == -(-ROWS // CHUNK) + 4
     assert load_table(one.path, scene_with()).parameters.dtype == np.float64
 
 
@@ -176,7 +176,7 @@ def test_a_damaged_chunk_is_refused_and_mended(tmp_path, computed, harm):
     whole = contents(store.path)
     computed.clear()
     (store.path / "1.0").write_bytes(harm(whole["1.0"]))
-    with pytest.raises(ValueError, match=r"chunk 1.0 is damaged.*to mend it"):
+    with pytest.raises(ValueError, match=r"1.0 is damaged.*to mend it"):
         load_table(store.path, scene_with())
     build(store.path)
     assert computed == [1]
@@ -186,7 +186,7 @@ def test_a_damaged_chunk_is_refused_and_mended(tmp_path, computed, harm):
 def test_a_chunk_that_vanished_is_not_taken_for_darkness(tmp_path):
     store = build(tmp_path / "t.zarr")
     (store.path / f"{store.chunks[-1]}.0").unlink()
-    with pytest.raises(ValueError, match="is damaged"):
+    with pytest.raises(ValueError, match=r"is missing.*to mend it"):
         load_table(store.path, scene_with())
 
 
@@ -253,7 +253,7 @@ def test_what_is_no_such_store_is_refused_and_kept(tmp_path, kind):
                 '{"chunks": [1], "compressor": null, "dtype": "<f8", "fill_value": 0.0, '
                 '"filters": null, "order": "C", "shape": [1], "zarr_format": 2}'
             )
-    with pytest.raises(ValueError, match=r"is no table|is damaged"):
+    with pytest.raises(ValueError, match="name another folder"):
         TableStore.create(path, scene_with())
     assert path.is_file() or len(os.listdir(path)) >= 1
     with pytest.raises(ValueError, match=r"name it \*.zarr"):

@@ -9,9 +9,10 @@ from asker import Asker, assert_is
 from conftest import PATIENCE_S, write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from uuv_optical_array.core import files
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.table.disk import cached_table, save_table
+from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table, coarse_scene
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -94,6 +95,26 @@ def test_a_table_in_the_cache_answers_from_the_first_frame_on(
     asker = Asker(lab, fine_file)
     assert_is(asker.ask(signatures[0], 1), answer(tables[1], signatures[0]))
     lab.report(asker.node, OK)
+
+
+def test_a_damaged_table_in_the_cache_is_told_and_built_again(
+    gate, lab, fine_file, tables, signatures
+):
+    coarse, fine = tables
+    cached_table(fine.scene)
+    (folder,) = files.cache_dir().iterdir()
+    with (folder / "poses.npy").open("r+b") as file:
+        file.seek(5000)
+        file.write(b"~")
+    asker = Asker(lab, fine_file)
+    lab.report(asker.node, WARN, str(folder), "poses.npy is damaged", "building it again now")
+    assert_is(asker.ask(signatures[0], 1), answer(coarse, signatures[0]))
+    gate.set()
+    lab.until(lambda: len(asker.node.table.poses) == len(fine.poses), "the table")
+    lab.statuses.clear()
+    assert_is(asker.ask(signatures[0], 2), answer(fine, signatures[0]))
+    lab.report(asker.node, OK)
+    np.testing.assert_array_equal(load_table(folder, fine.scene).poses, fine.poses)
 
 
 def test_a_table_set_while_another_is_built_stays(

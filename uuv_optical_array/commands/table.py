@@ -18,7 +18,8 @@ from uuv_optical_array.forward.scene import Scene, load_scene
 DESCRIPTION = """\
 Build the signature table of a scene: the five key parameters of every pose on the grid that the
 scene's `table` names, free of noise. The folder that is written holds the poses, the parameters,
-the scene and its fingerprint; the estimator refuses it in any other scene.
+the scene and its fingerprint, and the checksums of these files. The estimator refuses it where it
+is damaged, and in any other scene.
 
 Estimator nodes without a `table` parameter build the same table in the user's cache by
 themselves. Build one by hand to ship it with a vehicle or to look at its size beforehand.

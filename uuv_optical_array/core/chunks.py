@@ -2,21 +2,22 @@
 
 The array (Zarr format 2) has its rows in an order that is known beforehand. So a chunk has its
 place and size before anything is computed: who computes it, and when, leaves no trace. A chunk is
-one file that appears whole, with a checksum. The attributes say what was computed.
+one file that appears whole, with a checksum. The attributes say what was computed. A manifest has
+the checksums of the headers from the beginning, and of every file once all chunks are there.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from uuv_optical_array.core import files
+from uuv_optical_array.core import files, manifest
 from uuv_optical_array.core.geometry import Array
 
+HEADERS = ".zarray", ".zattrs"
+FINISHED = "finished.json"  # what is only known once every chunk is there
 _CHUNK_ERRORS = (OSError, ValueError, RuntimeError, TypeError)  # by version and damage
 
 
@@ -90,10 +91,10 @@ class ChunkedRows:
                     **layout,
                 )
             array.attrs.put(dict(about))
+            manifest.write(scratch, HEADERS)
 
-    @contextmanager
-    def opening(self, form: int) -> Iterator[dict[str, Any]]:
-        """Yield the attributes to a block that judges them; then look at the layout.
+    def about(self, form: int) -> dict[str, Any]:
+        """Return the attributes.
 
         Parameters
         ----------
@@ -103,42 +104,24 @@ class ChunkedRows:
         Raises
         ------
         ValueError
-            Where there is nothing, anything else, or another layout; a missing attribute in the
-            block counts as damage, and what the block raises under the name of `path` passes.
+            Where there is nothing, anything else, a damaged header or another format.
         """
-        named = f"table {self.path}: "
         if not self.path.exists():
-            raise ValueError(f"{named}no table there; build one with uuv_array table")
-        zarr = needs("zarr")
+            raise ValueError(f"table {self.path}: no table there; build one with uuv_array table")
         try:
-            if not (self.path / ".zarray").is_file():
-                raise ValueError("no Zarr array")
-            array = zarr.open_array(str(self.path), mode="r")
-            about = dict(array.attrs)
+            if not manifest.read(self.path).keys() >= set(HEADERS):
+                raise ValueError("is no table in chunks")
+            manifest.check(self.path, HEADERS)
+            about: dict[str, Any] = json.loads((self.path / ".zattrs").read_bytes())
             if about["format"] != form:
                 raise ValueError(f"format {about['format']}, this version reads {form}")
-            yield about
-            if array.shape != self.shape or array.dtype != np.dtype("<f8"):
-                raise ValueError(f"{array.dtype} {array.shape}, not float64 {self.shape}")
-            found, expected = (
-                (min(rows, self.shape[0]), columns)
-                for rows, columns in (array.chunks, (self.chunk_rows, self.shape[1]))
-            )
-            if found != expected:
-                raise ValueError(f"chunks of {found}, not {expected}")
-        except (OSError, KeyError, TypeError) as error:
-            text = " ".join(str(error).split())
-            raise ValueError(
-                f"{named}.zarray or .zattrs is damaged ({text}); build it again"
-            ) from None
-        except ValueError as error:
-            if str(error).startswith(named):
-                raise
-            raise ValueError(f"{named}exists and is no table ({error})") from None
+        except (OSError, ValueError) as error:
+            raise manifest.refusal(self.path, error) from None
+        return about
 
     def present(self) -> list[int]:
         """Return the chunks that have a file, whole ones by the way they are written."""
-        return [chunk for chunk in self.chunks if (self.path / f"{chunk}.0").is_file()]
+        return [chunk for chunk in self.chunks if (self.path / self._name(chunk)).is_file()]
 
     def fill(self, chunk: int, compute: Callable[[int], Array]) -> Array:
         """Make sure that a chunk is there; one that is whole is not computed again.
@@ -188,18 +171,44 @@ class ChunkedRows:
                 f"({' '.join(str(error).split())}); run the same uuv_array table again to mend it"
             ) from None
 
-    def attribute(self, name: str) -> Any:
-        """Return an attribute, ``None`` where there is none of that name."""
-        return needs("zarr").open_array(str(self.path), mode="r").attrs.get(name)
+    def finish(self, known: Mapping[str, Any]) -> None:
+        """Keep what is known now that every chunk is there, and the checksums of all files."""
+        for left in self.path.glob("*.partial"):  # by Zarr, where its process was killed
+            left.unlink(missing_ok=True)
+        files.write_text(self.path / FINISHED, json.dumps(dict(known)) + "\n")
+        manifest.write(self.path, (*HEADERS, FINISHED, *map(self._name, self.chunks)))
 
-    def mark(self, name: str, value: Any) -> None:
-        """Set an attribute; one that has the value is not written again."""
-        array = needs("zarr").open_array(str(self.path), mode="r+")
-        if array.attrs.get(name) != value:
-            array.attrs[name] = value
+    def finished(self) -> dict[str, Any] | None:
+        """Return what `finish` kept, once all files are seen to be whole; ``None`` before it.
+
+        Raises
+        ------
+        ValueError
+            For the first file that is damaged, missing, or does not belong there.
+        """
+        try:
+            listed = manifest.read(self.path)
+            if FINISHED not in listed:
+                return None
+            for name, fault in manifest.faults(self.path).items():
+                mend = "run the same uuv_array table again to mend it"
+                cure = mend if name in listed else "remove it"
+                raise ValueError(f"table {self.path}: {fault}; {cure}")
+            return json.loads((self.path / FINISHED).read_bytes())
+        except OSError as error:
+            raise manifest.refusal(self.path, error) from None
+
+    def drop_damaged(self) -> None:
+        """Remove the chunks of a finished array that are not as they were written."""
+        if FINISHED in manifest.read(self.path):
+            for name in manifest.faults(self.path, map(self._name, self.chunks)):
+                (self.path / name).unlink(missing_ok=True)
+
+    def _name(self, chunk: int) -> str:
+        return f"{chunk}.0"
 
     def _read(self, array: Any, chunk: int) -> Array:
         """Read a chunk; its checksum is looked at. A missing one would read as zero."""
-        if not (self.path / f"{chunk}.0").is_file():
+        if not (self.path / self._name(chunk)).is_file():
             raise FileNotFoundError("missing")
         return array[self.rows(chunk)]

@@ -1,29 +1,30 @@
 """Signature tables on disk: written once, opened by every process that needs them.
 
-A table is a folder of ``poses.npy`` (m, 5), ``parameters.npy`` (m, 5) and ``table.yaml`` with the
-scene it was built from and the scene's fingerprint. One that is too large to be built in memory is
-a `store.TableStore`.
+A table is a folder of ``poses.npy`` (m, 5), ``parameters.npy`` (m, 5), ``table.yaml`` with the
+scene it was built from and the scene's fingerprint, and the checksums of these files
+(`core.manifest`). One that is too large to be built in memory is a `store.TableStore`.
 """
 
+import logging
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
-from uuv_optical_array.core import files, memory
+from uuv_optical_array.core import files, manifest, memory
 from uuv_optical_array.estimation.table import store
 from uuv_optical_array.estimation.table.signature_table import (
     Progress,
     SignatureTable,
     build_table,
     check_scene,
-    damaged,
 )
 from uuv_optical_array.forward.scene import Scene
 
-FORMAT = 1
+FORMAT = 2
+ARRAYS = "poses.npy", "parameters.npy"
+ABOUT = "table.yaml"
 
 
 def save_table(table: SignatureTable, path: str | Path) -> None:
@@ -48,37 +49,23 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
         "format": FORMAT,
         "fingerprint": table.scene.fingerprint,
         "name": table.scene.name,
-        "rows": len(table.poses),
         "scene": table.scene.settings(),
     }
     with files.whole_directory(path) as scratch:
-        np.save(scratch / "poses.npy", table.poses)
-        np.save(scratch / "parameters.npy", table.parameters)
-        (scratch / "table.yaml").write_text(yaml.safe_dump(about, sort_keys=False), "utf-8")
+        for name, array in zip(ARRAYS, (table.poses, table.parameters), strict=True):
+            np.save(scratch / name, array)
+        (scratch / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False), "utf-8")
+        manifest.write(scratch, (*ARRAYS, ABOUT))
 
 
 def _is_table(path: Path) -> bool:
     """Say whether a folder holds a table and nothing else."""
-    about = path / "table.yaml"
+    about = path / ABOUT
     return (
         about.is_file()
         and about.read_bytes().startswith(b"format:")
-        and {file.name for file in path.iterdir()} <= {"poses.npy", "parameters.npy", about.name}
+        and {file.name for file in path.iterdir()} <= {*ARRAYS, ABOUT, manifest.NAME}
     )
-
-
-def _read_about(path: Path) -> dict[str, Any]:
-    try:
-        values = yaml.safe_load((path / "table.yaml").read_text(encoding="utf-8"))
-        if values["format"] != FORMAT:
-            raise ValueError(f"format {values['format']}, this version reads {FORMAT}")
-        if not isinstance(values["rows"], int):
-            raise ValueError(f"{values['rows']!r} rows")
-        return {key: values[key] for key in ("fingerprint", "name", "rows", "scene")}
-    except FileNotFoundError:
-        raise ValueError(f"table {path}: no table there; build one with uuv_array table") from None
-    except (OSError, yaml.YAMLError, TypeError, KeyError, ValueError) as error:
-        raise damaged(path, "table.yaml", error) from None
 
 
 def load_table(path: str | Path, scene: Scene) -> SignatureTable:
@@ -105,23 +92,20 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
     path = files.user_path(path)
     if store.is_store(path):
         return store.TableStore.open(path, scene).table()
-    about = _read_about(path)
+    if not path.exists():
+        raise ValueError(f"table {path}: no table there; build one with uuv_array table")
+    try:
+        manifest.check(path)
+        about = yaml.safe_load((path / ABOUT).read_bytes())
+        if about["format"] != FORMAT:
+            raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
+        poses, parameters = (np.load(path / name, mmap_mode="r") for name in ARRAYS)
+    except (OSError, ValueError) as error:
+        raise manifest.refusal(path, error) from None
     check_scene(path, about, scene)
-    if why := memory.shortfall(about["rows"]):
+    if why := memory.shortfall(len(poses)):
         raise ValueError(f"table {path}: {why}")
-    arrays = []
-    for name in ("poses", "parameters"):
-        try:
-            array = np.load(path / f"{name}.npy", mmap_mode="r")
-        except (OSError, ValueError, EOFError) as error:
-            raise damaged(path, f"{name}.npy", error) from None
-        if array.shape != (about["rows"], 5) or array.dtype != np.float64:
-            raise ValueError(
-                f"table {path}: {name}.npy holds {array.dtype} {array.shape}, "
-                f"not float64 {(about['rows'], 5)}; build it again"
-            )
-        arrays.append(array)
-    return SignatureTable(scene, *arrays)
+    return SignatureTable(scene, poses, parameters)
 
 
 def open_cached(scene: Scene) -> SignatureTable | None:
@@ -143,6 +127,7 @@ def open_cached(scene: Scene) -> SignatureTable | None:
         As `load_table`, for one that cannot be used.
     """
     path = _cached_path(scene)
+    files.remove_leftovers(path.parent)
     return load_table(path, scene) if path.exists() else None
 
 
@@ -169,11 +154,13 @@ def cached_table(scene: Scene, progress: Progress = iter) -> SignatureTable:
     try:
         if table := open_cached(scene):
             return table
-    except ValueError:
+    except ValueError as error:
+        logging.getLogger(__name__).warning("%s: building it again now", error)
         shutil.rmtree(path, ignore_errors=True)
     table = build_table(scene, progress=progress)
     try:
-        save_table(table, path)
+        if not path.exists():  # else another process was faster
+            save_table(table, path)
+        return load_table(path, scene)
     except (OSError, ValueError):
         return table
-    return load_table(path, scene)

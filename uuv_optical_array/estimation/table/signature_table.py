@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core import compilation, memory
+from uuv_optical_array.core import compilation, manifest, memory
 from uuv_optical_array.core.elementwise import transmit
 from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.core.settings import Span
@@ -292,20 +292,14 @@ def no_light(scene: Scene, min_peak_counts: float) -> ValueError:
     )
 
 
-def damaged(path: Path, name: str, error: Exception) -> ValueError:
-    """Return the error for a table of which a part cannot be read."""
-    text = " ".join(str(error).split())
-    return ValueError(f"table {path}: {name} is damaged ({text}); build it again")
-
-
 def check_scene(path: Path, about: dict[str, Any], scene: Scene) -> None:
     """Refuse the table of another scene, by what differs; ``about`` is what the table says."""
     if about["fingerprint"] == scene.fingerprint:
         return
     try:
         theirs = scene_from_settings(about["scene"], about["name"])
-    except ValueError as error:
-        raise damaged(path, "its scene", error) from None
+    except ValueError as error:  # of a version with other settings
+        raise manifest.refusal(path, error) from None
     why = "; ".join(scene.differences(theirs)) or "its fingerprint does not match its scene"
     raise ValueError(
         f"table {path}: built for another scene than {scene.name}: {why}; "

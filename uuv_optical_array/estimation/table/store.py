@@ -1,8 +1,8 @@
 """A signature table built chunk by chunk, `chunks.ChunkedRows` on disk, named ``*.zarr``.
 
 Its rows are the key parameters of every pose of the grid in the grid's order, NaN where there is no
-light. So a pose is the number of its row. The attributes hold the scene and, once every chunk is
-there, the number of rows with light.
+light. So a pose is the number of its row. The attributes hold the scene; once every chunk is there,
+the number of rows with light is kept beside them.
 """
 
 import shutil
@@ -27,7 +27,7 @@ from uuv_optical_array.estimation.table.signature_table import (
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
-FORMAT = 1
+FORMAT = 2
 CHUNK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second's work
 # What a thread holds: the chunk, encoded and not, and for each reading of a block the temporaries
 # of the forward model.
@@ -88,6 +88,7 @@ class TableStore:
                     f"table {path}: begun with min_peak_counts {store.min_peak_counts:g}, "
                     f"not {min_peak_counts:g}; name another folder"
                 )
+            store._disk.drop_damaged()
             return store
         rows = _on_disk(path, scene).shape[0]
         home = next(parent for parent in path.parents if parent.exists())
@@ -116,12 +117,12 @@ class TableStore:
         Raises
         ------
         ValueError
-            Where there is none, or that of another scene.
+            Where there is none, that of another scene, or one whose headers are damaged.
         """
         path = path.absolute()
-        with _on_disk(path, scene).opening(FORMAT) as about:
-            check_scene(path, about, scene)
-            return cls(path, scene, float(about["min_peak_counts"]), bool(about["compiled"]))
+        about = _on_disk(path, scene).about(FORMAT)
+        check_scene(path, about, scene)
+        return cls(path, scene, float(about["min_peak_counts"]), bool(about["compiled"]))
 
     @property
     def rows(self) -> int:
@@ -192,7 +193,7 @@ class TableStore:
         count = sum(lit)
         if count == 0:
             raise no_light(self.scene, self.min_peak_counts)
-        self._disk.mark("lit", count)
+        self._disk.finish({"lit": count})
 
     def table(self) -> SignatureTable:
         """Read the table into memory, the poses as row numbers.
@@ -202,12 +203,13 @@ class TableStore:
         ValueError
             For a table that is unfinished, damaged, or too large for this machine.
         """
-        lit = self._disk.attribute("lit")
-        if lit is None:
+        known = self._disk.finished()
+        if known is None:
             raise ValueError(
                 f"table {self.path}: {len(self.present())} of {len(self.chunks)} chunks are there; "
                 "run the same uuv_array table again to finish it"
             )
+        lit: int = known["lit"]
         if why := memory.shortfall(lit):
             raise ValueError(f"table {self.path}: {why}")
         parameters = np.empty((lit, 5))
@@ -217,14 +219,10 @@ class TableStore:
             found = self._disk.read(chunk)
             has_light = ~np.isnan(found[:, 0])
             stop = kept + int(has_light.sum())
-            if stop > lit:
-                break
             parameters[kept:stop] = found[has_light]
             if rows is not None:
                 rows[kept:stop] = self._disk.rows(chunk).start + np.flatnonzero(has_light)
             kept = stop
-        if kept != lit:
-            raise ValueError(f"table {self.path}: {kept} rows have light, not {lit}; build again")
         return SignatureTable(self.scene, GridPoses(grid_axes(self.scene.table), rows), parameters)
 
 

@@ -69,7 +69,7 @@ class TableBuilder:
         try:
             self._table = open_cached(self._scene)
         except ValueError as error:
-            self._damage = f"{error}; "
+            self._damage = f"{error}: building it again now; "
         if self._table is not None:
             return
         coarse = coarse_scene(self._scene)

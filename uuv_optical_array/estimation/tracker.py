@@ -12,6 +12,10 @@ what all frames have in common, the scene's unknown constants and the detectors'
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
 (`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
 so far from it that what is left of the bend would make the track overconfident.
+
+A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
+stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
+Applications to Tracking and Navigation*, 2001, ch. 11).
 """
 
 import math
@@ -40,6 +44,8 @@ RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track
 # The state: the pose, its rate less what the commands say of it, constants and learnt gain errors.
 POSE, RATE, MOVING = slice(0, 5), slice(5, 10), 10
 UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of which nothing is known
+# A manoeuvre is random motion so many times stronger for so long, s.
+MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49
 
@@ -384,6 +390,9 @@ class Tracker:
         fused = self._fuse(state, frame)
         if fused.distance <= self._gate:
             return fused
+        bold = self._fuse(state, frame, manoeuvring=True)
+        if bold.distance <= self._gate:
+            return bold
         rival = self._fuse(state.rival, frame) if state.rival else None
         if rival is None or rival.distance > self._gate:
             rival = self._start(frame, state)
@@ -430,7 +439,7 @@ class Tracker:
         # The numbers that spoil the readings drift, too: what came of the old ones is left behind.
         return Belief(mean, np.hstack([root, fresh, lost * shared]), kept * shared)
 
-    def _ahead(self, state: _State, stamp_ns: int) -> Belief:
+    def _ahead(self, state: _State, stamp_ns: int, manoeuvring: bool = False) -> Belief:
         """Return the belief of a state at a later stamp."""
         start_ns = state.frame.stamp_ns
         step_s = (stamp_ns - start_ns) * 1e-9
@@ -440,13 +449,16 @@ class Tracker:
         # The attitude's error turns the own motion by so little that the random motion covers it.
         at = state.belief.mean[POSE]
         mean[POSE] += in_beacon(at, self._own_motion.way(start_ns, stamp_ns))
-        noise = self._random_motion.noise(step_s)
+        noises = [self._random_motion.noise(step_s)]
+        if manoeuvring:
+            noises.append(MANOEUVRE * self._random_motion.noise(MANOEUVRE_S))
+        noise = np.hstack(noises)
         random = np.zeros((self._size, noise.shape[1]))
         random[:MOVING] = noise
         return Belief(_wrapped(mean), np.hstack([root, random]), shared)
 
-    def _fuse(self, state: _State, frame: _Frame) -> _State:
-        belief, distance = self._corrected(self._ahead(state, frame.stamp_ns), frame)
+    def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
+        belief, distance = self._corrected(self._ahead(state, frame.stamp_ns, manoeuvring), frame)
         return _State(frame, belief, state.frames + 1, distance)
 
     def _corrected(self, belief: Belief, frame: _Frame) -> tuple[Belief, float]:

@@ -1,0 +1,66 @@
+"""What to change in a scene: written there, it gives the light of the sea that was found."""
+
+import numpy as np
+import pytest
+from drawn_effects import scene_with
+
+from uuv_optical_array.estimation.constants import Constants, Learnt
+from uuv_optical_array.estimation.scene_changes import scene_changes
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import scene_from_settings
+
+NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
+CONSTANTS = Constants(NAMES, (0.1, 0.02, 5.0))
+MODEL = ForwardModel(
+    scene_with({"attenuation": {"k_per_m": 0.1}, "ambient": {"level_counts": 20.0}})
+)
+POSES = np.array([[-4.0, 0, 0, 0, 0], [-7.0, 0.4, -0.3, 0.1, -0.1]])
+
+
+def learnt(*offsets):
+    return {name: Learnt(offset, 1e-3) for name, offset in zip(NAMES, offsets, strict=True)}
+
+
+def changed(changes):
+    """Return the model's scene with changes written into it, by their dotted keys."""
+    settings = MODEL.scene.settings()
+    for change in changes:
+        group, *rest = change.key.split(".")
+        target = settings[group]
+        for key in rest[:-1]:
+            target = target[key]
+        target[rest[-1]] = change.value
+    return ForwardModel(scene_from_settings(settings, "changed"))
+
+
+@pytest.mark.parametrize(
+    "offsets", [(0.4, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.0, 0.08, 0.0), (0.35, -0.09, 30.0)]
+)
+def test_the_changed_scene_gives_the_light_that_was_found(offsets):
+    found = learnt(*offsets)
+    known = dict(zip(NAMES, np.array(offsets), strict=True))
+    light = changed(scene_changes(MODEL, CONSTANTS, found)).light(POSES)
+    expected = np.array([MODEL.light(pose, offsets=known) for pose in POSES])
+    np.testing.assert_allclose(light, expected, rtol=1e-9)
+
+
+def test_only_what_is_off_by_more_than_asked_is_named_with_key_value_and_reason():
+    found = learnt(0.29, -0.1 + 0.02, 15.1)
+    water, ambient, lamp = scene_changes(MODEL, CONSTANTS, found)
+    assert (water.key, water.value) == ("effects.attenuation.k_per_m", pytest.approx(0.02))
+    assert water.text == (
+        "attenuation.k_per_m is 4.0 standard deviations of its prior below the scene; "
+        "write effects.attenuation.k_per_m: 0.02"
+    )
+    assert ambient.text.endswith("above the scene; write effects.ambient.level_counts: 35.1")
+    assert lamp.key == "lamp.reference_counts"
+    assert lamp.text.startswith("with that the lamp is the same; write lamp.reference_counts: ")
+    assert scene_changes(MODEL, CONSTANTS, learnt(0.29, 0.05, -14.9)) == []
+    one, two = (scene_changes(MODEL, CONSTANTS, learnt(0.31, 0, 0), beyond) for beyond in (3, 3.2))
+    assert [change.key for change in one] == ["lamp.reference_counts"]
+    assert two == []
+
+
+def test_no_value_is_below_nothing():
+    (ambient,) = scene_changes(MODEL, CONSTANTS, learnt(0, 0, -40.0))
+    assert (ambient.key, ambient.value) == ("effects.ambient.level_counts", 0.0)

@@ -1,0 +1,85 @@
+"""What to change in a scene when the sea turns out to be another."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.estimation.constants import Constants, Learnt
+from uuv_optical_array.estimation.linearised import POWER
+from uuv_optical_array.forward.model import ForwardModel
+
+BEYOND = 3.0  # standard deviations of its prior by which a constant is off
+LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
+
+
+class SceneChange(NamedTuple):
+    """A line of the scene to write anew.
+
+    Parameters
+    ----------
+    key
+        Dotted key of the scene.
+    value
+        To write there, in the unit of the key.
+    text
+        The same for a reader, with the reason.
+    """
+
+    key: str
+    value: float
+    text: str
+
+
+def scene_changes(
+    model: ForwardModel, constants: Constants, learnt: Mapping[str, Learnt], beyond: float = BEYOND
+) -> list[SceneChange]:
+    """Return the changes that bring a scene to the sea, where that is not what its prior expects.
+
+    A scene gives the lamp's power by the reading at a reference range, through its water, so that
+    reading changes with the water even where the lamp is the same.
+
+    Parameters
+    ----------
+    model
+        The scene's forward model.
+    constants
+        What the scene does not know.
+    learnt
+        What is known of it by now, as `Track.constants` has it.
+    beyond
+        Standard deviations of its prior by which a constant must be off to be named.
+    """
+    scene = model.scene
+    off = {
+        name: learnt[name].mean / std
+        for name, std in zip(constants.names, constants.stds, strict=True)
+        if name in learnt and abs(learnt[name].mean) > beyond * std
+    }
+    changes = []
+    for name in off:
+        if name == POWER:
+            continue
+        group, setting = name.split(".")
+        if group == "lamp":
+            key, value = name, getattr(scene.lamp, setting)
+        else:
+            key, value = f"effects.{name}", scene.effects[group][setting]
+        value = max(value + learnt[name].mean, 0.0)
+        text = f"{_reason(name, off[name])}; write {key}: {value:.4g}"
+        changes.append(SceneChange(key, value, text))
+    if off:
+        aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
+        offsets = {POWER: np.zeros(()), **{name: np.array(learnt[name].mean) for name in off}}
+        _, slopes = model.linearised(aligned, offsets=offsets)
+        counts = float(slopes[:, 5].max())
+        reason = _reason(POWER, off[POWER]) if POWER in off else "with that the lamp is the same"
+        if abs(counts / scene.lamp.reference_counts - 1) > LEAST_CHANGE:
+            key = "lamp.reference_counts"
+            changes.append(SceneChange(key, counts, f"{reason}; write {key}: {counts:.4g}"))
+    return changes
+
+
+def _reason(name: str, off: float) -> str:
+    side = "above" if off > 0 else "below"
+    return f"{name} is {abs(off):.1f} standard deviations of its prior {side} the scene"

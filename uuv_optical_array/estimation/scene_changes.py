@@ -8,6 +8,7 @@ import numpy as np
 from uuv_optical_array.estimation.constants import Constants, Learnt
 from uuv_optical_array.estimation.linearised import POWER
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import GRADIENTS
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
@@ -58,13 +59,13 @@ def scene_changes(
     }
     changes = []
     for name in off:
-        if name == POWER:
+        if name == POWER or name in GRADIENTS:  # which no scene can hold
             continue
         group, setting = name.split(".")
         if group == "lamp":
             key, value = name, getattr(scene.lamp, setting)
         else:
-            key, value = f"effects.{name}", scene.effects[group][setting]
+            key, value = f"effects.{name}", scene.effects.get(group, {}).get(setting, 0.0)
         value = max(value + learnt[name].mean, 0.0)
         text = f"{_reason(name, off[name])}; write {key}: {value:.4g}"
         changes.append(SceneChange(key, value, text))

@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
+from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
@@ -86,7 +87,8 @@ class EstimatorNode(Node):
         self.order = StampOrder()
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
-        self.constants = constants_of(ForwardModel(self.scene))
+        self.model = ForwardModel(self.scene)
+        self.constants = constants_of(self.model)
         self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
@@ -241,7 +243,7 @@ class EstimatorNode(Node):
         shown = figures(estimate)
         if track is not None:
             self.publish_track(track, header, roll)
-            shown |= learnt(track)
+            shown |= self.learnt(track)
         method = self.estimator.settings.method
         self.diagnostics.answer(method=method, fit=self.fit, **shown)
 
@@ -259,6 +261,17 @@ class EstimatorNode(Node):
             stamp, estimate.pose, estimate.covariance, near(estimate.best), near
         )
 
+    def learnt(self, track: Track) -> dict[str, str]:
+        """Return what the diagnostics show of what a track has learnt, and what to do about it."""
+        changes = scene_changes(self.model, self.constants, track.constants)
+        return {
+            **{
+                f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
+                for name, known in track.constants.items()
+            },
+            **{f"scene_{change.key}": change.text for change in changes},
+        }
+
     def publish_track(self, track: Track, header: Header, roll: float) -> None:
         """Publish pose and twist of the track."""
         covariance = self.covariance_6x6(track.pose, track.covariance)
@@ -268,14 +281,6 @@ class EstimatorNode(Node):
         write_twist(message.twist.twist, twist[:3], twist[3:])
         message.twist.covariance = spread.ravel()
         self.tracks.publish(message)
-
-
-def learnt(track: Track) -> dict[str, str]:
-    """Return what the diagnostics show of what a track has learnt."""
-    return {
-        f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
-        for name, known in track.constants.items()
-    }
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
@@ -29,14 +30,14 @@ class Helm:
         self.lab, self.now = lab, START
         lab.begin({"use_sim_time": True, **parameters})
         self.node = lab.start(FormationNode)
-        self.poses = lab.talk(PoseWithCovarianceStamped, "relative_pose")
+        self.poses = lab.talk(Odometry, "relative_odometry")
         self.commands = lab.listen(TwistStamped, "cmd_vel")
         lab.connect()
         lab.tick(self.now)
 
     def see(self, pose, stamp=None):
         """Tell the node a pose, of this instant unless a stamp is given."""
-        message = pose_to_message(pose, np.eye(6), Header())
+        message = Odometry(pose=pose_to_message(pose, np.eye(6), Header()).pose)
         message.header.stamp = time_of(self.now if stamp is None else stamp)
         self.lab.deliver(self.node, self.poses, message)
 
@@ -138,7 +139,7 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
         helm.see(pose)
 
     expect([-7.0, 0.0, 0.0, 0.0, 0.0])
-    message = pose_to_message([-4.0, 1.0, 1.0, 0.5, 0.5], np.eye(6), Header())
+    message = Odometry(pose=pose_to_message([-4.0, 1.0, 1.0, 0.5, 0.5], np.eye(6), Header()).pose)
     message.header.stamp = time_of(helm.now + STEP // 2)
     spoil(message)
     helm.lab.deliver(helm.node, helm.poses, message)

@@ -71,16 +71,15 @@ def test_a_frame_within_a_list_is_looked_into_too():
 
 
 def see(lab, node, poses, pose, nanosec):
-    message = pose_to_message(
-        np.array(pose), np.eye(6), Header(stamp=Time(sec=100, nanosec=nanosec))
-    )
+    seen = pose_to_message(np.array(pose), np.eye(6), Header())
+    message = Odometry(header=Header(stamp=Time(sec=100, nanosec=nanosec)), pose=seen.pose)
     lab.deliver(node, poses, message)
 
 
 def test_a_command_that_is_not_finite_is_held_back_and_told(lab, monkeypatch):
     lab.begin({"use_sim_time": True})
     node = lab.start(FormationNode)
-    poses = lab.talk(PoseWithCovarianceStamped, "relative_pose")
+    poses = lab.talk(Odometry, "relative_odometry")
     commands = lab.listen(TwistStamped, "cmd_vel")
     lab.connect()
     lab.tick(100 * 10**9)
@@ -98,7 +97,7 @@ def test_a_command_that_is_not_finite_is_held_back_and_told(lab, monkeypatch):
 def test_a_pose_out_of_bounds_is_refused_at_the_door_and_the_follower_steers_on(lab):
     lab.begin({"use_sim_time": True})
     node = lab.start(FormationNode)
-    poses = lab.talk(PoseWithCovarianceStamped, "relative_pose")
+    poses = lab.talk(Odometry, "relative_odometry")
     commands = lab.listen(TwistStamped, "cmd_vel")
     lab.connect()
     lab.tick(100 * 10**9)

@@ -59,6 +59,8 @@ UNOBSERVABLE = 0.5
 LINEAR = 0.5
 # Rows of the table that fits start from: more make no fit more exact.
 START_ROWS = 1024
+# Beside them starts nearer than the table, and the share of a row's range that they go down to.
+NEAR_ROWS, NEAREST = 512, 0.2
 
 
 @dataclass(frozen=True)
@@ -251,15 +253,10 @@ class Estimator:
             places = np.array([[*shaded.nuisance_std].index(name) for name in names], dtype=int)
             problem = problem_of(model, shaded, compiled)
             self._kinds.append(FrameKind(problem, math.log(chance), places, variances))
-        rows: Any = slice(None)
-        if len(table.poses) > START_ROWS:
-            # The same in every run: an image has one answer.
-            rows = np.random.default_rng(0).choice(len(table.poses), START_ROWS, replace=False)
-            rows.sort()
-        units = unit_vectors(table.vectors(table.parameters[rows]))
+        poses, parameters = self._starts()
         self._guide = Guide(
-            np.ascontiguousarray(units.T),
-            np.array(table.poses[rows], dtype=float),
+            np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
+            poses,
             table.vectors(np.ones(5)),
             self.settings.candidates,
             float(-ndtri(self.settings.max_misfit)),
@@ -272,6 +269,26 @@ class Estimator:
         if compiled:
             self._frame = compilation.compiled(estimate_frame)
             compilation.prepare(self._frame, clear, self._guide, np.ones((5, 1)))
+
+    def _starts(self) -> tuple[Array, Array]:
+        """Return poses that fits start from, and their key parameters: of the table, and nearer."""
+        table, scene = self.table, self.table.scene
+        rng = np.random.default_rng(0)  # the same in every run: an image has one answer
+        rows: Any = slice(None)
+        if len(table.poses) > START_ROWS:
+            rows = rng.choice(len(table.poses), START_ROWS, replace=False)
+            rows.sort()
+        poses = np.array(table.poses[rows], dtype=float)
+        # Nearer than the table the array saturates, and from afar no fit finds the way there.
+        near = poses[rng.permutation(len(poses))[:NEAR_ROWS]]
+        near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
+        images = self._model.converted(self._model.light(near))
+        lit = images.max(axis=(1, 2)) > 0
+        of_near = key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
+        return (
+            np.concatenate([poses, near[lit]]),
+            np.concatenate([np.array(table.parameters[rows], dtype=float), of_near]),
+        )
 
     def estimate(
         self,
@@ -308,11 +325,17 @@ class Estimator:
             belongs to no pose of the scene.
         """
         found = self._estimate(parameters, image, float(roll), constants)
-        aim = np.radians(self.table.scene.prior.aim_std_deg)
-        if aim > 0:
-            slopes = turned_on_mount(found.pose, roll, self.table.scene.array.bow_m)
-            found = replace(found, covariance=found.covariance + aim**2 * slopes @ slopes.T)
-        return found
+        covariance = found.covariance + self.aim_covariance(found.pose, roll)
+        return replace(found, covariance=covariance)
+
+    def aim_covariance(self, pose: Array, roll: float) -> Array:
+        """Return the covariance of a pose by the aim of the array, shape ``(5, 5)``.
+
+        No image tells anything of the aim, and so it is the same in every frame.
+        """
+        aim = math.radians(self.table.scene.prior.aim_std_deg)
+        slopes = aim * turned_on_mount(pose, roll, self.table.scene.array.bow_m)
+        return slopes @ slopes.T
 
     def _estimate(
         self,

@@ -274,7 +274,9 @@ class EstimatorNode(Node):
 
     def publish_track(self, track: Track, header: Header, roll: float) -> None:
         """Publish pose and twist of the track."""
-        covariance = self.covariance_6x6(track.pose, track.covariance)
+        assert self.estimator is not None
+        common = self.estimator.aim_covariance(track.pose, roll)
+        covariance = self.covariance_6x6(track.pose, track.covariance + common)
         twist, spread = body_twist(track.pose, track.rate, track.joint_covariance[5:, 5:], roll)
         message = Odometry(header=header, child_frame_id=self.parameters["tf_child_frame"])
         message.pose = pose_to_message(track.pose, covariance, header, roll).pose

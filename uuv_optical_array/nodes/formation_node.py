@@ -1,8 +1,9 @@
-"""From the relative pose to the velocity command that keeps station behind the leader."""
+"""From the track of the follower to the velocity command that keeps station behind the leader."""
 
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -39,14 +40,14 @@ class FormationNode(Node):
         self.controller = FormationController(self.parameters.settings(FormationSettings))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
-        subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
+        subscribe(self, Odometry, "relative_odometry", self.on_track)
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
         self.controller.configure(self.parameters.settings(FormationSettings, changes))
 
-    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+    def on_track(self, message: Odometry) -> None:
         """Tell the controller where the follower is."""
         try:
             pose = pose_from_message(message)

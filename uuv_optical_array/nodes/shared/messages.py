@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
@@ -176,14 +177,14 @@ def pose_to_message(
     return message
 
 
-def pose_from_message(message: PoseWithCovarianceStamped) -> Array:
+def pose_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
     """Unpack a relative pose as ``(x, y, z, pitch, yaw)``, m and rad."""
     position, quaternion = checked_pose(message.pose.pose)
     _, pitch, yaw = roll_pitch_yaw(quaternion)
     return np.array([*position, pitch, yaw])
 
 
-def covariance_from_message(message: PoseWithCovarianceStamped) -> Array:
+def covariance_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
     """Unpack the 6x6 covariance of a pose."""
     covariance = np.reshape(message.pose.covariance, (6, 6)).astype(float)
     if not np.isfinite(covariance).all():

@@ -170,7 +170,20 @@ def flipped(data):
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
 
 
-@pytest.mark.parametrize("harm", [half, flipped, lambda data: b"", lambda data: b"x" * len(data)])
+def unseen_by_zstd(data):
+    """Flip the bit of the frame's header that a decoder ignores (RFC 8878, 3.1.1.1.1.3)."""
+    return data[:4] + bytes([data[4] ^ 0x10]) + data[5:]
+
+
+def empty(data):
+    return b""
+
+
+def overwritten(data):
+    return b"x" * len(data)
+
+
+@pytest.mark.parametrize("harm", [half, flipped, unseen_by_zstd, empty, overwritten])
 def test_a_damaged_chunk_is_refused_and_mended(tmp_path, computed, harm):
     store = build(tmp_path / "t.zarr")
     whole = contents(store.path)

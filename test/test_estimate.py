@@ -63,7 +63,7 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
     vectors = lifted(small.table.parameters, scene.signature, 5)
     rng = np.random.default_rng(29)
     for row in rng.choice(len(vectors), 50, replace=False):
-        parameters = small.table.parameters[row] * rng.uniform(0.95, 1.05, 5)
+        parameters = small.table.parameters[row] * rng.uniform(0.9, 1.0, 5)
         angles = spectral_angle(vectors, lifted(parameters, scene.signature, 5))
         best, second = np.argsort(angles, kind="stable")[:2]
         answer = estimator.estimate(parameters)
@@ -83,8 +83,8 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
         ([0.5, 0, 0, 0], "not five finite numbers"),
         ([[0.5, 0, 0, 0, 0]], "not five finite numbers"),
         (0.5, "not five finite numbers"),
-        ([1.0, -100.0, 100.0, 0, 0], r"no match: .* rad away, more than 0\.25"),
-        ([0.01, 0, 0, 50.0, -50.0], "no match"),
+        ([0.01, -2.0, 2.0, 1.5, -1.5], r"no match: .* rad away, more than 0\.25"),
+        ([0.01, 0, 0, 50.0, -50.0], "not of this array: skewness_horizontal is 50"),
     ],
 )
 def test_parameters_of_no_pose_are_refused_with_the_reason(small, parameters, why):
@@ -130,7 +130,7 @@ def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbo
 @given(
     st.sampled_from(["small", "flat"]),
     st.floats(1e-6, 1.0),
-    st.lists(st.floats(-2.5, 2.5), min_size=4, max_size=4),
+    st.lists(st.floats(-1.5, 1.5), min_size=4, max_size=4),
 )
 def test_every_covariance_is_symmetric_and_positive_definite(small, flat, which, peak, rest):
     estimator = {"small": small, "flat": flat}[which]
@@ -154,7 +154,7 @@ def test_the_covariance_is_the_neighbours_spread_and_the_grids_cell(small, flat)
         table = estimator.table
         vectors = lifted(table.parameters, table.scene.signature, 5)
         for row in rng.choice(len(vectors), 20, replace=False):
-            parameters = table.parameters[row] * rng.uniform(0.97, 1.03, 5)
+            parameters = table.parameters[row] * rng.uniform(0.95, 1.0, 5)
             angles = spectral_angle(vectors, lifted(parameters, table.scene.signature, 5))
             nearest = np.argsort(angles, kind="stable")[:64]
             expected = np.zeros((5, 5))

@@ -43,6 +43,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
+from uuv_optical_array.estimation.plausibility import bounds, check_parameters
 from uuv_optical_array.estimation.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
@@ -216,6 +217,7 @@ class Estimator:
         self.table = table
         self.settings = EstimatorSettings(method, max_angle_rad, neighbours, candidates, max_misfit)
         self._index = table.index
+        self._bounds = bounds(table.scene)
         axes = grid_axes(table.scene.table)
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
@@ -321,8 +323,8 @@ class Estimator:
         Raises
         ------
         NoPose
-            For parameters that are not finite or hold no light, for a signature or an image that
-            belongs to no pose of the scene.
+            For parameters that are not finite, hold no light or are beyond what an array can give,
+            for a signature or an image that belongs to no pose of the scene.
         """
         found = self._estimate(parameters, image, float(roll), constants)
         covariance = found.covariance + self.aim_covariance(found.pose, roll)
@@ -363,6 +365,7 @@ class Estimator:
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
+        check_parameters(parameters, self._bounds)
         if fits:
             return self._least_squares(parameters[:, None], self._readings(image), roll, constants)
         match, rows = self._match(self.table.vectors(parameters), roll)

@@ -63,6 +63,8 @@ class ForwardModel:
     ----------
     noise : optics.ReadingNoise
         Of a reading, rounding and the unknown gains of the scene's prior included.
+    analogue_noise : optics.ReadingNoise
+        Of a reading before it is rounded.
     saturation_counts : float
         Largest analogue reading; inf: none.
     nuisances : tuple of str
@@ -85,7 +87,7 @@ class ForwardModel:
             (form.level_counts for form in self._of(Saturation)), default=np.inf
         )
         highest = [form.largest for form in converters]
-        self._read_noise = ReadingNoise(
+        self.analogue_noise = ReadingNoise(
             float(sum(form.variance for form in noises)),
             float(sum(form.slope for form in noises)),
             0.0 if converters else -np.inf,
@@ -93,8 +95,8 @@ class ForwardModel:
         )
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
-        self.noise = self._read_noise._replace(
-            variance=self._read_noise.variance + rounding, square=scene.prior.gain_std**2
+        self.noise = self.analogue_noise._replace(
+            variance=self.analogue_noise.variance + rounding, square=scene.prior.gain_std**2
         )
         uncertain: tuple[Any, ...] = (
             *self._of(Transmission),
@@ -383,7 +385,7 @@ class ForwardModel:
             For a scene with noise without a generator.
         """
         image = light
-        noise = self._read_noise
+        noise = self.analogue_noise
         if noise.variance or noise.slope:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")

@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
+from uuv_optical_array.estimation.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
@@ -88,6 +89,7 @@ class EstimatorNode(Node):
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
         self.model = ForwardModel(self.scene)
+        self.frozen = FrozenFrames(self.model)
         self.constants = constants_of(self.model)
         self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
@@ -221,9 +223,16 @@ class EstimatorNode(Node):
                 raise Refused("no light: the feature node found none to match")
             side = self.scene.array.detectors_per_side
             readings = None if image is None else image_from_message(image, side)
+            if readings is not None:
+                check_image(parameters, readings, self.scene)
+                self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
             known = self.tracker.constants(stamp) if self.parameters["tracking"] else None
             estimate = self.estimator.estimate(parameters, readings, roll, known)
+            if readings is None:
+                self.frozen.check(
+                    parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)
+                )
             if self.parameters["tracking"]:
                 track = self.tracked(stamp, estimate, readings, roll)
                 # A track puts late frames in their place first.

@@ -1,0 +1,180 @@
+"""What cannot be light of this lamp: the bounds of key parameters, their image, frozen frames.
+
+The bounds follow from the definition of the key parameters (`features`): the peak is the brightest
+detector over full scale, its place lies on the array, and the skewness is that of as many slopes as
+a row has detectors. Of n numbers none has a larger skewness than n - 1 alike and one apart, which
+is (n - 2) / sqrt(n - 1) (J. E. Wilkins, *A note on skewness and kurtosis*, Ann. Math. Statist. 15,
+1944).
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.features import FEATURE_NAMES, key_parameters
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
+
+ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
+FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
+
+
+def bounds(scene: Scene) -> Array:
+    """Return the largest absolute value of each key parameter that an array can give.
+
+    Parameters
+    ----------
+    scene
+        The scene; without saturation and converter its peak has no bound.
+
+    Returns
+    -------
+    Array
+        Shape ``(5,)``.
+    """
+    side, full = scene.array.detectors_per_side, scene.full_scale_counts
+    peak = 1.0
+    if "adc" in scene.effects:
+        peak = max(1.0, round(full) / full)  # a saturated reading may be rounded up
+    elif "saturation" not in scene.effects:
+        peak = math.inf
+    place, skewness = (side - 1) / 2, (side - 2) / math.sqrt(side - 1)
+    return np.array([peak, place, place, skewness, skewness])
+
+
+def check_parameters(parameters: Array, largest: Array) -> None:
+    """Refuse key parameters that no array can have.
+
+    Parameters
+    ----------
+    parameters
+        Shape ``(5,)``, finite.
+    largest
+        What `bounds` returned.
+
+    Raises
+    ------
+    NoPose
+        With the value and its bound.
+    """
+    smallest = np.concatenate([[0.0], -largest[1:]])
+    slack = ROUNDING * np.maximum(1.0, largest)
+    within = (smallest - slack <= parameters) & (parameters <= largest + slack)
+    for i in np.flatnonzero(~within)[:1]:
+        raise NoPose(
+            f"not of this array: {FEATURE_NAMES[i]} is {parameters[i]:.9g}, but it must be from "
+            f"{smallest[i]:.6g} to {largest[i]:.6g}"
+        )
+
+
+def check_image(parameters: Array, image: Array, scene: Scene) -> None:
+    """Refuse key parameters that are not those of their image.
+
+    Parameters
+    ----------
+    parameters
+        Shape ``(5,)``.
+    image
+        Counts, shape ``(side, side)``.
+    scene
+        The scene of both.
+
+    Raises
+    ------
+    NoPose
+        As of `check_parameters`, or with the parameter that differs and both of its values.
+    """
+    own = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+    alike = np.abs(parameters - own) <= ROUNDING * np.maximum(1.0, np.abs(own))
+    for i in np.flatnonzero(~alike)[:1]:
+        check_parameters(parameters, bounds(scene))
+        raise NoPose(
+            f"another image: {FEATURE_NAMES[i]} is {parameters[i]:.9g} in the features, but "
+            f"{own[i]:.9g} in the image of their stamp; send both of one exposure"
+        )
+
+
+class FrozenFrames:
+    """Notice a stream that repeats a frame where noise makes that all but impossible.
+
+    Two readings of the same light are the same whole count with a probability of at most the
+    integral of the squared density of their noise, ``1 / (2 sqrt(pi) sigma)``; a reading at 0 or
+    at full scale may repeat for ever. The probabilities of all readings, and of frames that repeat
+    one after the other, multiply. So a scene without noise, and a dark or saturated image, may
+    repeat.
+
+    Parameters
+    ----------
+    model
+        The model of the scene.
+    """
+
+    def __init__(self, model: ForwardModel) -> None:
+        self._model = model
+        self._before: Array = np.zeros(0)
+        self._log_chance = 0.0
+
+    def check(self, frame: Array, readings: Callable[[], Array]) -> None:
+        """Compare a frame with the one before.
+
+        Parameters
+        ----------
+        frame
+            What would repeat, an image or key parameters, any shape.
+        readings
+            Returns the readings that it depends on, measured or expected, counts, any shape;
+            asked where the frame repeats.
+
+        Raises
+        ------
+        NoPose
+            For a frame that repeats with a chance below `FROZEN`.
+        """
+        repeats = np.array_equal(frame, self._before)
+        self._before = np.array(frame)
+        if not repeats:
+            self._log_chance = 0.0
+            return
+        self._log_chance += self.log_chance(readings())
+        if self._log_chance < math.log(FROZEN):
+            raise NoPose(
+                "frozen: the frame is the same as the one before, whose noise repeats with a "
+                f"chance of 1e{self._log_chance / math.log(10):.0f}"
+            )
+
+    def log_chance(self, readings: Array) -> float:
+        """Return the logarithm of the chance that honest readings repeat, at most.
+
+        Parameters
+        ----------
+        readings
+            Counts, any shape.
+        """
+        noise = self._model.analogue_noise
+        variance = noise.variance + noise.slope * np.maximum(readings, 0.0)
+        chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * np.maximum(variance, 1e-12)))
+        free = (np.rint(readings) > noise.low) & (np.rint(readings) < np.rint(noise.high))
+        return float(np.log(chances[free]).sum())
+
+    def profiles(self, pose: Array, roll: float, parameters: Array) -> Array:
+        """Return the readings that key parameters depend on, as expected at a pose.
+
+        Parameters
+        ----------
+        pose, roll
+            ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``, and rad.
+        parameters
+            Which say where the peak is, shape ``(5,)``.
+
+        Returns
+        -------
+        Array
+            The row and the rest of the column through the peak, counts, shape ``(2 side - 1,)``.
+        """
+        image = self._model.expected(pose, roll)
+        last = len(image) - 1
+        column, row = np.clip(np.rint(parameters[1:3] + last / 2), 0, last).astype(int)
+        return np.concatenate([image[row], np.delete(image[:, column], row)])

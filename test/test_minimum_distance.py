@@ -72,6 +72,23 @@ def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
     assert command[0][0] == 0
 
 
+def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time() -> None:
+    s = FormationSettings(
+        stand_off_m=1.0, min_distance_m=3.0, light_timeout_s=0.3, stop_time_s=0.3, smoothing_s=0.1
+    )
+    controller, x, speed, fastest = FormationController(s), -12.0, 0.0, 0.0
+    step = s.max_acceleration_m_per_s2 * TICK_S
+    for tick in range(round(30 / TICK_S)):
+        controller.update(tick * TICK_S, [x, 0, 0, 0, 0], PUBLISHED * 1e-4)
+        command = controller.command(tick * TICK_S)
+        assert command is not None
+        speed += float(np.clip(command[0][0] - speed, -step, step))
+        x += speed * TICK_S
+        fastest = max(fastest, speed)
+    assert fastest > 0.9
+    assert 2.95 < -x < 3.1
+
+
 def surging() -> tuple[FormationController, float]:
     """Return a controller that surges ahead behind a leader, and the time."""
     controller = FormationController(FormationSettings())
@@ -102,19 +119,20 @@ def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]
 
 @given(st.floats(0, 2 * np.pi), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)))
 @settings(deadline=None, max_examples=30)
-def test_nor_does_a_sideways_one(round_beam: float, turned: tuple[float, float]) -> None:
+def test_nor_does_a_sideways_one_but_it_backs_off(
+    round_beam: float, turned: tuple[float, float]
+) -> None:
     # The station is nearer to the lamp than this place beside the beam, whose range is 4 m.
     place = np.array([-3.0, *np.sqrt(7) * np.array([np.cos(round_beam), np.sin(round_beam)])])
     to_beacon = Rotation.from_euler("ZYX", [turned[1], turned[0], 0.0])
-    for min_distance_m, closes_in in ((2.9, False), (0.0, True)):
+    for min_distance_m, sign in ((3.5, 1), (0.0, -1)):
         s = FormationSettings(stand_off_m=3.0, min_distance_m=min_distance_m)
         controller = FormationController(s)
         for tick in range(10):
             controller.update(tick * 0.1, [*place, *turned], np.eye(5) * 0.4**2)
             command = controller.command(tick * 0.1)
         assert command is not None
-        # By the track, which is a few millimetres off.
-        assert (to_beacon.apply(command[0]) @ place / 4.0 < -2e-3) == closes_in
+        assert sign * to_beacon.apply(command[0]) @ place / 4.0 > 0.02
 
 
 def test_too_near_it_backs_off_until_it_is_not() -> None:

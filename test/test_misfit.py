@@ -89,13 +89,13 @@ def test_honest_images_leave_scores_of_a_standard_normal():
     found = np.array([each.score for each in scores(0.005, 0.005)])
     assert abs(found.mean()) < 5 / np.sqrt(len(found))
     assert found.std() == pytest.approx(1.0, abs=0.15)
-    assert (np.array([each.stretch for each in scores(0.005, 0.005)]) > 1).mean() < 0.03
+    assert (np.array([each.stretch for each in scores(0.005, 0.005)]) > 1).mean() < 0.01
 
 
 def test_gains_twice_as_far_off_as_the_prior_says_are_no_misfit_and_widen_the_covariance():
     found = scores(0.005, 0.01, count=100)
     assert max(each.lenient_score for each in found) < 4.3
-    assert np.median([each.stretch for each in found]) > 1.1
+    assert np.median([each.stretch for each in found]) > 1.2
     # Where the prior knows of none they are one.
     known = scores(0.0, 0.01, count=20)
     assert min(each.lenient_score for each in known) > 4.3

@@ -40,8 +40,10 @@ MOST_STEPS = 40
 # Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
 # leaves is second order of that.
 ARRIVED = 5e-3
-# A score that one honest image of a hundred exceeds.
-USUAL = 2.326
+# Scores that one honest image of a hundred exceeds, and one of a thousand.
+USUAL, UNUSUAL = 2.326, 3.09
+# What the model does not know of bends the pose more than the readings: a doubt is taken as far.
+DOUBT = 3
 LENIENCE = 4.0  # times the variance of unknown gains
 # Rows of the parts of a state, see its properties.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
@@ -322,8 +324,8 @@ class Misfit(NamedTuple):
     lenient_score
         The same where unknown gains may be twice as large as the prior says.
     stretch
-        Factor of the covariance, >= 1: by how much the squares exceed what one honest image of a
-        hundred leaves.
+        Factor of the covariance, >= 1: the power `DOUBT` of how many times the squares are those
+        that one honest image of a thousand exceeds.
     """
 
     score: float
@@ -350,9 +352,9 @@ def misfit(problem: Problem, at: Array) -> Misfit:
         lenient_mean += total(lenient * square)
         lenient_variance += total(lenient * lenient * around)
     squares += nuisance_cost(problem, at) * 2
-    usual = chi_square_value(USUAL, mean, variance)
+    excess = max(1.0, squares / chi_square_value(UNUSUAL, mean, variance))
     return Misfit(
         chi_square_score(squares, mean, variance),
         chi_square_score(squares, lenient_mean, lenient_variance),
-        max(1.0, squares / usual),
+        excess**DOUBT,
     )

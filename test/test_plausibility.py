@@ -98,7 +98,7 @@ def test_the_peak_is_bounded_by_what_the_electronics_can_read() -> None:
 
 
 @pytest.mark.parametrize("place", range(5))
-@pytest.mark.parametrize("off", [1e-5, 0.3])
+@pytest.mark.parametrize("off", [1e-5, 0.3, -1e-5])
 def test_key_parameters_of_another_image_are_refused_with_both_values(
     place: int, off: float
 ) -> None:
@@ -160,7 +160,7 @@ def test_an_image_that_may_repeat_is_never_frozen(scene: Scene, level: float) ->
     assert repeats_until_frozen(scene, np.full((5, 5), level)) == 50
 
 
-@pytest.mark.parametrize("sigma", [0.3, 0.6, 1.0, 4.0])
+@pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 1.0, 4.0])
 @pytest.mark.parametrize("light", [200.0, 200.5])
 def test_the_chance_is_an_upper_bound_and_near_where_noise_is_wide(
     sigma: float, light: float
@@ -169,7 +169,7 @@ def test_the_chance_is_an_upper_bound_and_near_where_noise_is_wide(
     first, second = model.read(np.full((2, 400_000), light), np.random.default_rng(3))
     seen = np.mean(first == second)
     chance = math.exp(FrozenFrames(model).log_chance(np.array([light])))
-    assert seen <= chance + 4e-3
+    assert seen - 4e-3 <= chance <= 1
     if sigma >= 1:
         assert seen == pytest.approx(chance, rel=0.05)
 

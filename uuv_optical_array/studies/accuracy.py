@@ -156,7 +156,10 @@ def exposed(
     moments = truth.uniform(0, DAY_S, len(poses)) if moving else None
     stds = model.scene.prior.nuisance_std() if drawn else {}
     offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
-    return model.expose(poses, rng, 0.0, offsets, moments)
+    light = model.light(poses, 0.0, offsets, moments)
+    if drawn:
+        light = light * (1 + model.scene.prior.gain_std * truth.standard_normal(light.shape))
+    return model.read(light, rng)
 
 
 def compare_nuisances(

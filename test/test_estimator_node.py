@@ -97,7 +97,7 @@ def without_a_point(message):
         (lambda message: setattr(message, "data", message.data[:-8]), ("truncated", "32 bytes")),
         (without_a_point, ("no light",)),
         (far_away, ("no match", "0.25")),
-        (lambda message: setattr(message.header.stamp, "sec", 10), ("stamp not later",)),
+        (lambda message: setattr(message.header.stamp, "sec", 10), ("repeated stamp",)),
         (lambda message: setattr(message.header.stamp, "sec", 2), ("stamp not later",)),
     ],
     ids=["nan", "fields", "truncated", "empty", "far", "repeated stamp", "earlier stamp"],
@@ -270,7 +270,7 @@ def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, 
             images.publish(image_to_message(image, Header(stamp=stamp)))
             message = lab.answer(poses, stamp, "a pose")
             signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-            assert_is(message, Estimator(table, "sam").estimate(signature))
+            assert_is(message, Estimator(table, "sam").estimate(signature, image))
     ys = [[pose.pose.pose.position.y for pose in poses] for _, poses, _ in sides.values()]
     assert [len(y) for y in ys] == [3, 3]
     assert min(ys[0]) > 0 > max(ys[1])

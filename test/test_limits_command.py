@@ -99,11 +99,11 @@ def test_the_command_says_what_is_not_observable(capsys):
 def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
     scene = tmp_path / "sea.yaml"
     scene.write_text(
-        files.shared_file("config/scenes/follow.yaml").read_text("utf-8")
+        files.shared_file("config/scenes/reference.yaml").read_text("utf-8")
         + "\nprior:\n  lamp_power_std: 0.1\n",
         encoding="utf-8",
     )
-    known = printed(told(capsys))
+    known = printed(told(capsys, "--scene", "reference"))
     out = told(capsys, "--scene", scene)
     assert "estimated along with the pose: lamp.power +-0.1" in out
     assert printed(out)["x"][0] > 2 * known["x"][0]

@@ -152,11 +152,17 @@ def test_each_ready_scene_says_when_to_use_it_and_has_one_layout(name):
     assert far > 10, "the table ends where light is left"
 
 
-def test_the_ready_scenes_differ_only_in_scatter_and_in_the_reach_of_the_table():
+def test_the_ready_scenes_differ_only_in_scatter_in_what_is_known_and_in_the_reach_of_the_table():
     lines = load_scene("follow").differences(load_scene("reference"))
     keys = [line.split()[0] for line in lines]
     assert keys == [
         "effects.forward_scatter.window_m",
+        "prior.ambient_std_counts",
+        "prior.beam_sigma_std_deg",
+        "prior.gain_std",
+        "prior.k_std_per_m",
+        "prior.known",
+        "prior.lamp_power_std",
         "table.pitch_deg",
         "table.x_m",
         "table.y_m",

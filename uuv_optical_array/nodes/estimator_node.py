@@ -161,7 +161,9 @@ class EstimatorNode(Node):
     @property
     def fit(self) -> str:
         """Whether the fit is compiled, and why not."""
-        return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
+        if self.compiler.failure:
+            return f"not compiled: {self.compiler.failure}"
+        return "compiled" if self.compiler.done else "not compiled yet"
 
     def tell(self, settings: EstimatorSettings) -> None:
         """Warn while another method or table answers than the one that is asked for."""

@@ -43,7 +43,7 @@ ARRIVED = 5e-3
 # Scores that one honest image of a hundred exceeds, and one of a thousand.
 USUAL, UNUSUAL = 2.326, 3.09
 # What the model does not know of bends the pose more than the readings: a doubt is taken as far.
-DOUBT = 6
+DOUBT = 4
 LENIENCE = 4.0  # times the variance of unknown gains
 # Rows of the parts of a state, see its properties.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9

@@ -12,6 +12,7 @@ what all frames have in common, the scene's unknown constants and the detectors'
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
 (`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
 so far from it that what is left of the bend would make the track overconfident.
+They are learnt from one frame in a while only (`LEARN_EVERY_S`).
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
 stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
@@ -46,6 +47,9 @@ POSE, RATE, MOVING = slice(0, 5), slice(5, 10), 10
 UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of which nothing is known
 # A manoeuvre is random motion so many times stronger for so long, s.
 MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
+# Constants are learnt from one frame in so long, s. Slopes are those of noisy poses, and what they
+# differ by from frame to frame looks like motion, from which more would be learnt than is there.
+LEARN_EVERY_S = 1.0
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49
 
@@ -155,6 +159,7 @@ class _Frame(NamedTuple):
 class _State:
     frame: _Frame  # the newest in the track
     belief: Belief  # without the common share
+    learnt_ns: int  # stamp of the newest frame that constants were learnt from
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
@@ -410,8 +415,8 @@ class Tracker:
         anew = block_diag(start, self._random_motion.start, root[MOVING:])
         belief = Belief(mean, anew, shared)
         if frame.readings is not None:
-            belief, _ = self._corrected(belief, frame)
-        return _State(frame, belief)
+            belief, _ = self._corrected(belief, frame, True)
+        return _State(frame, belief, frame.stamp_ns)
 
     def _held(self, state: _State | None, stamp_ns: int) -> Belief:
         """Return a belief in nothing but what lasts, at a stamp."""
@@ -458,24 +463,33 @@ class Tracker:
         return Belief(_wrapped(mean), np.hstack([root, random]), shared)
 
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
-        belief, distance = self._corrected(self._ahead(state, frame.stamp_ns, manoeuvring), frame)
-        return _State(frame, belief, state.frames + 1, distance)
+        ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
+        due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
+        learns = due and frame.readings is not None
+        belief, distance = self._corrected(ahead, frame, learns)
+        learnt_ns = frame.stamp_ns if learns else state.learnt_ns
+        return _State(frame, belief, learnt_ns, state.frames + 1, distance)
 
-    def _corrected(self, belief: Belief, frame: _Frame) -> tuple[Belief, float]:
+    def _corrected(self, belief: Belief, frame: _Frame, learns: bool) -> tuple[Belief, float]:
         """Return a belief corrected by a frame, and the distance of the frame from it."""
+        learnt = self._size if learns else MOVING
         if frame.readings is not None:
             belief, distance = self._corrected_by_readings(
-                belief, frame.readings, frame.relinearise
+                belief, frame.readings, frame.relinearise, learnt
             )
             return belief._replace(mean=_wrapped(belief.mean)), distance
         slopes = np.eye(5, self._size)
         off = _wrapped(frame.pose - belief.mean[POSE])
         reading = Reading(off, slopes, self._own_share * frame.root, np.zeros(0))
-        belief, distance = correct(belief, reading, MOVING)
+        belief, distance = correct(belief, reading, learnt)
         return belief._replace(mean=_wrapped(belief.mean)), distance
 
     def _corrected_by_readings(
-        self, belief: Belief, readings: LinearisedReadings, relinearise: Relinearise | None
+        self,
+        belief: Belief,
+        readings: LinearisedReadings,
+        relinearise: Relinearise | None,
+        learnt: int,
     ) -> tuple[Belief, float]:
         entries, coordinates = self._linear, self._coordinates
         here = coordinates.of(belief.mean[entries])
@@ -484,13 +498,13 @@ class Tracker:
         at = coordinates.of(readings.at)
         _, slopes = coordinates.place(at)
         reading = self._reading(before, readings, at, slopes)
-        after, distance = correct(before, reading, self._size)
+        after, distance = correct(before, reading, learnt)
         at = after.mean[entries]
         place, slopes = coordinates.place(at)
         # What is beyond the gate is no frame of this track, wherever it is linearised.
         if relinearise and distance <= self._gate:
             again = _checked_readings(relinearise(place), self._constants)
-            after, _ = correct(before, self._reading(before, again, at, slopes), self._size)
+            after, _ = correct(before, self._reading(before, again, at, slopes), learnt)
             place, slopes = coordinates.place(after.mean[entries])
         return _turned(after, entries, slopes, place), distance
 

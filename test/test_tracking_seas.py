@@ -1,0 +1,102 @@
+"""The tracker in seas drawn from the prior: what it learns, and whether it knows how well."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.constants import Constants
+from uuv_optical_array.estimation.least_squares.coordinates import frame_of
+from uuv_optical_array.estimation.linearised import linearised_readings
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+NAMES = ("lamp.power", "attenuation.k_per_m", "ambient.level_counts")
+STDS, GAIN_STD = np.array([0.1, 0.02, 5.0]), 0.005
+SEAS, FRAMES, STEP_S = 4, 120, 0.25
+FOLLOW = load_scene("follow")
+MODEL = ForwardModel(
+    dataclasses.replace(FOLLOW, effects={**FOLLOW.effects, "ambient": {"level_counts": 0.0}})
+)
+
+
+def sweep(rng):
+    """Return poses that go from 8 to 4 m and back, swaying."""
+    seconds = STEP_S * np.arange(FRAMES)
+    amplitude = np.array([0.4, 0.3, math.radians(8), math.radians(8)])
+    waves = np.sin(seconds[:, None] / rng.uniform(2, 4, 4) + rng.uniform(0, 6, 4))
+    x = -6 - 2 * np.cos(2 * np.pi * np.arange(FRAMES) / FRAMES)
+    return np.column_stack([x, amplitude * waves])
+
+
+def fitted(image, start, mean, covariance):
+    """Return readings linearised at the fit of pose and constants, and the pose's covariance."""
+    at, prior = start, np.linalg.inv(covariance)
+    for _ in range(5):
+        found = linearised_readings(MODEL, NAMES, image, at)
+        weights = 1 / (found.variances + np.square(GAIN_STD * found.light))
+        precision = found.slopes.T * weights @ found.slopes
+        score = found.slopes.T @ (weights * found.residuals)
+        precision[5:, 5:] += prior
+        score[5:] -= prior @ (at[5:] - mean)
+        at = at + np.linalg.solve(precision, score)
+    spread = np.linalg.inv(precision)[:5, :5]
+    return linearised_readings(MODEL, NAMES, image, at), (spread + spread.T) / 2
+
+
+def nees(off, covariance):
+    return off @ np.linalg.solve(covariance, off)
+
+
+def tracked(frame):
+    """Return NEES of pose and constants, and errors of the range, tracked and by single frames."""
+    rng = np.random.default_rng(3)
+    constants = Constants(NAMES, tuple(STDS), GAIN_STD, 25, frame)
+    of_pose, of_constants, tracks, singles = [], [], [], []
+    for _ in range(SEAS):
+        truth, gains = STDS * rng.standard_normal(3), GAIN_STD * rng.standard_normal(25)
+        tracker = Tracker(TrackerSettings(gate_probability=1.0), constants=constants)
+        for k, pose in enumerate(sweep(rng)):
+            place = np.concatenate([pose, truth])
+            offsets = dict(zip(NAMES, truth, strict=True))
+            light, slopes = MODEL.linearised(pose, offsets=offsets)
+            image = MODEL.read(light + gains * slopes[:, 5], rng)
+            stamp = round((10 + k * STEP_S) * 1e9)
+            found, covariance = fitted(image, place, *tracker.constants(stamp))
+            track = tracker.update(
+                stamp,
+                found.at[:5],
+                covariance,
+                found,
+                lambda at, image=image: linearised_readings(MODEL, NAMES, image, at),
+            )
+            of_pose.append(nees(track.pose - pose, track.covariance))
+            if k > 0.8 * FRAMES:
+                tracks.append(track.pose[0] - pose[0])
+                single, _ = fitted(image, place, np.zeros(3), np.diag(STDS**2))
+                singles.append(single.at[0] - pose[0])
+        mean, covariance = tracker.constants(stamp)
+        of_constants.append(nees(mean - truth, covariance))
+    return np.array(of_pose), np.array(of_constants), np.array(tracks), np.array(singles)
+
+
+def rms(errors):
+    return math.sqrt(np.mean(np.square(errors)))
+
+
+def test_the_range_becomes_sharp_and_no_surer_than_it_is():
+    of_pose, of_constants, tracks, singles = tracked(frame_of(MODEL))
+    assert 2.5 < of_pose.mean() < 7.5
+    assert of_pose.max() < 36
+    assert of_constants.mean() < 9  # three on average
+    assert rms(tracks) < 0.5 * rms(singles)
+
+
+def test_in_metres_the_bend_of_the_valley_would_be_taken_for_knowledge():
+    # So the test above sees it where the coordinates are not right.
+    of_pose, _, _, _ = tracked(None)
+    assert of_pose.mean() > 7.5

@@ -33,7 +33,7 @@ def constants(detectors):
 def frames(seed, detectors, count=7, least_ns=50_000_000):
     """Return stamps and readings of light that is linear in pose and constants."""
     rng = np.random.default_rng(seed)
-    stamps = START_NS + np.cumsum(rng.integers(least_ns, least_ns + 2_000_000_000, count))
+    stamps = START_NS + np.cumsum(rng.integers(least_ns, least_ns + 900_000_000, count))
     found = []
     for _ in stamps:
         at = np.concatenate([STATION + 0.1 * rng.standard_normal(5), STDS * rng.standard_normal(2)])

@@ -49,7 +49,7 @@ UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of whic
 MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # Constants are learnt from one frame in so long, s. Slopes are those of noisy poses, and what they
 # differ by from frame to frame looks like motion, from which more would be learnt than is there.
-LEARN_EVERY_S = 1.0
+LEARN_EVERY_S = 0.5
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49
 

@@ -3,6 +3,7 @@
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
@@ -18,7 +19,8 @@ class Asker:
 
     def __init__(self, lab, scene_file, **parameters):
         self.lab = lab
-        parameters = {"method": "sam", **parameters}
+        # Frames of unrelated poses make no track.
+        parameters = {"method": "sam", "tracking": False, **parameters}
         given = {f"estimator_node:{name}": value for name, value in parameters.items()}
         lab.begin({"scene": scene_file, **given})
         self.node = lab.start(EstimatorNode)
@@ -73,6 +75,7 @@ class Shower(Asker):
         self.scene = scene
         self.images = lab.talk(Image, "array/image")
         self.imu = lab.talk(Imu, "imu")
+        self.tracks = lab.listen(Odometry, "relative_odometry")
         lab.connect()
 
     def picture(self, image, seconds):
@@ -89,6 +92,9 @@ class Shower(Asker):
         for send in sends if image_first else reversed(sends):
             send()
         return self.lab.answer(self.poses, Time(sec=seconds, nanosec=9), "a pose")
+
+    def track(self, seconds):
+        return self.lab.answer(self.tracks, Time(sec=seconds, nanosec=9), "a track")
 
     def tilt(self, roll, seconds):
         """Send an IMU message and wait until the node has it."""

@@ -122,7 +122,8 @@ class EstimatorNode(Node):
             path = changes["table"]
             table = load_table(path, self.scene) if path else self.builder.table()
         # After the table, which the first pose waits for: the two would share the processor.
-        self.compiler.start()
+        if settings.method == FIT:
+            self.compiler.start()
         if table is not None and changes.keys() & OF_ESTIMATOR:
             estimator = self.estimator_for(table, settings)
         # Nothing is refused from here on.
@@ -153,7 +154,7 @@ class EstimatorNode(Node):
     def on_compiled(self) -> None:
         """Let the fit take over; where it could not be compiled, the plain one."""
         settings = self.parameters.settings(EstimatorSettings)
-        if self.table is not None:
+        if self.table is not None and settings.method == FIT:
             self.estimator = self.estimator_for(self.table, settings)
         self.tell(settings)
         self.get_logger().info(f"{FIT}: {self.fit}")
@@ -161,9 +162,7 @@ class EstimatorNode(Node):
     @property
     def fit(self) -> str:
         """Whether the fit is compiled, and why not."""
-        if self.compiler.failure:
-            return f"not compiled: {self.compiler.failure}"
-        return "compiled" if self.compiler.done else "not compiled yet"
+        return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
 
     def tell(self, settings: EstimatorSettings) -> None:
         """Warn while another method or table answers than the one that is asked for."""
@@ -256,7 +255,8 @@ class EstimatorNode(Node):
             self.publish_track(track, header, roll)
             shown |= self.learnt(track)
         method = self.estimator.settings.method
-        self.diagnostics.answer(method=method, fit=self.fit, **shown)
+        shown = {"method": method, **({"fit": self.fit} if method == FIT else {}), **shown}
+        self.diagnostics.answer(**shown)
 
     def covariance_6x6(self, pose: Array, covariance: Array) -> Array:
         """Return a covariance as ROS has it, with what is known of the roll."""

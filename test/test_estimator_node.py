@@ -444,7 +444,8 @@ def test_an_atomic_set_that_is_refused_leaves_track_estimator_and_parameters(
     for seconds, image in enumerate(images, start=1):
         found, stamp = estimator.estimate(tracked.signature(image), image), seconds * 10**9 + 9
         near = estimator.lineariser(found, image)
-        track = tracker.update(stamp, found.pose, found.covariance, near(found.best), near)
+        known = () if found.best is None else (near(found.best), near)
+        track = tracker.update(stamp, found.pose, found.covariance, *known)
     tracked.show(images[3], 4)
     assert_is(tracked.track(4), track)
 

@@ -513,6 +513,7 @@ class Estimator:
 
         return near
 
+    @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def _saturated(self, roll: float) -> Estimate:
         found = saturated_posterior(self._model, self._prior, float(roll))
         if found.score > self._guide.max_score:

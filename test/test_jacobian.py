@@ -137,7 +137,9 @@ def test_a_detector_that_faces_away_has_no_slope_and_no_light():
     assert np.abs(jacobian[~away]).sum(axis=1).all()
 
 
-@pytest.mark.parametrize("name", ["attenuation.k_per_m", "ambient.level_counts", "lamp.colour"])
+@pytest.mark.parametrize(
+    "name", ["attenuation.k_per_m", "responsivity.temperature_c", "lamp.colour"]
+)
 def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
     with pytest.raises(ValueError, match=name):
         make_model("curved", 5, {}).linearised(ALIGNED, 0.0, {name: np.zeros(())})

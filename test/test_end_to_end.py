@@ -25,6 +25,7 @@ def start(node, cache, log):
     program = f"from uuv_optical_array.nodes.{node} import main; main()"
     arguments = ["--ros-args", "-p", "scene:=reference"]
     arguments += ["-p", "simulator_node:seed:=7", "-p", "estimator_node:method:=sam"]
+    arguments += ["-p", "estimator_node:tracking:=false"]  # poses of this test make no track
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
     return subprocess.Popen(
         [sys.executable, "-c", program, *arguments], env=environment, stderr=log, stdout=log

@@ -178,7 +178,7 @@ def test_the_slopes_of_the_light_are_those_of_its_logarithm(geometry, power, sig
     beam = math.exp(-half_square / sigma**2) if half_square / sigma**2 < 700 else 0.0
     expected = power / range_m**2 * beam * max(cosine, 0.0)
     assert light == pytest.approx(expected, rel=1e-12, abs=1e-300)
-    by_cosine = 1 / cosine if cosine > 0 else 0.0
+    by_cosine = 1 / max(cosine, 1e-300) if cosine > 0 else 0.0
     by_sigma = 2 * half_square / sigma**3
     expected = [-2 / range_m, -1 / sigma**2, by_cosine, by_sigma]
     np.testing.assert_allclose(slopes, expected, rtol=1e-14, atol=1e-300)

@@ -259,10 +259,12 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             if group == "prior":
                 given = settings.get(group) or {}
                 values |= {
-                    key: std
-                    for key, std in PRIORS[values["known"]].items()
-                    if key not in given and (key != "k_std_per_m" or "attenuation" in effects)
+                    key: std for key, std in PRIORS[values["known"]].items() if key not in given
                 }
+                # Of water that does not attenuate, the set has nothing to say.
+                usual = PRIORS[values["known"]].get("k_std_per_m")
+                if "attenuation" not in effects and values["k_std_per_m"] == usual:
+                    values["k_std_per_m"] = 0.0
             try:
                 groups[group] = declared(**values)
             except ValueError as error:

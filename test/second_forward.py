@@ -293,13 +293,15 @@ def unnamed(side, effects, offsets):
     """Return what has no effect: a factor of the lamp's light and daylight, by detector."""
     places = [-1 + 2 * i / (side - 1) for i in range(side)]
     grid = [(u, v) for v in places for u in places]
-    order = [[1, u, v, u * u, u * v, v * v] for u, v in grid]
-    unit, triangle = np.linalg.qr(np.array(order))
+    order = np.array([[1, u, v, u * u, u * v, v * v] for u, v in grid])
     shades, daylight = np.zeros(side**2), np.zeros(side**2)
     for k in range(1, 6):
-        size = triangle[k, k]
-        mode = unit[:, k] * math.copysign(side, size) if abs(size) > 1e-9 else 0.0
-        shades = shades + offsets.get(f"shade.mode_{k}", 0.0) * mode
+        # What the lower orders leave of this one, by regression.
+        before = order[:, :k]
+        rest = order[:, k] - before @ np.linalg.lstsq(before, order[:, k], rcond=None)[0]
+        size = math.sqrt(np.mean(rest**2))
+        if size > 1e-9:
+            shades = shades + offsets.get(f"shade.mode_{k}", 0.0) * rest / size
     for name, axis in (("to_starboard", 0), ("to_bottom", 1)):
         rise = offsets.get(f"ambient.{name}_counts", 0.0)
         daylight = daylight + [rise * place[axis] for place in grid]

@@ -162,8 +162,7 @@ def test_an_honest_scene_and_a_broken_one(table):
     assert (honest["kind"], stuck["kind"]) == ("nothing", "stuck_detector")  # as in the list
     assert honest["answered"] > 50
     assert honest["beyond_6_sigma"] < 10
-    assert stuck["beyond_6_sigma"] > 0.5 * stuck["answered"]
-    assert stuck["nees_mean"] > 10 * honest["nees_mean"]
+    assert stuck["answered"] == 0
 
 
 SOME = ("--method", "sam", "--kinds", "nothing,mirrored")

@@ -208,7 +208,7 @@ class FormationController:
                 self._tracker.reset()
                 self._lit = False
             measured_s = abs(now_ns - self._measured_ns) * 1e-9
-            near = 0 < s.min_distance_m and self._nearest_m <= s.min_distance_m
+            near = s.min_distance_m > 0 and self._nearest_m <= s.min_distance_m
             if near and measured_s <= s.light_timeout_s:
                 # Unconfirmed as it is, it tells no direction to back off.
                 self._cruise = self._cruise * [0.0, 0.0, 0.0, 1.0, 1.0]

@@ -188,9 +188,9 @@ class Estimator:
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.
     compiled
-        Whether ``least_squares`` runs as Numba compiles it, or as it stands; ``None``: where Numba
-        is installed; the other methods only check their match by it, and do so as it stands.
-        Compiling takes some ten seconds, once a machine.
+        Whether the fit runs as Numba compiles it, or as it stands; ``None``: where Numba is
+        installed. The other methods check their match by the fit, where they are given images.
+        Compiling takes a minute, once a machine.
 
     Raises
     ------
@@ -477,14 +477,15 @@ class Estimator:
         constants: tuple[Array, Array] | None,
     ) -> FrameResult:
         assert self._frame is not None  # prepared
-        frames, evidence = [], []
-        for kind in self._kinds:
-            problem = kind.knowing(constants)
+        frames, problems = [], [kind.knowing(constants) for kind in self._kinds]
+        for problem in problems:
             of_image = problem._replace(readings=readings, roll=roll)
             frames.append(self._frame(of_image, guide, parameters))
-            _, volume = np.linalg.slogdet(problem.nuisance_precision)
-            evidence.append(kind.log_odds + 0.5 * float(volume) + frames[-1].log_evidence)
-        found = frames[0] if len(frames) == 1 else mixture(frames, np.array(evidence))
+        found = frames[0]
+        if len(frames) > 1:
+            odds = [kind.log_odds for kind in self._kinds]
+            volumes = [np.linalg.slogdet(each.nuisance_precision)[1] / 2 for each in problems]
+            found = mixture(frames, np.add(odds, volumes) + [each.log_evidence for each in frames])
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if found.outcome == MISFIT:

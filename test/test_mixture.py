@@ -1,0 +1,66 @@
+"""Frames that may be shaded: the mixture by evidence, against sampling and by its moments."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.estimator import Estimator, mixture
+from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+
+def result(pose, std, outcome=FITTED):
+    nothing, covariance = np.full(5, np.nan), np.diag(np.full(5, std**2))
+    pose = np.array(pose, dtype=float)
+    return FrameResult(outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0.0)
+
+
+def test_a_mixture_has_the_moments_of_draws_from_both():
+    one, other = result([-5, 0, 0, 0, 0], 0.1), result([-6, 0.2, 0, 0.1, 0], 0.3)
+    found = mixture([one, other], np.log([0.75, 0.25]) + 7)
+    rng = np.random.default_rng(1)
+    draws = np.where(
+        rng.random((400_000, 1)) < 0.75,
+        one.pose + 0.1 * rng.standard_normal((400_000, 5)),
+        other.pose + 0.3 * rng.standard_normal((400_000, 5)),
+    )
+    np.testing.assert_allclose(found.pose, draws.mean(axis=0), atol=5e-3)
+    np.testing.assert_allclose(found.covariance, np.cov(draws.T), atol=5e-3)
+
+
+def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
+    one, other = result([-5, 0, 0, 0, 0], 0.1, MISFIT), result([-6, 0, 0, 0, 0], 0.3)
+    found = mixture([one, other], np.array([50.0, 0.0]))
+    np.testing.assert_array_equal(found.pose, other.pose)
+    assert mixture([one, one], np.zeros(2)).outcome == MISFIT
+
+
+@pytest.fixture(scope="module")
+def table():
+    values = load_scene("reference").settings()
+    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    return build_table(scene_from_settings(values, "sea"))
+
+
+def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
+    prior = dataclasses.replace(table.scene.prior, shade_probability=0.3, shade_depth=0.2)
+    shady = dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
+    model, rng = ForwardModel(shady.scene), np.random.default_rng(3)
+    believing, knowing = Estimator(table), Estimator(shady)
+    pose = np.array([-5.0, 0.2, -0.1, 0.1, 0.05])
+    clear = model.expose(pose, rng)
+    widths = [np.sqrt(e.estimate(None, clear).covariance.diagonal()) for e in (believing, knowing)]
+    assert (widths[1] < 2.5 * widths[0]).all()
+    errors = []
+    for _ in range(40):
+        depths = 0.2 / np.sqrt(5) * rng.standard_normal(5)
+        off = {f"shade.mode_{k}": np.array(depth) for k, depth in enumerate(depths, start=1)}
+        found = knowing.estimate(None, model.expose(pose, rng, 0.0, off))
+        error = found.pose - pose
+        errors.append(error @ np.linalg.solve(found.covariance, error))
+    # Of a chi-square with five degrees of freedom, within five standard errors.
+    assert np.mean(errors) < 5 + 5 * np.sqrt(10 / 40)
+    assert max(errors) < 36

@@ -70,6 +70,17 @@ def test_a_frame_within_a_list_is_looked_into_too():
     assert not_finite(message) == "transforms.transform.rotation.z"
 
 
+def formation(lab):
+    """A formation node at 100 s, where it is told poses, and its commands."""
+    lab.begin({"use_sim_time": True})
+    node = lab.start(FormationNode)
+    poses = lab.talk(Odometry, "relative_odometry")
+    commands = lab.listen(TwistStamped, "cmd_vel")
+    lab.connect()
+    lab.tick(100 * 10**9)
+    return node, poses, commands
+
+
 def see(lab, node, poses, pose, nanosec):
     seen = pose_to_message(np.array(pose), np.eye(6), Header())
     message = Odometry(header=Header(stamp=Time(sec=100, nanosec=nanosec)), pose=seen.pose)
@@ -77,12 +88,7 @@ def see(lab, node, poses, pose, nanosec):
 
 
 def test_a_command_that_is_not_finite_is_held_back_and_told(lab, monkeypatch):
-    lab.begin({"use_sim_time": True})
-    node = lab.start(FormationNode)
-    poses = lab.talk(Odometry, "relative_odometry")
-    commands = lab.listen(TwistStamped, "cmd_vel")
-    lab.connect()
-    lab.tick(100 * 10**9)
+    node, poses, commands = formation(lab)
     see(lab, node, poses, STATION, 1)
     with monkeypatch.context() as patch:
         broken = np.array([0.0, np.nan, 0.0]), np.zeros(3)
@@ -95,12 +101,7 @@ def test_a_command_that_is_not_finite_is_held_back_and_told(lab, monkeypatch):
 
 
 def test_a_pose_out_of_bounds_is_refused_at_the_door_and_the_follower_steers_on(lab):
-    lab.begin({"use_sim_time": True})
-    node = lab.start(FormationNode)
-    poses = lab.talk(Odometry, "relative_odometry")
-    commands = lab.listen(TwistStamped, "cmd_vel")
-    lab.connect()
-    lab.tick(100 * 10**9)
+    node, poses, commands = formation(lab)
     see(lab, node, poses, [1e308, 0, 0, 0, 0], 1)
     lab.report(node, WARN, "out of bounds: position [1e+308, 0.0, 0.0]")
     for tick in range(1, 6):

@@ -6,6 +6,7 @@ radians; arrays of poses have shape ``(..., 5)``. The attitude is
 ``Rz(yaw) Ry(pitch) Rx(roll)``; roll is known (0 for level vehicles), never estimated.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -211,6 +212,12 @@ def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 @law
+def wrapped(state: Array, angle: int = YAW) -> Array:
+    """Bring one angle of a state, rad, to [-pi, pi], in place, and return the state."""
+    state[angle] = math.remainder(state[angle], 2 * math.pi)
+    return state
+
+
 def turned_components(
     x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
 ) -> tuple[Any, Any, Any, Any, Any]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,10 +19,10 @@ from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import (
     DOF_NAMES,
-    YAW,
     Array,
     turned_about_beam,
     turned_on_mount,
+    wrapped,
 )
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
@@ -36,11 +36,8 @@ from uuv_optical_array.estimation.least_squares.frame import (
     Guide,
     estimate_frame,
 )
-from uuv_optical_array.estimation.least_squares.problem import (
-    PosePrior,
-    Problem,
-    problem_of,
-)
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kind, mixture
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, problem_of
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
 from uuv_optical_array.estimation.plausibility import bounds, check_parameters
@@ -129,39 +126,6 @@ class Estimate:
     stretch: float = 1.0
 
 
-class FrameKind(NamedTuple):
-    """A kind of frame that an image may be: clear, or shaded.
-
-    Parameters
-    ----------
-    problem
-        Its posterior, without readings.
-    log_odds
-        Logarithm of the share of such frames.
-    places
-        Those of the scene's q unknown constants among the problem's nuisances.
-    variances
-        Theirs, as the scene's prior has them, shape ``(q,)``.
-    """
-
-    problem: Problem
-    log_odds: float
-    places: NDArray[np.intp]
-    variances: Array
-
-    def knowing(self, constants: tuple[Array, Array] | None) -> Problem:
-        """Return the problem where the constants are known by a mean and a covariance."""
-        if constants is None or not len(self.places):
-            return self.problem
-        mean, covariance = constants
-        # What a kind of frame adds to the prior of a constant stays.
-        whole = np.linalg.inv(self.problem.nuisance_precision)
-        whole[np.ix_(self.places, self.places)] += covariance - np.diag(self.variances)
-        at = np.zeros(len(whole))
-        at[self.places] = mean
-        return self.problem._replace(nuisance_mean=at, nuisance_precision=np.linalg.inv(whole))
-
-
 class Estimator:
     """Estimate poses in the scene of a signature table.
 
@@ -244,17 +208,15 @@ class Estimator:
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
-        self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
-        model, names = self._model, self.constants.names
+        model, stds = self._model, scene.prior.nuisance_std()
+        self._prior = PosePrior(middle, prior_std, stds)
         clear = problem_of(model, self._prior, compiled)
         chance = scene.prior.shade_probability
-        variances = np.square(self.constants.stds)
-        self._kinds = [FrameKind(clear, math.log1p(-chance), np.arange(len(names)), variances)]
+        self._kinds = [frame_kind(clear, math.log1p(-chance), stds, stds)]
         if chance > 0:
-            shaded = replace(self._prior, nuisance_std=scene.prior.shaded_std())
-            places = np.array([[*shaded.nuisance_std].index(name) for name in names], dtype=int)
-            problem = problem_of(model, shaded, compiled)
-            self._kinds.append(FrameKind(problem, math.log(chance), places, variances))
+            shaded = scene.prior.shaded_std()
+            problem = problem_of(model, replace(self._prior, nuisance_std=shaded), compiled)
+            self._kinds.append(frame_kind(problem, math.log(chance), shaded, stds))
         poses, parameters = self._starts()
         self._guide = Guide(
             np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
@@ -426,8 +388,7 @@ class Estimator:
             gaussian=True,
         )
         found = self._fit(near, parameters, readings, roll, constants)
-        off = match.pose - found.pose
-        off[YAW] = math.remainder(off[YAW], 2 * math.pi)
+        off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
         excess = float(off @ np.linalg.solve(match.covariance + found.covariance, off)) / 5
@@ -450,8 +411,7 @@ class Estimator:
             return self._saturated(roll)
         found = self._fit(self._guide, parameters, readings, roll, constants)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
-        off = found.pose - found.best[:5]
-        off[YAW] = math.remainder(off[YAW], 2 * math.pi)
+        off = wrapped(found.pose - found.best[:5])
         linear = off @ np.linalg.solve(found.covariance, off) < LINEAR**2
         whole = len(found.best) == 5 + len(self.constants.names)
         return Estimate(
@@ -538,37 +498,6 @@ class Estimator:
     def _unobservable(self, covariance: Array) -> tuple[str, ...]:
         known = covariance.diagonal() <= self._unobservable_variance
         return () if known.all() else tuple(compress(DOF_NAMES, ~known))
-
-
-def mixture(frames: list[FrameResult], evidence: Array) -> FrameResult:
-    """Return what different kinds of frame make of one image together.
-
-    Parameters
-    ----------
-    frames
-        The image as each kind of frame, such as clear and shaded.
-    evidence
-        Logarithm of the probability of each, without constants in common; asked where a frame has
-        a pose.
-
-    Returns
-    -------
-    FrameResult
-        Of the most probable one, with the mean and the covariance of all that have a pose.
-    """
-    fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
-    if not fitted:
-        return frames[0]
-    best = max(fitted, key=lambda i: evidence[i])
-    weights = np.exp(evidence[fitted] - evidence[best])
-    weights /= weights.sum()
-    poses = np.array([frames[i].pose for i in fitted])
-    pose = weights @ poses
-    off = poses - pose
-    covariance = (weights[:, None] * off).T @ off
-    for weight, i in zip(weights, fitted, strict=True):
-        covariance += weight * frames[i].covariance
-    return frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
 
 
 def compiled_parts(scene: Scene) -> str:

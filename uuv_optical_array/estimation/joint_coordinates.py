@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
 from uuv_optical_array.estimation.least_squares.coordinates import (
     AZIMUTH,
     LOG_ATTENUATION,
@@ -24,9 +24,8 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     to_lamp,
     write_slopes,
 )
-from uuv_optical_array.estimation.linearised import POWER
+from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER
 
-ATTENUATION, BEAM_WIDTH = "attenuation.k_per_m", "lamp.beam_sigma_deg"
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
 
 
@@ -51,9 +50,7 @@ class AsTheyAre:
 
     def difference(self, coordinates: Array, others: Array) -> Array:
         """Return by how much coordinates differ, angles in [-pi, pi], shape ``(5 + q,)``."""
-        off = coordinates - others
-        off[YAW] = math.remainder(off[YAW], 2 * math.pi)
-        return off
+        return wrapped(coordinates - others, YAW)
 
 
 class JointCoordinates(AsTheyAre):
@@ -71,7 +68,7 @@ class JointCoordinates(AsTheyAre):
         self._frame = frame
         places = {name: 5 + i for i, name in enumerate(names)}
         self._power, self._water, self._width = (
-            places.get(name) for name in (POWER, ATTENUATION, BEAM_WIDTH)
+            places.get(name) for name in (POWER, ATTENUATION, BEAM_SIGMA)
         )
 
     def _frame_with(self, at: Array) -> Frame:
@@ -121,6 +118,4 @@ class JointCoordinates(AsTheyAre):
 
     def difference(self, coordinates: Array, others: Array) -> Array:
         """Return by how much coordinates differ."""
-        off = super().difference(coordinates, others)
-        off[AZIMUTH] = math.remainder(off[AZIMUTH], 2 * math.pi)
-        return off
+        return wrapped(super().difference(coordinates, others), AZIMUTH)

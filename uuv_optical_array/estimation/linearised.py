@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.likelihood import log_likelihood
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import POWER
 
-POWER = "lamp.power"
 LEAST_CURVATURE = 1e-12  # of a reading's log-likelihood, 1/counts^2, below which it says nothing
 
 

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.estimation.constants import Constants, Learnt
-from uuv_optical_array.estimation.linearised import POWER
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import GRADIENTS
+from uuv_optical_array.forward.scene import GRADIENTS, POWER
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer

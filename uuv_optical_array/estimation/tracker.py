@@ -31,7 +31,7 @@ from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, YAW, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import Constants, Learnt, drift
 from uuv_optical_array.estimation.joint_coordinates import AsTheyAre, JointCoordinates
@@ -460,7 +460,7 @@ class Tracker:
         noise = np.hstack(noises)
         random = np.zeros((self._size, noise.shape[1]))
         random[:MOVING] = noise
-        return Belief(_wrapped(mean), np.hstack([root, random]), shared)
+        return Belief(wrapped(mean), np.hstack([root, random]), shared)
 
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
@@ -477,12 +477,12 @@ class Tracker:
             belief, distance = self._corrected_by_readings(
                 belief, frame.readings, frame.relinearise, learnt
             )
-            return belief._replace(mean=_wrapped(belief.mean)), distance
+            return belief._replace(mean=wrapped(belief.mean)), distance
         slopes = np.eye(5, self._size)
-        off = _wrapped(frame.pose - belief.mean[POSE])
+        off = wrapped(frame.pose - belief.mean[POSE])
         reading = Reading(off, slopes, self._own_share * frame.root, np.zeros(0))
         belief, distance = correct(belief, reading, learnt)
-        return belief._replace(mean=_wrapped(belief.mean)), distance
+        return belief._replace(mean=wrapped(belief.mean)), distance
 
     def _corrected_by_readings(
         self,
@@ -546,11 +546,6 @@ def _stamp(entry: tuple[_Frame, _State]) -> int:
     return entry[0].stamp_ns
 
 
-def _wrapped(state: Array) -> Array:
-    state[YAW] = math.remainder(state[YAW], 2 * math.pi)
-    return state
-
-
 def _checked(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
     cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
@@ -569,7 +564,7 @@ def _checked(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
             f"covariance: its eigenvalues are {low:.3g} to {high:.3g}; give a positive definite "
             f"one, from {MIN_VARIANCE:g} to {MAX_VARIANCE:g} and in a ratio of {MAX_CONDITION:g}"
         )
-    return _wrapped(pose), np.linalg.cholesky(covariance)
+    return wrapped(pose), np.linalg.cholesky(covariance)
 
 
 def _checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:

@@ -44,8 +44,9 @@ class TableSettings:
     yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)]
 
 
-# Names of what may be unknown, beside the settings of effects.
-POWER, BEAM_SIGMA, AMBIENT = "lamp.power", "lamp.beam_sigma_deg", "ambient.level_counts"
+# Names of what may be unknown.
+POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
+ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 
@@ -124,7 +125,7 @@ class PriorSettings:
         stds = {
             POWER: self.lamp_power_std,
             BEAM_SIGMA: self.beam_sigma_std_deg,
-            "attenuation.k_per_m": self.k_std_per_m,
+            ATTENUATION: self.k_std_per_m,
             AMBIENT: self.ambient_std_counts,
             **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
             "responsivity.temperature_c": self.temperature_std_c,

@@ -16,6 +16,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.features import FEATURE_NAMES, key_parameters
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
 ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
@@ -154,8 +155,8 @@ class FrozenFrames:
             Counts, any shape.
         """
         noise = self._model.analogue_noise
-        variance = noise.variance + noise.slope * np.maximum(readings, 0.0)
-        chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * np.maximum(variance, 1e-12)))
+        variance = reading_variance(readings, noise)
+        chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * variance))
         free = (np.rint(readings) > noise.low) & (np.rint(readings) < np.rint(noise.high))
         return float(np.log(chances[free]).sum())
 

@@ -83,7 +83,7 @@ class Optics(NamedTuple):
     step_values
         Pattern, gains or logarithms, shape ``(steps, n)``.
     step_scales
-        Level of a background, slope of gains, depth of a shade.
+        Level of a background, slope of gains.
     step_at
         As `law_at`, of each step.
     blur
@@ -286,7 +286,7 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
             for row in range(rows):
                 image[row] *= values
         elif kind == SHADE:
-            depth = scale + nuisances[place]
+            depth = nuisances[place]
             for j in each(image.shape[-1]):
                 passed = exp(depth * values[j])
                 for row in range(rows):

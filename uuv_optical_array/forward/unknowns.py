@@ -12,6 +12,13 @@ from uuv_optical_array.forward.effects.forms import Background, Shade
 from uuv_optical_array.forward.scene import AMBIENT, GRADIENTS, SHADES
 
 
+def over_array(side: int) -> tuple[Array, Array]:
+    """Return where columns and rows are, from -1 to 1, shape ``(side, side)`` each."""
+    along = np.linspace(-1, 1, side)
+    column, row = np.meshgrid(along, along)
+    return column, row
+
+
 def shade_modes(side: int) -> Array:
     """Return smooth patterns on the array: the polynomials of first and second order.
 
@@ -28,7 +35,7 @@ def shade_modes(side: int) -> Array:
     Array
         Shape ``(5, side * side)``.
     """
-    v, u = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-1, 1, side)], indexing="ij"))
+    u, v = (place.ravel() for place in over_array(side))
     powers = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     modes: list[Array] = []
     for power in powers:
@@ -46,7 +53,7 @@ def unknown_forms(side: int) -> dict[str, Background | Shade]:
     side
         Detectors in a row.
     """
-    v, u = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-1, 1, side)], indexing="ij"))
+    u, v = (place.ravel() for place in over_array(side))
     shades = zip(SHADES, shade_modes(side), strict=True)
     return {
         **{name: Shade(mode, name) for name, mode in shades},

@@ -7,7 +7,7 @@ another setting is off.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
@@ -15,14 +15,14 @@ from numpy.polynomial.legendre import legvander2d
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER, Scene
+from uuv_optical_array.forward.unknowns import over_array
 from uuv_optical_array.studies.shared.working_volume import DAY_S, uniform_poses
 
 # Light at the detectors, counts, shape (n, side, side), of poses, shape (n, 5), in the sea that
 # differs from the scene of a model; the generator is for what of it is random.
 Light: TypeAlias = Callable[[ForwardModel, Array, np.random.Generator], Array]
 
-ATTENUATION = "attenuation.k_per_m"
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
 MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 SECOND_LAMP_M = np.array([0.0, 0.3, 0.0, 0.0, 0.0])
@@ -37,18 +37,12 @@ def nothing(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Arra
 
 def with_power(factor: float) -> Light:
     """Change the lamp's power by a factor."""
-    return lambda model, poses, rng: model.light(
-        poses, 0.0, {"lamp.power": np.array(np.log(factor))}
-    )
+    return lambda model, poses, rng: model.light(poses, 0.0, {POWER: np.array(np.log(factor))})
 
 
 def attenuation_per_m(scene: Scene) -> float:
     """Return the attenuation of a scene, 1/m."""
-    model = ForwardModel(scene)
-    if ATTENUATION not in model.nuisances:
-        return 0.0
-    optics = model.optics([ATTENUATION])
-    return float(optics.law_settings[list(optics.law_at).index(0), 0])
+    return float(scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
 
 
 def with_attenuation(off_per_m: float) -> Light:
@@ -57,29 +51,17 @@ def with_attenuation(off_per_m: float) -> Light:
     def light(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
         if ATTENUATION not in model.nuisances:
             clear = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
-            model = sea(model, effects=check_effects(clear))
+            power = model.power
+            model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(clear)))
+            model.power = power  # else the lamp would be set anew, by its reference reading
         return model.light(poses, 0.0, {ATTENUATION: np.array(off_per_m)})
 
     return light
 
 
-def sea(model: ForwardModel, **groups: Any) -> ForwardModel:
-    """Return the model of a scene with other groups of settings and a lamp of the same power."""
-    other = ForwardModel(dataclasses.replace(model.scene, **groups))
-    # Else the lamp would be set anew, by its reference reading.
-    other.power = model.power
-    return other
-
-
 def with_beam(off_deg: float) -> Light:
     """Add to the standard deviation of the beam, deg; its intensity on the axis stays."""
-
-    def light(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
-        lamp = model.scene.lamp
-        wide = dataclasses.replace(lamp, beam_sigma_deg=lamp.beam_sigma_deg + off_deg)
-        return sea(model, lamp=wide).light(poses)
-
-    return light
+    return lambda model, poses, rng: model.light(poses, 0.0, {BEAM_SIGMA: np.array(off_deg)})
 
 
 def plus(low_counts: float, high_counts: float) -> Light:
@@ -93,7 +75,7 @@ def plus(low_counts: float, high_counts: float) -> Light:
 
 def lamp_alone(model: ForwardModel, poses: Array) -> tuple[Array, Array]:
     """Return the light of the lamp, and that of all else."""
-    dark = model.light(poses, 0.0, {"lamp.power": np.array(-np.inf)})
+    dark = model.light(poses, 0.0, {POWER: np.array(-np.inf)})
     return model.light(poses) - dark, dark
 
 
@@ -147,13 +129,6 @@ def dimmed(model: ForwardModel, poses: Array, factor: Array) -> Array:
     """Let a factor ``(n, side, side)`` of the lamp's light pass, and all of the rest."""
     lamp, rest = lamp_alone(model, poses)
     return lamp * factor + rest
-
-
-def over_array(side: int) -> tuple[Array, Array]:
-    """Return where columns and rows are, from -1 to 1, shape ``(side, side)`` each."""
-    along = np.linspace(-1, 1, side)
-    column, row = np.meshgrid(along, along)
-    return column, row
 
 
 def uneven_modes(side: int) -> Array:

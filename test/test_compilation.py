@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from uuv_optical_array.control.trajectory import unit_quaternion
 from uuv_optical_array.core import compilation
 
 pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
@@ -57,3 +58,8 @@ def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
     assert folder() == own
     kept = {path.name for path in (tmp_path / "compiled").iterdir()}
     assert kept == {os.path.basename(own), "version 5", "version 4", "version 3"}
+
+
+def test_a_function_whose_changes_would_go_unnoticed_is_not_compiled():
+    with pytest.raises(ValueError, match=r"unit_quaternion.*move the function"):
+        compilation.compiled(unit_quaternion)

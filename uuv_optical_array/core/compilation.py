@@ -22,6 +22,7 @@ from typing import Any
 from uuv_optical_array.core import files, scalars
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 4  # caches of other versions of the package that are left on disk
 
 
@@ -125,6 +126,12 @@ def _mathematics() -> Any:
 
 
 def _compiled_twin(function: Any, **names: Any) -> FunctionType:
+    package, _, place = function.__module__.partition(".")
+    if package == files.PACKAGE and place.partition(".")[0] not in SOURCES:
+        raise ValueError(
+            f"compiled: {function.__module__}.{function.__qualname__}: a change there would not be "
+            f"noticed; move the function to one of {', '.join(SOURCES)}"
+        )
     _numba()
     return _twin(function, _mathematics().REPLACED, compiled_inside, names)
 
@@ -178,7 +185,7 @@ def _jit(function: FunctionType, keep: bool) -> Any:
 
 
 class _CacheFolder:
-    """Let Numba keep what it compiles in a folder of this version of the sources.
+    """Let Numba keep what it compiles in a folder of this version of `SOURCES`.
 
     Numba itself looks at the file of the function alone, not at those that it calls.
     """
@@ -205,7 +212,8 @@ def cache_folder() -> Path | None:
     It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+    package = Path(__file__).parents[1]
+    for source in sorted(path for folder in SOURCES for path in (package / folder).rglob("*.py")):
         digest.update(source.read_bytes())
     given = os.environ.get("NUMBA_CACHE_DIR")
     home = (Path(given) if given else files.cache_dir()) / "compiled"

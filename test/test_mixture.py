@@ -21,7 +21,8 @@ def result(pose, std, outcome=FITTED):
 
 def test_a_mixture_has_the_moments_of_draws_from_both():
     one, other = result([-5, 0, 0, 0, 0], 0.1), result([-6, 0.2, 0, 0.1, 0], 0.3)
-    found = mixture([one, other], np.log([0.75, 0.25]) + 7)
+    found, first = mixture([one, other], np.log([0.75, 0.25]) + 7)
+    assert first == pytest.approx(0.75)
     rng = np.random.default_rng(1)
     draws = np.where(
         rng.random((400_000, 1)) < 0.75,
@@ -34,9 +35,10 @@ def test_a_mixture_has_the_moments_of_draws_from_both():
 
 def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
     one, other = result([-5, 0, 0, 0, 0], 0.1, MISFIT), result([-6, 0, 0, 0, 0], 0.3)
-    found = mixture([one, other], np.array([50.0, 0.0]))
+    found, first = mixture([one, other], np.array([50.0, 0.0]))
     np.testing.assert_array_equal(found.pose, other.pose)
-    assert mixture([one, one], np.zeros(2)).outcome == MISFIT
+    assert first == 0
+    assert mixture([one, one], np.zeros(2))[0].outcome == MISFIT
 
 
 @pytest.fixture(scope="module")
@@ -53,13 +55,17 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
     believing, knowing = Estimator(table), Estimator(shady)
     pose = np.array([-5.0, 0.2, -0.1, 0.1, 0.05])
     clear = model.expose(pose, rng)
+    assert knowing.estimate(None, clear).clear > 0.5
     widths = [np.sqrt(e.estimate(None, clear).covariance.diagonal()) for e in (believing, knowing)]
     assert (widths[1] < 2.5 * widths[0]).all()
     errors = []
     for _ in range(40):
-        depths = 0.2 / np.sqrt(5) * rng.standard_normal(5)
-        off = {f"shade.mode_{k}": np.array(depth) for k, depth in enumerate(depths, start=1)}
-        found = knowing.estimate(None, model.expose(pose, rng, 0.0, off))
+        sizes = np.array([0.05, 0.05, 0.0125, 0.0125, 0.0125]) * rng.standard_normal(5)
+        off = {f"shade.mode_{k}": np.array(size) for k, size in enumerate(sizes, start=1)}
+        even = np.exp(-0.2 + 0.2 * rng.standard_normal())
+        rest = 1 + 0.0125 * rng.standard_normal((5, 5))
+        found = knowing.estimate(None, model.read(model.light(pose, 0.0, off) * even * rest, rng))
+        assert found.clear < 0.5
         error = found.pose - pose
         errors.append(error @ np.linalg.solve(found.covariance, error))
     # Of a chi-square with five degrees of freedom, within five standard errors.

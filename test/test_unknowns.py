@@ -59,12 +59,14 @@ def test_shades_are_uneven_smooth_and_of_one_size(side):
 
 def test_a_shaded_frame_is_a_weaker_lamp_and_five_modes():
     prior = scene({"lamp_power_std": 0.3, "shade_probability": 0.1, "shade_depth": 0.4}).prior
-    stds = prior.shaded_std()
+    stds = prior.shaded_std(0.4)
     assert stds["lamp.power"] == pytest.approx(0.5)
-    # Over detectors and draws the mean square of the modes together is that of the depth.
+    # An order of the polynomials is a quarter of the one before.
     uneven = [std for name, std in stds.items() if name.startswith("shade.")]
-    assert np.sum(np.square(uneven)) == pytest.approx(0.16)
-    assert prior.nuisance_std() == {"lamp.power": 0.3}
+    np.testing.assert_allclose(uneven, [0.1, 0.1, 0.025, 0.025, 0.025])
+    assert prior.shaded_gain_std(0.4) == pytest.approx(0.025)
+    assert prior.nuisance_std() == prior.shaded_std(0.0) == {"lamp.power": 0.3}
+    np.testing.assert_allclose(prior.shades(), [(0.9, 0), (0.05, 0.4), (0.05, 0.1)])
 
 
 def test_an_unknown_gain_is_a_noise_that_grows_with_the_light():

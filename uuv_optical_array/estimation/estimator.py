@@ -36,8 +36,8 @@ from uuv_optical_array.estimation.least_squares.frame import (
     Guide,
     estimate_frame,
 )
-from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kind, mixture
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, problem_of
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds, mixture
+from uuv_optical_array.estimation.least_squares.problem import PosePrior
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
 from uuv_optical_array.estimation.plausibility import bounds, check_parameters
@@ -59,6 +59,8 @@ LINEAR = 0.5
 START_ROWS = 1024
 # Beside them starts nearer than the table, and the share of a row's range that they go down to.
 NEAR_ROWS, NEAREST = 512, 0.2
+# Probability beyond which an image counts as one that nothing shades.
+CLEAR = 0.99
 
 
 @dataclass(frozen=True)
@@ -109,9 +111,12 @@ class Estimate:
         Degrees of freedom of which the image says next to nothing.
     best
         Pose and offsets of the scene's unknown constants at the best fit, shape ``(5 + q,)``, where
-        the image's likelihood is as good as Gaussian about it; ``None`` where it is not.
+        the image's likelihood is as good as Gaussian about it; ``None`` where it is not, or where
+        something may shade the image.
     stretch
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
+    clear
+        Probability that nothing shades the image, in [0, 1].
     """
 
     pose: Array
@@ -124,6 +129,7 @@ class Estimate:
     unobservable: tuple[str, ...] = ()
     best: Array | None = None
     stretch: float = 1.0
+    clear: float = 1.0
 
 
 class Estimator:
@@ -210,13 +216,7 @@ class Estimator:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         model, stds = self._model, scene.prior.nuisance_std()
         self._prior = PosePrior(middle, prior_std, stds)
-        clear = problem_of(model, self._prior, compiled)
-        chance = scene.prior.shade_probability
-        self._kinds = [frame_kind(clear, math.log1p(-chance), stds, stds)]
-        if chance > 0:
-            shaded = scene.prior.shaded_std()
-            problem = problem_of(model, replace(self._prior, nuisance_std=shaded), compiled)
-            self._kinds.append(frame_kind(problem, math.log(chance), shaded, stds))
+        self._kinds = frame_kinds(model, self._prior, compiled)
         poses, parameters = self._starts()
         self._guide = Guide(
             np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
@@ -232,7 +232,7 @@ class Estimator:
         self._frame = estimate_frame
         if compiled:
             self._frame = compilation.compiled(estimate_frame)
-            compilation.prepare(self._frame, clear, self._guide, np.ones((5, 1)))
+            compilation.prepare(self._frame, self._kinds[0].problem, self._guide, np.ones((5, 1)))
 
     def _starts(self) -> tuple[Array, Array]:
         """Return poses that fits start from, and their key parameters: of the table, and nearer."""
@@ -387,7 +387,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        found = self._fit(near, parameters, readings, roll, constants)
+        found, clear = self._fit(near, parameters, readings, roll, constants)
         off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -398,6 +398,7 @@ class Estimator:
             covariance=0.5 * (covariance + covariance.T),
             misfit=float(ndtr(-found.score)),
             runner_up_misfit=float(ndtr(-found.runner_up_score)),
+            clear=clear,
         )
 
     def _least_squares(
@@ -409,11 +410,11 @@ class Estimator:
     ) -> Estimate:
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found = self._fit(self._guide, parameters, readings, roll, constants)
+        found, clear = self._fit(self._guide, parameters, readings, roll, constants)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
         off = wrapped(found.pose - found.best[:5])
         linear = off @ np.linalg.solve(found.covariance, off) < LINEAR**2
-        whole = len(found.best) == 5 + len(self.constants.names)
+        gaussian = runner_up is None and linear and clear > CLEAR
         return Estimate(
             found.pose,
             found.covariance,
@@ -423,8 +424,9 @@ class Estimator:
             float(ndtr(-found.score)),
             float(ndtr(-found.runner_up_score)),
             self._unobservable(found.covariance),
-            found.best if runner_up is None and linear and whole else None,
+            found.best if gaussian else None,
             found.stretch,
+            clear,
         )
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
@@ -435,24 +437,26 @@ class Estimator:
         readings: Array,
         roll: float,
         constants: tuple[Array, Array] | None,
-    ) -> FrameResult:
+    ) -> tuple[FrameResult, float]:
+        """Return what the fit makes of an image, and the probability that it is a clear one."""
         assert self._frame is not None  # prepared
         frames, problems = [], [kind.knowing(constants) for kind in self._kinds]
         for problem in problems:
             of_image = problem._replace(readings=readings, roll=roll)
             frames.append(self._frame(of_image, guide, parameters))
-        found = frames[0]
+        found, clear = frames[0], 1.0
         if len(frames) > 1:
-            odds = [kind.log_odds for kind in self._kinds]
+            shares = [kind.log_share for kind in self._kinds]
             volumes = [np.linalg.slogdet(each.nuisance_precision)[1] / 2 for each in problems]
-            found = mixture(frames, np.add(odds, volumes) + [each.log_evidence for each in frames])
+            evidence = np.add(shares, volumes) + [each.log_evidence for each in frames]
+            found, clear = mixture(frames, evidence)
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if found.outcome == MISFIT:
             raise self._misfit(found.score)
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        return found
+        return found, clear
 
     def lineariser(
         self, estimate: Estimate, image: ArrayLike, roll: float = 0.0

@@ -7,7 +7,8 @@ rounding.
 
 A frame comes as a pose with its covariance, or with its readings, linearised. Of a bare pose only
 errors that are new in every frame average out. The part that is not, such as the bias of a grid, is
-``common_share``; errors that last for some frames lie between and are not modelled. Readings say
+``common_share``; of errors that last for some frames, such as those of a shade, a frame is told how
+long, and counts as much less as there are frames in twice that time. Readings say
 what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
 (`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
@@ -153,6 +154,7 @@ class _Frame(NamedTuple):
     root: Array  # of the covariance, lower triangular
     readings: LinearisedReadings | None
     relinearise: Relinearise | None
+    lasts_s: float
 
 
 @dataclass(frozen=True)
@@ -248,6 +250,7 @@ class Tracker:
         covariance: ArrayLike,
         readings: LinearisedReadings | None = None,
         relinearise: Relinearise | None = None,
+        lasts_s: float = 0.0,
     ) -> Track:
         """Take a frame; one that comes late is put in its place and those after it are replayed.
 
@@ -267,6 +270,8 @@ class Tracker:
             Returns the same likelihood near another place, as `LinearisedReadings.at` has it; the
             track asks for it where it knows pose and constants better than the image alone.
             ``None``: `readings` have to do.
+        lasts_s
+            How long the errors of `pose` last, s, >= 0; of a frame without `readings`.
 
         Returns
         -------
@@ -285,7 +290,7 @@ class Tracker:
         s, history = self._settings, self._history
         if readings is not None:
             readings = _checked_readings(readings, self._constants)
-        frame = _Frame(stamp_ns, *_checked(pose, covariance), readings, relinearise)
+        frame = _Frame(stamp_ns, *_checked(pose, covariance), readings, relinearise, lasts_s)
         newest_ns = _stamp(history[-1]) if history else stamp_ns
         age_ns = newest_ns - stamp_ns
         forgotten = self._forgotten
@@ -464,6 +469,9 @@ class Tracker:
 
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
+        step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
+        if frame.lasts_s > 0.5 * step_s:
+            frame = frame._replace(root=math.sqrt(2 * frame.lasts_s / step_s) * frame.root)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
         learns = due and frame.readings is not None
         belief, distance = self._corrected(ahead, frame, learns)

@@ -49,6 +49,10 @@ POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
+# A shade is smooth: of its modes over the array each order is so much weaker than the one before,
+# and what no mode has is as strong as one of the second order. Our choice, of `plume`'s clouds.
+SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
+RIM = 0.25  # depth of a cloud's rim by that of its middle
 
 Known = Literal["exactly", "calibrated", "as_bought"]
 # What is left unknown of a rig that was calibrated once in this sea, and of one that never was;
@@ -117,8 +121,11 @@ class PriorSettings:
     ] = 0.0
     shade_depth: Annotated[
         float,
-        Quantity("standard deviation of a shade over the array, in the logarithm", "", 0, 3),
+        Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3),
     ] = 0.0
+    shade_lasts_s: Annotated[
+        float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
+    ] = 5.0
 
     def nuisance_std(self) -> dict[str, float]:
         """Return the standard deviation of each setting that is not known, by dotted name."""
@@ -132,11 +139,27 @@ class PriorSettings:
         }
         return {name: std for name, std in stds.items() if std > 0}
 
-    def shaded_std(self) -> dict[str, float]:
-        """Return the same of a shaded frame: a shade is even in part, like a weaker lamp."""
-        power = math.hypot(self.lamp_power_std, self.shade_depth)
-        modes = dict.fromkeys(SHADES, self.shade_depth / math.sqrt(len(SHADES)))
-        return {**self.nuisance_std(), POWER: power, **modes}
+    def shades(self) -> list[tuple[float, float]]:
+        """Return the kinds of frame: the share and the depth of each, the clear ones first."""
+        clear = (1 - self.shade_probability, 0.0)
+        if not self.shade_probability:
+            return [clear]
+        return [clear, *((self.shade_probability / 2, k * self.shade_depth) for k in (1, RIM))]
+
+    def shaded_std(self, depth: float) -> dict[str, float]:
+        """Return what `nuisance_std` does, of a frame that is shaded by a depth.
+
+        A shade is even in part, like a weaker lamp.
+        """
+        if not depth:
+            return self.nuisance_std()
+        power = math.hypot(self.lamp_power_std, depth)
+        modes = (depth * SHADE_DECAY**order for order in SHADE_ORDERS)
+        return {**self.nuisance_std(), POWER: power, **dict(zip(SHADES, modes, strict=True))}
+
+    def shaded_gain_std(self, depth: float) -> float:
+        """Return the relative spread of readings by gains and by what no mode of a shade has."""
+        return math.hypot(self.gain_std, depth * SHADE_DECAY ** max(SHADE_ORDERS))
 
 
 _GROUPS: dict[str, Any] = {

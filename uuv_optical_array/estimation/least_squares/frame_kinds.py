@@ -1,6 +1,7 @@
-"""Kinds of frame that an image may be, such as clear and shaded, weighed by their evidence."""
+"""Kinds of frame that an image may be, clear or shaded, weighed by their evidence."""
 
-from collections.abc import Mapping
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,9 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
-from uuv_optical_array.estimation.least_squares.problem import Problem
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import POWER
 
 
 class FrameKind(NamedTuple):
@@ -18,7 +21,7 @@ class FrameKind(NamedTuple):
     ----------
     problem
         Its posterior, without readings.
-    log_odds
+    log_share
         Logarithm of the share of such frames.
     places
         Those of the scene's constants among the nuisances, shape ``(q,)``.
@@ -27,7 +30,7 @@ class FrameKind(NamedTuple):
     """
 
     problem: Problem
-    log_odds: float
+    log_share: float
     places: NDArray[np.intp]
     added: Array
 
@@ -36,35 +39,44 @@ class FrameKind(NamedTuple):
         if constants is None or not len(self.places):
             return self.problem
         mean, covariance = constants
-        whole, at = self.added.copy(), np.zeros(len(self.added))
+        whole, at = self.added.copy(), self.problem.nuisance_mean.copy()
         whole[np.ix_(self.places, self.places)] += covariance
-        at[self.places] = mean
+        at[self.places] += mean
         precision: Array = np.asarray(np.linalg.inv(whole), dtype=float)
         return self.problem._replace(nuisance_mean=at, nuisance_precision=precision)
 
 
-def frame_kind(
-    problem: Problem, log_odds: float, stds: Mapping[str, float], constants: Mapping[str, float]
-) -> FrameKind:
-    """Return a kind of frame.
+def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[FrameKind]:
+    """Return the kinds of frame that the prior of a model's scene names, clear frames first.
 
     Parameters
     ----------
-    problem, log_odds
-        As in `FrameKind`.
-    stds
-        Standard deviation of each of its nuisances, by name, in the order of the problem.
-    constants
-        The same of the scene's unknown constants.
+    model
+        The scene's forward model.
+    prior
+        Of the pose, and of the scene's unknown constants.
+    compiled
+        Whether they are for compiled code.
     """
-    names = list(stds)
-    places = np.array([names.index(name) for name in constants], dtype=np.intp)
-    added = np.square(list(stds.values()))
-    added[places] -= np.square(list(constants.values()))
-    return FrameKind(problem, log_odds, places, np.diag(added))
+    known, constants = model.scene.prior, list(prior.nuisance_std)
+    kinds = []
+    for share, depth in known.shades():
+        stds = known.shaded_std(depth)
+        names = list(stds)
+        problem = problem_of(model, replace(prior, nuisance_std=stds), compiled)
+        mean = problem.nuisance_mean.copy()
+        if depth:
+            mean[names.index(POWER)] = -depth
+        noise = problem.noise._replace(square=known.shaded_gain_std(depth) ** 2)
+        places = np.array([names.index(name) for name in constants], dtype=np.intp)
+        added = np.square(list(stds.values()))
+        added[places] -= np.square(list(prior.nuisance_std.values()))
+        problem = problem._replace(nuisance_mean=mean, noise=noise)
+        kinds.append(FrameKind(problem, math.log(share), places, np.diag(added)))
+    return kinds
 
 
-def mixture(frames: list[FrameResult], evidence: Array) -> FrameResult:
+def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, float]:
     """Return what different kinds of frame make of one image together.
 
     Parameters
@@ -79,10 +91,12 @@ def mixture(frames: list[FrameResult], evidence: Array) -> FrameResult:
     -------
     FrameResult
         Of the most probable one, with the mean and the covariance of all that have a pose.
+    float
+        Probability of the first kind, in [0, 1].
     """
     fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
     if not fitted:
-        return frames[0]
+        return frames[0], 0.0
     best = max(fitted, key=lambda i: evidence[i])
     weights = np.exp(evidence[fitted] - evidence[best])
     weights /= weights.sum()
@@ -92,4 +106,6 @@ def mixture(frames: list[FrameResult], evidence: Array) -> FrameResult:
     covariance = (weights[:, None] * off).T @ off
     for weight, i in zip(weights, fitted, strict=True):
         covariance += weight * frames[i].covariance
-    return frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
+    first = float(weights[0]) if fitted[0] == 0 else 0.0
+    together = frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
+    return together, first

@@ -26,6 +26,8 @@ class Constants:
     frame
         Of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
         constants are corrected as they are, which is right only where the light is linear in them.
+    shade_lasts_s
+        Time in which a shade becomes another one, s; 0: nothing shades.
 
     Raises
     ------
@@ -39,6 +41,7 @@ class Constants:
     gain_std: float = 0.0
     detectors: int = 0
     frame: Frame | None = None
+    shade_lasts_s: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
@@ -59,7 +62,12 @@ def constants_of(model: ForwardModel) -> Constants:
     prior = model.scene.prior
     stds = prior.nuisance_std()
     return Constants(
-        tuple(stds), tuple(stds.values()), prior.gain_std, model.array.side**2, frame_of(model)
+        tuple(stds),
+        tuple(stds.values()),
+        prior.gain_std,
+        model.array.side**2,
+        frame_of(model),
+        prior.shade_lasts_s if prior.shade_probability else 0.0,
     )
 
 

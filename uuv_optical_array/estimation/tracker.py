@@ -7,8 +7,9 @@ rounding.
 
 A frame comes as a pose with its covariance, or with its readings, linearised. Of a bare pose only
 errors that are new in every frame average out. The part that is not, such as the bias of a grid, is
-``common_share``; of errors that last for some frames, such as those of a shade, a frame is told how
-long, and counts as much less as there are frames in twice that time. Readings say
+``common_share``. The errors of a frame that something may shade last as long as the shade: they are
+states of the filter that are never corrected, only considered (S. F. Schmidt, *Advances in Control
+Systems* 3, 1966, 293), so that the track follows the motion and does not grow sharp. Readings say
 what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
 (`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
@@ -43,7 +44,8 @@ from uuv_optical_array.estimation.root_filter import Belief, Reading, correct, t
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
 RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track
-# The state: the pose, its rate less what the commands say of it, constants and learnt gain errors.
+# The state: the pose, its rate less what the commands say of it, constants, learnt gain errors, and
+# what shades do to a pose, in standard deviations.
 POSE, RATE, MOVING = slice(0, 5), slice(5, 10), 10
 UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of which nothing is known
 # A manoeuvre is random motion so many times stronger for so long, s.
@@ -51,6 +53,8 @@ MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # Constants are learnt from one frame in so long, s. Slopes are those of noisy poses, and what they
 # differ by from frame to frame looks like motion, from which more would be learnt than is there.
 LEARN_EVERY_S = 0.5
+# Most of a shaded pose's variance that lasts: the rest lets the track follow.
+MOST_LASTING = 0.9
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49
 
@@ -154,7 +158,7 @@ class _Frame(NamedTuple):
     root: Array  # of the covariance, lower triangular
     readings: LinearisedReadings | None
     relinearise: Relinearise | None
-    lasts_s: float
+    lasting: float
 
 
 @dataclass(frozen=True)
@@ -197,7 +201,10 @@ class Tracker:
         self._of_constants = slice(MOVING, MOVING + len(c.names))
         self._of_gains = slice(MOVING + len(c.names), MOVING + len(c.names) + learnt)
         # Standard deviations of all that lasts, before any frame.
-        self._lasting = np.concatenate([c.stds, np.full(learnt, c.gain_std)])
+        self._shades = range(5 if c.shade_lasts_s > 0 else 0)
+        shades = len(self._shades)
+        self._lasting = np.concatenate([c.stds, np.full(learnt, c.gain_std), np.ones(shades)])
+        self._of_shades = slice(self._of_gains.stop, self._of_gains.stop + shades)
         self._size = MOVING + len(self._lasting)
         self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
         self._linear = [*range(5), *range(MOVING, MOVING + len(c.names))]
@@ -250,7 +257,7 @@ class Tracker:
         covariance: ArrayLike,
         readings: LinearisedReadings | None = None,
         relinearise: Relinearise | None = None,
-        lasts_s: float = 0.0,
+        lasting: float = 0.0,
     ) -> Track:
         """Take a frame; one that comes late is put in its place and those after it are replayed.
 
@@ -270,8 +277,9 @@ class Tracker:
             Returns the same likelihood near another place, as `LinearisedReadings.at` has it; the
             track asks for it where it knows pose and constants better than the image alone.
             ``None``: `readings` have to do.
-        lasts_s
-            How long the errors of `pose` last, s, >= 0; of a frame without `readings`.
+        lasting
+            Probability that something shades the frame, in [0, 1], where `constants` name shades;
+            not asked of a frame with `readings`.
 
         Returns
         -------
@@ -290,7 +298,7 @@ class Tracker:
         s, history = self._settings, self._history
         if readings is not None:
             readings = _checked_readings(readings, self._constants)
-        frame = _Frame(stamp_ns, *_checked(pose, covariance), readings, relinearise, lasts_s)
+        frame = _Frame(stamp_ns, *_checked(pose, covariance), readings, relinearise, lasting)
         newest_ns = _stamp(history[-1]) if history else stamp_ns
         age_ns = newest_ns - stamp_ns
         forgotten = self._forgotten
@@ -414,10 +422,12 @@ class Tracker:
         """Return a new track, which keeps what was learnt of the constants."""
         mean, root, shared = self._held(before, frame.stamp_ns)
         mean[POSE] = frame.pose
-        start = self._own_share * frame.root
+        start = self._own(frame)
         if frame.readings is not None:
             mean[POSE], start = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
         anew = block_diag(start, self._random_motion.start, root[MOVING:])
+        if frame.readings is None:
+            anew[POSE, MOVING:] = self._lasts(frame) @ root[self._of_shades]
         belief = Belief(mean, anew, shared)
         if frame.readings is not None:
             belief, _ = self._corrected(belief, frame, True)
@@ -437,17 +447,20 @@ class Tracker:
 
     def _drifted(self, belief: Belief, step_s: float) -> Belief:
         """Let what lasts drift."""
-        kept = drift(self._settings.constants_hold_s, step_s)
-        lost = math.sqrt(1 - kept**2)
+        held = drift(self._settings.constants_hold_s, step_s)
+        kept = np.full(len(self._lasting), held)
+        if self._shades:
+            kept[-len(self._shades) :] = drift(self._constants.shade_lasts_s, step_s)
         mean, root = belief.mean.copy(), belief.root.copy()
         mean[MOVING:] *= kept
-        root[MOVING:] *= kept
+        root[MOVING:] *= kept[:, None]
         fresh = np.zeros((self._size, len(self._lasting)))
-        fresh[MOVING:] = np.diag(lost * self._lasting)
+        fresh[MOVING:] = np.diag(np.sqrt(1 - kept**2) * self._lasting)
         shared = belief.shared.copy()
-        shared[MOVING:] *= kept
+        shared[MOVING:] *= kept[:, None]
         # The numbers that spoil the readings drift, too: what came of the old ones is left behind.
-        return Belief(mean, np.hstack([root, fresh, lost * shared]), kept * shared)
+        lost = math.sqrt(1 - held**2)
+        return Belief(mean, np.hstack([root, fresh, lost * shared]), held * shared)
 
     def _ahead(self, state: _State, stamp_ns: int, manoeuvring: bool = False) -> Belief:
         """Return the belief of a state at a later stamp."""
@@ -469,26 +482,34 @@ class Tracker:
 
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
-        step_s = (frame.stamp_ns - state.frame.stamp_ns) * 1e-9
-        if frame.lasts_s > 0.5 * step_s:
-            frame = frame._replace(root=math.sqrt(2 * frame.lasts_s / step_s) * frame.root)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
         learns = due and frame.readings is not None
         belief, distance = self._corrected(ahead, frame, learns)
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
         return _State(frame, belief, learnt_ns, state.frames + 1, distance)
 
+    def _own(self, frame: _Frame) -> Array:
+        """Return the root of what is new in the errors of a frame's pose."""
+        lasting = MOST_LASTING * frame.lasting if len(self._shades) else 0.0
+        return self._own_share * math.sqrt(1 - lasting) * frame.root
+
+    def _lasts(self, frame: _Frame) -> Array:
+        """Return the errors of a frame's pose by what shades do to it, shape ``(5, 0 or 5)``."""
+        share = MOST_LASTING * frame.lasting
+        return self._own_share * math.sqrt(share) * frame.root[:, self._shades]
+
     def _corrected(self, belief: Belief, frame: _Frame, learns: bool) -> tuple[Belief, float]:
         """Return a belief corrected by a frame, and the distance of the frame from it."""
-        learnt = self._size if learns else MOVING
+        learnt = self._of_gains.stop if learns else MOVING
         if frame.readings is not None:
             belief, distance = self._corrected_by_readings(
                 belief, frame.readings, frame.relinearise, learnt
             )
             return belief._replace(mean=wrapped(belief.mean)), distance
         slopes = np.eye(5, self._size)
+        slopes[:, self._of_shades] = self._lasts(frame)
         off = wrapped(frame.pose - belief.mean[POSE])
-        reading = Reading(off, slopes, self._own_share * frame.root, np.zeros(0))
+        reading = Reading(off, slopes, self._own(frame), np.zeros(0))
         belief, distance = correct(belief, reading, learnt)
         return belief._replace(mean=wrapped(belief.mean)), distance
 

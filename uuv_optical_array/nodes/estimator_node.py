@@ -266,8 +266,8 @@ class EstimatorNode(Node):
         """Return the track with a frame, by its readings where these are as good as linear."""
         assert self.estimator is not None
         if estimate.best is None or image is None:
-            lasts_s = (1 - estimate.clear) * self.scene.prior.shade_lasts_s
-            return self.tracker.update(stamp, estimate.pose, estimate.covariance, lasts_s=lasts_s)
+            lasting = 1 - estimate.clear
+            return self.tracker.update(stamp, estimate.pose, estimate.covariance, lasting=lasting)
         near = self.estimator.lineariser(estimate, image, roll)
         return self.tracker.update(
             stamp, estimate.pose, estimate.covariance, near(estimate.best), near

@@ -1,0 +1,49 @@
+"""A track through shades, whose errors last for seconds."""
+
+import numpy as np
+import pytest
+from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
+
+from uuv_optical_array.estimation.constants import Constants
+from uuv_optical_array.estimation.tracker import Outlier, Tracker, TrackerSettings
+
+LASTS_S = 3.0
+
+
+def tracked(tracker, lasting, rng):
+    """Return normalised squared errors of a track by poses whose errors last, after 1 s."""
+    squares, kept = [], np.exp(-0.1 / LASTS_S)
+    error = rng.standard_normal(5)
+    for k in range(150):
+        error = kept * error + np.sqrt(1 - kept**2) * rng.standard_normal(5)
+        off = STD * (np.sqrt(0.9) * error + np.sqrt(0.1) * rng.standard_normal(5))
+        try:
+            track = tracker.update(START_NS + k * TENTH_NS, STATION + off, NOISE, lasting=lasting)
+        except Outlier:
+            continue
+        if k > 10:
+            left = track.pose - STATION
+            squares.append(left @ np.linalg.solve(track.covariance, left))
+    return np.mean(squares)
+
+
+@pytest.mark.parametrize(("lasting", "low", "high"), [(1.0, 2.5, 6.0), (0.0, 15.0, np.inf)])
+def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
+    settings = TrackerSettings(common_share=0.0)
+    constants = Constants(shade_lasts_s=LASTS_S)
+    found = [
+        tracked(Tracker(settings, constants=constants), lasting, np.random.default_rng(seed))
+        for seed in range(20)
+    ]
+    assert low < np.mean(found) < high
+
+
+def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():
+    tracks = []
+    for lasting in (0.0, 0.7):
+        tracker, rng = Tracker(TrackerSettings()), np.random.default_rng(1)
+        for k in range(20):
+            pose = STATION + 0.1 * STD * rng.standard_normal(5)
+            track = tracker.update(START_NS + k * TENTH_NS, pose, NOISE, lasting=lasting)
+        tracks.append(track)
+    np.testing.assert_array_equal(tracks[0].joint_covariance, tracks[1].joint_covariance)

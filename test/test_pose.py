@@ -259,20 +259,32 @@ def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it()
         np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
 
 
-def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
-    pose, rate = np.array([-5.0, 0.4, -0.3, 0.3, -0.4]), np.array([0.3, -0.2, 0.1, 0.05, -0.08])
-    roll, step = 0.6, 1e-6
+def twist_by_differences(pose, rate, roll, step=1e-4):
+    """Return the twist of a body between two instants, by SciPy's rotations."""
 
     def axes(at):
         return Rotation.from_euler("ZYX", [at[4], at[3], roll])
 
-    twist, covariance = body_twist(pose, rate, np.diag([1.0, 4.0, 9.0, 0.01, 0.04]), roll)
-    after = pose + step * rate
-    linear = axes(pose).inv().apply((after - pose)[:3]) / step
-    angular = (axes(pose).inv() * axes(after)).as_rotvec() / step
-    np.testing.assert_allclose(twist, [*linear, *angular], atol=1e-6)
-    turn = axes(pose).as_matrix()
-    np.testing.assert_allclose(
-        covariance[:3, :3], turn.T @ np.diag([1.0, 4.0, 9.0]) @ turn, atol=1e-12
+    before, after = pose - step * rate, pose + step * rate
+    linear = axes(pose).inv().apply((after - before)[:3])
+    angular = axes(pose).inv().apply((axes(after) * axes(before).inv()).as_rotvec())
+    return np.array([*linear, *angular]) / (2 * step)
+
+
+def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
+    pose, rate = np.array([-5.0, 0.4, -0.3, 0.3, -0.4]), np.array([0.3, -0.2, 0.1, 0.05, -0.08])
+    roll, state = 0.6, np.concatenate([pose, rate])
+    root = np.random.default_rng(5).normal(size=(10, 10)) * np.repeat([0.2, 0.05], 5)
+    joint = root @ root.T
+    twist, covariance = body_twist(pose, rate, joint, roll)
+    np.testing.assert_allclose(twist, twist_by_differences(pose, rate, roll), atol=1e-8)
+    # Its errors are those of pose and rate by the slopes of that twist.
+    ahead, behind = (
+        [twist_by_differences(at[:5], at[5:], roll) for at in state + change * np.eye(10)]
+        for change in (1e-4, -1e-4)
     )
+    slopes = np.subtract(ahead, behind).T / 2e-4
+    expected = slopes @ joint @ slopes.T
+    expected[3, 3] += max(joint[8, 8], joint[9, 9])
+    np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-6)
     np.linalg.cholesky(covariance)

@@ -236,12 +236,14 @@ def body_twist(
 ) -> tuple[Array, Array]:
     """Return the twist in the follower's frame of a pose that changes at some rate.
 
+    A wrong roll changes nothing: the follower and its velocity turn about the beam together.
+
     Parameters
     ----------
     pose, rate
         ``(x, y, z, pitch, yaw)``, m and rad, and its change, m/s and rad/s, shape ``(5,)`` each.
     covariance
-        Of the rate, shape ``(5, 5)``.
+        Of pose and rate, shape ``(10, 10)``.
     roll
         Of the follower, rad; it is taken not to change.
 
@@ -253,14 +255,23 @@ def body_twist(
         Shape ``(6, 6)``; that of the roll rate is as large as that of the faster turn.
     """
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
-    slopes = np.zeros((6, 5))
-    slopes[:3, :3] = rotation_matrix(pitch, yaw, roll).T
-    slopes[3:, 3] = 0.0, np.cos(roll), -np.sin(roll)
-    slopes[3:, 4] = -np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)
+    rate = np.asarray(rate, dtype=float)
+    to_body = rotation_matrix(pitch, yaw, roll).T
+    sin_p, cos_p, sin_r, cos_r = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    by_rate = np.zeros((6, 5))
+    by_rate[:3, :3] = to_body
+    by_rate[3:, 3] = 0.0, cos_r, -sin_r
+    by_rate[3:, 4] = -sin_p, sin_r * cos_p, cos_r * cos_p
+    twist = by_rate @ rate
+    by_pose = np.zeros((6, 5))
+    by_pose[:3, PITCH] = pitched(twist[:3], roll)
+    by_pose[3:, PITCH] = rate[YAW] * np.array([-cos_p, -sin_r * sin_p, -cos_r * sin_p])
+    by_pose[:3, YAW] = np.cross(twist[:3], to_body[:, Z])
+    slopes = np.hstack([by_pose, by_rate])
     covariance = np.asarray(covariance, dtype=float)
     spread = slopes @ covariance @ slopes.T
-    spread[3, 3] += covariance[3:, 3:].diagonal().max()
-    return slopes @ np.asarray(rate, dtype=float), spread
+    spread[3, 3] += covariance[8:, 8:].diagonal().max()
+    return twist, (spread + spread.T) / 2
 
 
 def turned_on_mount(pose: ArrayLike, roll: float, bow_m: float) -> Array:

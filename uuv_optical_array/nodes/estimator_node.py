@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -288,8 +289,9 @@ class EstimatorNode(Node):
         """Publish pose and twist of the track."""
         assert self.estimator is not None
         common = self.estimator.aim_covariance(track.pose, roll)
-        covariance = self.covariance_6x6(track.pose, track.covariance + common)
-        twist, spread = body_twist(track.pose, track.rate, track.joint_covariance[5:, 5:], roll)
+        joint = track.joint_covariance + np.pad(common, (0, 5))
+        covariance = self.covariance_6x6(track.pose, joint[:5, :5])
+        twist, spread = body_twist(track.pose, track.rate, joint, roll)
         message = Odometry(header=header, child_frame_id=self.parameters["tf_child_frame"])
         message.pose = pose_to_message(track.pose, covariance, header, roll).pose
         write_twist(message.twist.twist, twist[:3], twist[3:])

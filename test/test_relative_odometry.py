@@ -1,0 +1,95 @@
+"""Odometry of the follower in the beacon's frame: pose, twist, covariances, frames and stamps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from asker import Asker, place_of
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.estimation.estimator import Estimate
+
+RATE_HZ = 10
+SPREAD = np.diag([4e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+
+
+def truth(seconds):
+    """Return where a follower is that closes in, drifts to port and turns."""
+    return np.array([-7.0, 0.2, -0.1, 0.1, -0.2]) + seconds * np.array(
+        [0.4, 0.1, -0.05, 0.02, 0.06]
+    )
+
+
+def frames(seconds):
+    """Return position and rotation of that follower, in REP 103 axes, by SciPy."""
+    *position, pitch, yaw = truth(seconds)
+    return np.array(position), Rotation.from_euler("ZYX", [yaw, pitch, 0.0])
+
+
+class Mover(Asker):
+    """Asks an estimator node whose estimator knows the truth, ten times a second."""
+
+    def __init__(self, lab, scene_file, table_folder, **parameters):
+        super().__init__(lab, scene_file, table=table_folder, tracking=True, **parameters)
+        self.odometry = lab.listen(Odometry, "relative_odometry")
+        lab.connect()
+        self.node.estimator = SimpleNamespace(
+            settings=self.node.estimator.settings,
+            estimate=lambda *_: Estimate(truth(self.seconds), SPREAD, 0.01, None, 0.02),
+            aim_covariance=self.node.estimator.aim_covariance,
+        )
+
+    def run(self, count):
+        """Send frames of different signatures; return the last odometry."""
+        for i in range(count):
+            self.seconds = i / RATE_HZ
+            message = self.message(np.array([0.5, 0.001 * i, 0.0, 0.0, 0.0]), 1)
+            message.header.stamp = self.stamp = Time(
+                sec=1 + i // RATE_HZ, nanosec=i % RATE_HZ * 10**8
+            )
+            self.clouds.publish(message)
+            last = self.lab.answer(self.odometry, self.stamp, "odometry")
+        return last
+
+
+@pytest.fixture
+def mover(lab, scene_file, table_folder):
+    return Mover(lab, scene_file, table_folder)
+
+
+def numbers(vector):
+    return np.array([vector.x, vector.y, vector.z])
+
+
+def twist_of(message):
+    twist = message.twist.twist
+    return np.concatenate([numbers(twist.linear), numbers(twist.angular)])
+
+
+def test_the_twist_is_that_of_the_pose_seen_from_the_follower(mover):
+    last = mover.run(40)
+    assert last.header.stamp == mover.poses[-1].header.stamp == mover.stamp
+    assert (last.header.frame_id, last.child_frame_id) == ("leader/beacon", "base_link_by_light")
+    # By differences of the true pose about that instant, in its own axes.
+    step = 1e-4
+    (before, turned_before), (_, at), (after, turned_after) = map(
+        frames, mover.seconds + step * np.arange(-1, 2)
+    )
+    linear = at.inv().apply(after - before) / (2 * step)
+    angular = at.inv().apply((turned_after * turned_before.inv()).as_rotvec()) / (2 * step)
+    np.testing.assert_allclose(twist_of(last), [*linear, *angular], atol=2e-3)
+    np.testing.assert_allclose(place_of(last)[0], frames(mover.seconds)[0], atol=2e-3)
+    assert np.abs(linear - np.array([0.4, 0.1, -0.05])).max() > 0.03  # other axes, other numbers
+
+
+def test_both_covariances_of_the_odometry_are_full_and_positive_definite(mover):
+    last = mover.run(15)
+    for part in (last.pose, last.twist):
+        covariance = np.reshape(part.covariance, (6, 6))
+        np.testing.assert_array_equal(covariance, covariance.T)
+        np.linalg.cholesky(covariance)
+    # Roll and roll rate are no measurements.
+    assert last.pose.covariance[21] >= 0.02**2
+    assert last.twist.covariance[21] >= max(last.twist.covariance[28], last.twist.covariance[35])

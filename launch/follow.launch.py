@@ -89,11 +89,6 @@ def nodes(context):
 def viewers(share):
     return [
         Node(
-            package="tf2_ros",
-            executable="static_transform_publisher",
-            arguments=["--frame-id", "leader/base_link", "--child-frame-id", "leader/beacon"],
-        ),
-        Node(
             package="rviz2",
             executable="rviz2",
             arguments=["-d", PathJoinSubstitution([share, "rviz", "follow.rviz"])],

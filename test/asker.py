@@ -20,7 +20,9 @@ class Asker:
     def __init__(self, lab, scene_file, **parameters):
         self.lab = lab
         # Frames of unrelated poses make no track.
-        parameters = {"method": "sam", "tracking": False, **parameters}
+        parameters = {"method": "sam", "tracking": False, "use_image": False, **parameters}
+        if parameters["method"] == "least_squares":
+            parameters["use_image"] = True
         given = {f"estimator_node:{name}": value for name, value in parameters.items()}
         lab.begin({"scene": scene_file, **given})
         self.node = lab.start(EstimatorNode)
@@ -71,7 +73,7 @@ class Shower(Asker):
     """Sends images too, and the roll of an IMU."""
 
     def __init__(self, lab, scene_file, scene, **parameters):
-        super().__init__(lab, scene_file, **parameters)
+        super().__init__(lab, scene_file, use_image=True, **parameters)
         self.scene = scene
         self.images = lab.talk(Image, "array/image")
         self.imu = lab.talk(Imu, "imu")

@@ -176,6 +176,7 @@ BAD_STARTS = [
     ("feature_node", "scene:=/nowhere/sea.yaml", ("/nowhere/sea.yaml", "no such file")),
     ("estimator_node", "neighbours:=1", ("1", "from 2 to 10000 rows")),
     ("estimator_node", "max_angle_rad:=4.0", ("4.0", "from 0 to 3.14159 rad")),
+    ("estimator_node", "use_image:=false", ("least_squares", "sam_interpolated")),
     ("estimator_node", "publish_tf:=maybe", ("maybe", "BOOL")),
     ("simulator_node", "seed:=-2", ("-2", "from -1 to")),
     ("simulator_node", "seed:=1.5", ("1.5", "INTEGER")),
@@ -229,11 +230,15 @@ def sections(text):
     given = {path: section["ros__parameters"] for path, section in yaml.safe_load(text).items()}
     common = given.pop("/**")
     assert set(given) == {f"/**/{name}" for name in NODES}
-    assert set(common) == {"scene"}
     return {
-        name: {**(common if "scene" in NODES[name][0].PARAMETERS else {}), **given[f"/**/{name}"]}
-        for name in NODES
+        name: {**common_to(common, node.PARAMETERS), **given[f"/**/{name}"]}
+        for name, (node, _) in NODES.items()
     }
+
+
+def common_to(common, declared):
+    """Return those of the common values that a node takes."""
+    return {key: value for key, value in common.items() if key in declared}
 
 
 def test_the_shipped_parameter_file_changes_nothing():

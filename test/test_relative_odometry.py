@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from asker import Asker, place_of
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
@@ -34,6 +35,7 @@ class Mover(Asker):
     def __init__(self, lab, scene_file, table_folder, **parameters):
         super().__init__(lab, scene_file, table=table_folder, tracking=True, **parameters)
         self.odometry = lab.listen(Odometry, "relative_odometry")
+        self.leaders = lab.listen(PoseStamped, "leader_pose")
         lab.connect()
         self.node.estimator = SimpleNamespace(
             settings=self.node.estimator.settings,
@@ -82,6 +84,15 @@ def test_the_twist_is_that_of_the_pose_seen_from_the_follower(mover):
     np.testing.assert_allclose(twist_of(last), [*linear, *angular], atol=2e-3)
     np.testing.assert_allclose(place_of(last)[0], frames(mover.seconds)[0], atol=2e-3)
     assert np.abs(linear - np.array([0.4, 0.1, -0.05])).max() > 0.03  # other axes, other numbers
+
+
+def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):
+    last = mover.run(15)
+    leader = mover.lab.answer(mover.leaders, mover.stamp, "the leader's pose")
+    position, quaternion = place_of(last)
+    expected = -Rotation.from_quat(quaternion).inv().apply(position)
+    np.testing.assert_allclose(numbers(leader.pose.position), expected, atol=1e-9)
+    assert np.abs(np.subtract(position, place_of(mover.poses[-1])[0])).max() > 1e-6
 
 
 def test_both_covariances_of_the_odometry_are_full_and_positive_definite(mover):

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
@@ -34,15 +34,28 @@ from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
     StampPairs,
+    body_beside,
     features_from_message,
     image_from_message,
     imu_roll,
+    inverse_to_message,
+    odometry_to_message,
     pose_to_message,
+    signs,
     stamp_ns,
-    write_twist,
+    write_pose,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.parameters import (
+    BASE_FRAME,
+    BEACON_POSITION,
+    FRAME_PREFIX,
+    PUBLISH_TF,
+    SCENE,
+    Parameter,
+    Parameters,
+    parameters_of,
+)
 from uuv_optical_array.nodes.shared.table_builder import TableBuilder
 
 PARAMETERS = {
@@ -51,7 +64,12 @@ PARAMETERS = {
         "", Quantity("folder of the signature table; empty: the cache, built at the first start")
     ),
     **parameters_of(EstimatorSettings),
-    "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu")),
+    "use_image": Parameter(
+        True,
+        Quantity("whether array/image is read, against which the sam methods hold a match"),
+        True,
+    ),
+    "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu"), True),
     "max_imu_age_s": Parameter(
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
     ),
@@ -63,13 +81,21 @@ PARAMETERS = {
         True, Quantity("whether the poses of many frames are filtered and constants learnt")
     ),
     **parameters_of(TrackerSettings),
-    "beacon_frame": Parameter("leader/beacon", Quantity("frame of the pose: the lamp's"), True),
-    "publish_tf": Parameter(
-        False, Quantity("whether the pose goes to /tf too, where tf2_msgs is installed"), True
+    "frame_prefix": FRAME_PREFIX,
+    "beacon_frame": Parameter(
+        "leader/beacon", Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
     ),
+    "base_frame": BASE_FRAME,
+    "publish_tf": PUBLISH_TF,
     "tf_child_frame": Parameter(
         "base_link_by_light", Quantity("frame that pose and odometry place: the follower's"), True
     ),
+    "leader_frame": Parameter(
+        "leader/base_link",
+        Quantity("frame that carries beacon_frame on /tf_static; empty: it is not placed"),
+        True,
+    ),
+    "beacon_position_m": BEACON_POSITION,
 }
 # What needs a new estimator, and what a new track.
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
@@ -85,6 +111,7 @@ class EstimatorNode(Node):
     def __init__(self) -> None:
         super().__init__("estimator_node")
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
+        self.check(self.parameters["method"])
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
         self.pairs = StampPairs()
@@ -108,13 +135,38 @@ class EstimatorNode(Node):
             self.diagnostics.fail(str(reason))
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.tracks = publish(self, Odometry, "relative_odometry")
+        self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
+        self.place_beacon()
         subscribe(self, PointCloud2, "array/features", self.on_features)
-        self.images = subscribe(self, Image, "array/image", self.on_image)
-        subscribe(self, Imu, "imu", self.on_imu)
+        if self.parameters["use_image"]:
+            subscribe(self, Image, "array/image", self.on_image)
+        if self.parameters["use_imu"]:
+            subscribe(self, Imu, "imu", self.on_imu)
+
+    def check(self, method: str) -> None:
+        """Raise ValueError for a method that lacks its input."""
+        if method == FIT and not self.parameters["use_image"]:
+            raise ValueError(
+                f"method: {FIT} fits the image, but use_image is false; start the node with "
+                "use_image true, or choose sam or sam_interpolated"
+            )
+
+    def place_beacon(self) -> None:
+        """Tell once where the lamp is on the leader, so that the frames are one tree."""
+        leader, beacon = map(self.parameters.frame, ("leader_frame", "beacon_frame"))
+        if leader:
+            pose = Pose()
+            turned = (signs(leader) != signs(beacon)).any()
+            position = signs(leader)[:3] * self.parameters["beacon_position_m"]
+            write_pose(pose, position, 0.0, 0.0, math.pi if turned else 0.0)
+            header = Header(stamp=self.get_clock().now().to_msg(), frame_id=leader)
+            place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
+            place(header, beacon, pose)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
+        self.check(changes.get("method", self.parameters["method"]))
         tracker, table, estimator = self.tracker, self.table, self.estimator
         settings = self.parameters.settings(EstimatorSettings, changes)
         if changes.keys() & OF_TRACKER:
@@ -172,8 +224,8 @@ class EstimatorNode(Node):
         self.diagnostics.warn("; ".join(filter(None, reasons)))
 
     def on_features(self, message: PointCloud2) -> None:
-        """Keep a signature for its image; without anyone who sends images, a match does without."""
-        if self.parameters["method"] == FIT or self.count_publishers(self.images.topic_name):
+        """Keep a signature for its image, or match it by itself."""
+        if self.parameters["use_image"]:
             self.join(message.header, features=message)
         else:
             self.answer(message, None)
@@ -191,13 +243,12 @@ class EstimatorNode(Node):
             self.answer(pair["features"], pair["image"])
 
     def on_imu(self, message: Imu) -> None:
-        """Keep the follower's roll, where it is asked for."""
-        if self.parameters["use_imu"]:
-            try:
-                self.roll_rad = imu_roll(message)
-                self.roll_ns = stamp_ns(message.header)
-            except Refused as reason:
-                self.diagnostics.refuse(f"imu, {reason}")
+        """Keep the follower's roll."""
+        try:
+            self.roll_rad = imu_roll(message)
+            self.roll_ns = stamp_ns(message.header)
+        except Refused as reason:
+            self.diagnostics.refuse(f"imu, {reason}")
 
     def roll_at(self, header: Header) -> float:
         """Return the follower's roll when an image was taken, rad."""
@@ -244,13 +295,17 @@ class EstimatorNode(Node):
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        header = Header(stamp=header.stamp, frame_id=self.parameters["beacon_frame"])
+        header = Header(stamp=header.stamp, frame_id=self.parameters.frame("beacon_frame"))
         pose = pose_to_message(
             estimate.pose, self.covariance_6x6(estimate.pose, estimate.covariance), header, roll
         )
         if not self.poses.publish(pose):
             return
-        self.send_transform(header, self.parameters["tf_child_frame"], pose.pose.pose)
+        child = body_beside(header.frame_id, self.parameters.frame("tf_child_frame"))
+        self.send_transform(header, child, pose.pose.pose)
+        own = Header(stamp=header.stamp, frame_id=self.parameters.frame("base_frame"))
+        best = estimate.pose if track is None else track.pose
+        self.leaders.publish(inverse_to_message(best, own, roll))
         shown = figures(estimate)
         if track is not None:
             self.publish_track(track, header, roll)
@@ -292,11 +347,9 @@ class EstimatorNode(Node):
         joint = track.joint_covariance + np.pad(common, (0, 5))
         covariance = self.covariance_6x6(track.pose, joint[:5, :5])
         twist, spread = body_twist(track.pose, track.rate, joint, roll)
-        message = Odometry(header=header, child_frame_id=self.parameters["tf_child_frame"])
-        message.pose = pose_to_message(track.pose, covariance, header, roll).pose
-        write_twist(message.twist.twist, twist[:3], twist[3:])
-        message.twist.covariance = spread.ravel()
-        self.tracks.publish(message)
+        pose = pose_to_message(track.pose, covariance, header, roll)
+        child = self.parameters.frame("tf_child_frame")
+        self.tracks.publish(odometry_to_message(pose, child, twist, spread))
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

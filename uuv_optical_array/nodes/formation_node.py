@@ -20,14 +20,19 @@ from uuv_optical_array.nodes.shared.messages import (
     twist_to_message,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
-from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.parameters import (
+    BASE_FRAME,
+    FRAME_PREFIX,
+    Parameter,
+    Parameters,
+    parameters_of,
+)
 
 PARAMETERS = {
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
-    "base_frame": Parameter(
-        "follower/base_link", Quantity("frame of the command: the follower's"), True
-    ),
+    "frame_prefix": FRAME_PREFIX,
+    "base_frame": BASE_FRAME,
 }
 
 
@@ -63,7 +68,7 @@ class FormationNode(Node):
         now = self.get_clock().now()
         command = self.controller.command(now.nanoseconds * 1e-9)
         if command is not None:
-            header = Header(stamp=now.to_msg(), frame_id=self.parameters["base_frame"])
+            header = Header(stamp=now.to_msg(), frame_id=self.parameters.frame("base_frame"))
             self.commands.publish(twist_to_message(*command, header))
 
 

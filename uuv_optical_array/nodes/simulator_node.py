@@ -3,6 +3,7 @@
 from collections import deque
 
 import numpy as np
+from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
@@ -22,8 +23,15 @@ from uuv_optical_array.nodes.shared.messages import (
     odometry_pose,
     stamp_ns,
 )
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe
-from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.shared.parameters import (
+    BEACON_POSITION,
+    FRAME_PREFIX,
+    PUBLISH_TF,
+    SCENE,
+    Parameter,
+    Parameters,
+)
 
 PARAMETERS = {
     "scene": SCENE,
@@ -36,9 +44,8 @@ PARAMETERS = {
         True,
         ("flu", "frd"),
     ),
-    "beacon_position_m": Parameter(
-        [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
-    ),
+    "beacon_position_m": BEACON_POSITION,
+    "frame_prefix": FRAME_PREFIX,
     "array_frame": Parameter(
         "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
     ),
@@ -47,6 +54,7 @@ PARAMETERS = {
         Quantity("longest gap in leader/odometry that is interpolated", "s", 0.001, 10),
         True,
     ),
+    "publish_tf": PUBLISH_TF,
 }
 WAITING = 50  # follower poses kept until the leader's odometry catches up
 
@@ -72,6 +80,8 @@ class SimulatorNode(Node):
         self.order = StampOrder()
         self.diagnostics = Diagnostics(self)
         self.images = publish(self, Image, "array/image")
+        self.place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
+        self.placed = ""
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
 
@@ -136,10 +146,20 @@ class SimulatorNode(Node):
         moment = stamp_ns(follower.header) * 1e-9
         image = self.model.expose(pose, self.rng, roll, time_s=moment)
         place, slash, _ = follower.child_frame_id.rpartition("/")
-        frame = self.parameters["array_frame"] or f"{place}{slash}array"
+        frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
+        self.place_array(follower, frame)
         self.images.publish(image_to_message(image, header))
         self.diagnostics.answer(peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}")
+
+    def place_array(self, follower: Odometry, frame: str) -> None:
+        """Tell once where the array is on the follower: at its bow."""
+        if self.placed != follower.child_frame_id:
+            self.placed = follower.child_frame_id
+            header = Header(stamp=follower.header.stamp, frame_id=follower.child_frame_id)
+            bow = Pose()
+            bow.position.x = self.model.scene.array.bow_m
+            self.place(header, frame, bow)
 
 
 def main(args: list[str] | None = None) -> None:

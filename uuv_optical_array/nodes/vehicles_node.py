@@ -20,7 +20,12 @@ from uuv_optical_array.nodes.shared.messages import (
     write_twist,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters
+from uuv_optical_array.nodes.shared.parameters import (
+    FRAME_PREFIX,
+    PUBLISH_TF,
+    Parameter,
+    Parameters,
+)
 
 PARAMETERS = {
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
@@ -31,9 +36,8 @@ PARAMETERS = {
         1.0, Quantity("the follower stops when cmd_vel is older than this", "s", 0.05, 60)
     ),
     "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
-    "publish_tf": Parameter(
-        False, Quantity("whether both poses go to /tf too, where tf2_msgs is installed"), True
-    ),
+    "frame_prefix": FRAME_PREFIX,
+    "publish_tf": PUBLISH_TF,
 }
 
 
@@ -90,9 +94,10 @@ class VehiclesNode(Node):
 
     def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:
         """Publish one vehicle's pose and velocity."""
-        message = Odometry(child_frame_id=f"{name}/base_link")
+        prefix = self.parameters["frame_prefix"]
+        message = Odometry(child_frame_id=f"{prefix}{name}/base_link")
         message.header.stamp = now.to_msg()
-        message.header.frame_id = self.parameters["world_frame"]
+        message.header.frame_id = self.parameters.frame("world_frame")
         write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw)
         write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
         self.odometry[name].publish(message)

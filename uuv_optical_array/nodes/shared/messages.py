@@ -1,14 +1,26 @@
-"""Between arrays and ROS messages; every message from outside is checked here."""
+"""Between arrays and ROS messages; every message from outside is checked here.
+
+Inside of the package all axes are those of REP 103. A frame whose name ends in ``_ned`` or ``_frd``
+has forward (or north), right (or east) and down: what is published in such a frame is turned here
+by half a turn about x, and what comes in one is turned back.
+"""
 
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, Twist, TwistStamped
+from geometry_msgs.msg import (
+    Pose,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+)
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.geometry import roll_pitch_yaw as angles_of_matrix
 from uuv_optical_array.core.messages import Refused as Refused
 from uuv_optical_array.core.messages import checked_pose, checked_quaternion
 from uuv_optical_array.core.messages import image_from_message as image_from_message
@@ -20,6 +32,20 @@ from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
 # Beyond any vehicle and any sea, m/s or rad/s, and m^2, m rad or rad^2.
 MAX_RATE, MAX_COVARIANCE = 1e3, 1e12
+
+NED, FRD = "_ned", "_frd"
+
+
+def signs(frame: str) -> Array:
+    """Return by what a vector and a turn are multiplied to be in the axes of a frame, ``(6,)``."""
+    down = frame.endswith((NED, FRD))
+    return np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0]) if down else np.ones(6)
+
+
+def body_beside(parent: str, body: str) -> str:
+    """Return the name of a body's frame whose axes go with those of the frame it is placed in."""
+    down = parent.endswith((NED, FRD)) and not body.endswith((NED, FRD))
+    return body + FRD if down else body
 
 
 def not_finite(message: Any) -> str:
@@ -171,9 +197,43 @@ def pose_to_message(
     pose: Array, covariance: Array, header: Header, roll: float = 0.0
 ) -> PoseWithCovarianceStamped:
     """Pack a pose ``(x, y, z, pitch, yaw)``, its roll, and its 6x6 covariance."""
-    message = PoseWithCovarianceStamped(header=header)
-    write_pose(message.pose.pose, pose[:3], pose[PITCH], pose[YAW], roll)
-    message.pose.covariance = covariance.ravel()
+    message, sign = PoseWithCovarianceStamped(header=header), signs(header.frame_id)
+    pitch, yaw = sign[4] * pose[PITCH], sign[5] * pose[YAW]
+    write_pose(message.pose.pose, sign[:3] * pose[:3], pitch, yaw, roll)
+    message.pose.covariance = (np.outer(sign, sign) * covariance).ravel()
+    return message
+
+
+def odometry_to_message(
+    pose: PoseWithCovarianceStamped, child_frame: str, twist: Array, covariance: Array
+) -> Odometry:
+    """Pack a pose as `pose_to_message` has it, and the twist of the frame that it places.
+
+    Parameters
+    ----------
+    pose
+        Where the child frame is.
+    child_frame
+        Its name; `body_beside` says in which axes it is.
+    twist
+        Linear and angular velocity in the child frame, REP 103, m/s and rad/s, shape ``(6,)``.
+    covariance
+        Of `twist`, shape ``(6, 6)``.
+    """
+    frame = body_beside(pose.header.frame_id, child_frame)
+    message = Odometry(header=pose.header, pose=pose.pose, child_frame_id=frame)
+    sign = signs(frame)
+    write_twist(message.twist.twist, *np.split(sign * twist, 2))
+    message.twist.covariance = (np.outer(sign, sign) * covariance).ravel()
+    return message
+
+
+def inverse_to_message(pose: Array, header: Header, roll: float = 0.0) -> PoseStamped:
+    """Pack where the beacon is in the follower's frame, of a pose ``(x, y, z, pitch, yaw)``."""
+    to_follower = rotation_matrix(pose[PITCH], pose[YAW], roll).T
+    message, sign = PoseStamped(header=header), signs(header.frame_id)
+    roll, pitch, yaw = sign[3:] * angles_of_matrix(to_follower)
+    write_pose(message.pose, sign[:3] * -(to_follower @ pose[:3]), pitch, yaw, roll)
     return message
 
 
@@ -181,7 +241,8 @@ def pose_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
     """Unpack a relative pose as ``(x, y, z, pitch, yaw)``, m and rad."""
     position, quaternion = checked_pose(message.pose.pose)
     _, pitch, yaw = roll_pitch_yaw(quaternion)
-    return np.array([*position, pitch, yaw])
+    sign = signs(message.header.frame_id)
+    return np.array([*position, pitch, yaw]) * [*sign[:3], *sign[4:]]
 
 
 def covariance_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
@@ -194,7 +255,8 @@ def covariance_from_message(message: PoseWithCovarianceStamped | Odometry) -> Ar
             f"out of bounds: the pose's covariance, with {np.abs(covariance).max():g}, not within "
             f"+-{MAX_COVARIANCE:g}"
         )
-    return covariance
+    sign = signs(message.header.frame_id)
+    return np.outer(sign, sign) * covariance
 
 
 def imu_roll(message: Imu) -> float:
@@ -207,8 +269,8 @@ def imu_roll(message: Imu) -> float:
 
 def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStamped:
     """Pack a twist in m/s and rad/s, each of shape ``(3,)``."""
-    message = TwistStamped(header=header)
-    write_twist(message.twist, linear, angular)
+    message, sign = TwistStamped(header=header), signs(header.frame_id)
+    write_twist(message.twist, sign[:3] * linear, sign[3:] * angular)
     return message
 
 
@@ -220,4 +282,5 @@ def twist_from_message(message: TwistStamped) -> tuple[Array, Array]:
         raise Refused(f"not finite: twist {values.tolist()}")
     if (np.abs(values) > MAX_RATE).any():
         raise Refused(f"out of bounds: twist {values.tolist()}, not within +-{MAX_RATE:g}")
+    values *= signs(message.header.frame_id)
     return values[:3], values[3:]

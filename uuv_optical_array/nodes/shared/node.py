@@ -11,7 +11,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -71,10 +71,13 @@ def subscribe(
     )
 
 
-def transform_publisher(node: Node, wanted: bool) -> Callable[[Header, str, Pose], None]:
+def transform_publisher(
+    node: Node, wanted: bool, fixed: bool = False
+) -> Callable[[Header, str, Pose], None]:
     """Return a function that places a frame on ``/tf``, or one that does nothing.
 
-    It takes stamp and parent frame, the child frame, and the child's pose in the parent.
+    It takes stamp and parent frame, the child frame, and the child's pose in the parent. A fixed
+    frame goes to ``/tf_static``, whose last message reaches those who listen later, too.
     """
 
     def nothing(header: Header, child_frame: str, pose: Pose) -> None:
@@ -87,7 +90,9 @@ def transform_publisher(node: Node, wanted: bool) -> Callable[[Header, str, Pose
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
         return nothing
-    publisher = FinitePublisher(node, node.create_publisher(TFMessage, "/tf", 100))
+    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    topic, qos = ("/tf_static", lasting) if fixed else ("/tf", QoSProfile(depth=100))
+    publisher = FinitePublisher(node, node.create_publisher(TFMessage, topic, qos))
 
     def send(header: Header, child_frame: str, pose: Pose) -> None:
         message = TransformStamped(header=header, child_frame_id=child_frame)

@@ -113,6 +113,13 @@ class Parameters:
         """Return the present value of a parameter."""
         return self._node.get_parameter(name).value
 
+    def frame(self, name: str) -> str:
+        """Return a frame that a parameter names, behind the prefix; without a name, nothing."""
+        given: str = self[name]
+        if given.startswith("/"):
+            return given[1:]
+        return f"{self['frame_prefix']}{given}" if given else ""
+
     def settings(
         self, declared: type[Settings], changes: Mapping[str, Any] | None = None
     ) -> Settings:
@@ -146,7 +153,18 @@ def markdown_table(declared: Mapping[str, Parameter]) -> str:
     return "\n".join(rows)
 
 
+# Of several nodes.
 SCENE = Parameter("follow", Quantity("a ready scene's name or a YAML file"), read_only=True)
+FRAME_PREFIX = Parameter(
+    "", Quantity("set before each frame's name; a name that begins with / stands alone"), True
+)
+BASE_FRAME = Parameter("follower/base_link", Quantity("the follower's own frame"), True)
+BEACON_POSITION = Parameter(
+    [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
+)
+PUBLISH_TF = Parameter(
+    False, Quantity("whether frames go to /tf too, where tf2_msgs is installed"), True
+)
 
 
 def parameters_of(settings: type) -> dict[str, Parameter]:

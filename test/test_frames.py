@@ -180,6 +180,21 @@ def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, table_fold
     assert lamp.orientation == bow.orientation == type(lamp.orientation)(w=1.0)
 
 
+def test_below_the_follower_the_leader_hangs_where_it_is_seen(
+    lab, scene_file, table_folder, monkeypatch
+):
+    tree = Tree(monkeypatch)
+    given = {"publish_tf": True, "tf_parent": "base", "beacon_position_m": [-0.7, 0.1, 0.2]}
+    asker = Asker(lab, scene_file, table=table_folder, **given)
+    asker.ask(np.array([0.5, 0.1, 0.0, 0.0, 0.0]), 3)
+    lab.until(lambda: len(tree.frames) == 2, "both frames")
+    beacon, body = tree.frames["leader/beacon"], tree.frames["leader/base_link"]
+    assert beacon[:2] == ("follower/base_link", False)
+    assert body[:2] == ("leader/beacon", True)
+    assert beacon[2].position.x > 3
+    assert (body[2].position.x, body[2].position.y, body[2].position.z) == (0.7, -0.1, -0.2)
+
+
 @pytest.mark.parametrize(
     ("given", "placed"),
     [

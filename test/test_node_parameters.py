@@ -176,6 +176,7 @@ BAD_STARTS = [
     ("feature_node", "scene:=/nowhere/sea.yaml", ("/nowhere/sea.yaml", "no such file")),
     ("estimator_node", "neighbours:=1", ("1", "from 2 to 10000 rows")),
     ("estimator_node", "max_angle_rad:=4.0", ("4.0", "from 0 to 3.14159 rad")),
+    ("estimator_node", "tf_parent:=leader", ("leader", "beacon or base")),
     ("estimator_node", "use_image:=false", ("least_squares", "sam_interpolated")),
     ("estimator_node", "publish_tf:=maybe", ("maybe", "BOOL")),
     ("simulator_node", "seed:=-2", ("-2", "from -1 to")),

@@ -90,9 +90,15 @@ PARAMETERS = {
     "tf_child_frame": Parameter(
         "base_link_by_light", Quantity("frame that pose and odometry place: the follower's"), True
     ),
+    "tf_parent": Parameter(
+        "beacon",
+        Quantity("whether /tf has tf_child_frame below beacon_frame, or this below base_frame"),
+        True,
+        ("beacon", "base"),
+    ),
     "leader_frame": Parameter(
         "leader/base_link",
-        Quantity("frame that carries beacon_frame on /tf_static; empty: it is not placed"),
+        Quantity("frame that beacon_frame is tied to on /tf_static; empty: to none"),
         True,
     ),
     "beacon_position_m": BEACON_POSITION,
@@ -145,7 +151,13 @@ class EstimatorNode(Node):
             subscribe(self, Imu, "imu", self.on_imu)
 
     def check(self, method: str) -> None:
-        """Raise ValueError for a method that lacks its input."""
+        """Raise ValueError for a method that lacks its input, and for axes that do not agree."""
+        base, beacon = map(self.parameters.frame, ("base_frame", "beacon_frame"))
+        if self.parameters["tf_parent"] == "base" and (signs(base) != signs(beacon)).any():
+            raise ValueError(
+                f"tf_parent: base, but the axes of base_frame {base} and beacon_frame {beacon} "
+                "differ; let both names end in _ned or _frd, or neither"
+            )
         if method == FIT and not self.parameters["use_image"]:
             raise ValueError(
                 f"method: {FIT} fits the image, but use_image is false; start the node with "
@@ -154,15 +166,16 @@ class EstimatorNode(Node):
 
     def place_beacon(self) -> None:
         """Tell once where the lamp is on the leader, so that the frames are one tree."""
-        leader, beacon = map(self.parameters.frame, ("leader_frame", "beacon_frame"))
-        if leader:
-            pose = Pose()
-            turned = (signs(leader) != signs(beacon)).any()
-            position = signs(leader)[:3] * self.parameters["beacon_position_m"]
-            write_pose(pose, position, 0.0, 0.0, math.pi if turned else 0.0)
-            header = Header(stamp=self.get_clock().now().to_msg(), frame_id=leader)
-            place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
-            place(header, beacon, pose)
+        parent, child = map(self.parameters.frame, ("leader_frame", "beacon_frame"))
+        if not parent:
+            return
+        pose, position = Pose(), np.array(self.parameters["beacon_position_m"])
+        turned = (signs(parent) != signs(child)).any()
+        if self.parameters["tf_parent"] == "base":
+            parent, child, position = child, parent, -position
+        write_pose(pose, signs(parent)[:3] * position, 0.0, 0.0, math.pi if turned else 0.0)
+        header = Header(stamp=self.get_clock().now().to_msg(), frame_id=parent)
+        transform_publisher(self, self.parameters["publish_tf"], fixed=True)(header, child, pose)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
@@ -301,11 +314,15 @@ class EstimatorNode(Node):
         )
         if not self.poses.publish(pose):
             return
-        child = body_beside(header.frame_id, self.parameters.frame("tf_child_frame"))
-        self.send_transform(header, child, pose.pose.pose)
         own = Header(stamp=header.stamp, frame_id=self.parameters.frame("base_frame"))
         best = estimate.pose if track is None else track.pose
-        self.leaders.publish(inverse_to_message(best, own, roll))
+        leader = inverse_to_message(best, own, roll)
+        self.leaders.publish(leader)
+        if self.parameters["tf_parent"] == "base":
+            self.send_transform(own, header.frame_id, leader.pose)
+        else:
+            child = body_beside(header.frame_id, self.parameters.frame("tf_child_frame"))
+            self.send_transform(header, child, pose.pose.pose)
         shown = figures(estimate)
         if track is not None:
             self.publish_track(track, header, roll)

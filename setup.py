@@ -22,6 +22,7 @@ setup(
         (f"{share}/launch", glob("launch/*.launch.py")),
         (f"{share}/config", glob("config/*.yaml")),
         (f"{share}/config/scenes", glob("config/scenes/*.yaml")),
+        (f"{share}/config/examples", glob("config/examples/*.yaml")),
         (f"{share}/rviz", glob("rviz/*.rviz")),
     ],
     python_requires=">=3.10",

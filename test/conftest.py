@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import json
+import math
 import os
 import signal
 import socket
@@ -110,20 +111,44 @@ def filled_while_a_worker_dies(store, address, workers, pause_s):
     return given
 
 
+def of_a_kind(name):
+    """Return a method of the diagnostics that takes no text but those in the list of reasons."""
+    from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+    from uuv_optical_array.nodes.shared.reasons import kind_of
+
+    told = getattr(Diagnostics, name)
+
+    def tell(self, reason):
+        assert not reason or kind_of(reason), f"in no list of reasons: {reason}"
+        told(self, reason)
+
+    return tell
+
+
 class Lab:
     """Nodes under test and a probe node in one executor; tests await events, they never sleep."""
 
     def __init__(self):
         self.nodes, self.statuses = [], []
         self.publishers, self.subscriptions = [], []
+        self.patch = pytest.MonkeyPatch()
 
-    def begin(self, parameters=None, *arguments):
-        """Start ROS with start parameters, such as ``{"feature_node:scene": "reference"}``."""
+    def begin(self, parameters=None, *arguments, any_stamp=True):
+        """Start ROS with start parameters, such as ``{"feature_node:scene": "reference"}``.
+
+        Stamps of tests are mostly not of the clock.
+        """
         import rclpy
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.executors import SingleThreadedExecutor
         from rosgraph_msgs.msg import Clock
 
+        from uuv_optical_array.nodes.shared import diagnostics
+
+        for name in ("refuse", "warn", "fail"):
+            self.patch.setattr(diagnostics.Diagnostics, name, of_a_kind(name))
+        if any_stamp:
+            self.patch.setattr(diagnostics, "ACCEPTABLE_AGE_S", (-math.inf, math.inf))
         given = [
             word
             for name, value in (parameters or {}).items()
@@ -142,6 +167,7 @@ class Lab:
     def end(self):
         import rclpy
 
+        self.patch.undo()
         if hasattr(self, "executor"):
             self.executor.shutdown()
             for node in (*self.nodes, self.probe):

@@ -12,7 +12,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
-OK, WARN, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.STALE
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 
 
 @pytest.fixture
@@ -157,4 +157,5 @@ def test_diagnostics_come_by_themselves_and_tell_of_their_own_period_only(feeder
     feeder.lab.until(lambda: OK in levels(), "the node to be well again")
     after_ok = len(levels())
     feeder.lab.until(lambda: len(levels()) > after_ok, "one more report")
-    assert levels()[after_ok:] == [STALE]
+    assert levels()[after_ok:] == [WARN]
+    feeder.lab.report(feeder.node, WARN, "no input: nothing came for")

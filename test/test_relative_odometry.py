@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from asker import Asker, place_of
+from asker import Asker, figures, place_of
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
@@ -93,6 +94,20 @@ def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):
     expected = -Rotation.from_quat(quaternion).inv().apply(position)
     np.testing.assert_allclose(numbers(leader.pose.position), expected, atol=1e-9)
     assert np.abs(np.subtract(position, place_of(mover.poses[-1])[0])).max() > 1e-6
+
+
+def test_the_diagnostics_say_how_far_inside_of_the_table_a_pose_is(mover, scene):
+    mover.run(1)
+    values = dict(figures(mover.lab.report(mover.node, DiagnosticStatus.OK)))
+    spans = scene.settings()["table"]
+    x_low, x_high, _ = spans["x_m"]
+    low, high, _ = spans["yaw_deg"]
+    inside = {
+        "x": min(-7.0 - x_low, x_high + 7.0) / (x_high - x_low) * 2,
+        "yaw": (high - np.degrees(0.2)) / (high - low) * 2,
+    }
+    nearest = min(inside, key=inside.get)
+    assert values["table_margin"] == f"{inside[nearest]:.2f} ({nearest})"
 
 
 def test_both_covariances_of_the_odometry_are_full_and_positive_definite(mover):

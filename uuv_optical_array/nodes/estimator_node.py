@@ -24,7 +24,7 @@ from uuv_optical_array.estimation.estimator import (
 from uuv_optical_array.estimation.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
-from uuv_optical_array.estimation.table.signature_table import SignatureTable
+from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -125,6 +125,8 @@ class EstimatorNode(Node):
         self.model = ForwardModel(self.scene)
         self.frozen = FrozenFrames(self.model)
         self.constants = constants_of(self.model)
+        axes = grid_axes(self.scene.table)
+        self.extent = np.transpose([(axis[0] - 1e-9, axis[-1] + 1e-9) for axis in axes])
         self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
@@ -329,7 +331,13 @@ class EstimatorNode(Node):
             shown |= self.learnt(track)
         method = self.estimator.settings.method
         shown = {"method": method, **({"fit": self.fit} if method == FIT else {}), **shown}
-        self.diagnostics.answer(**shown)
+        self.diagnostics.answer(stamp, table_margin=self.margin(estimate.pose), **shown)
+
+    def margin(self, pose: Array) -> str:
+        """Say how far inside of the table a pose is: 1 in its middle, 0 at its edge, < 0 beyond."""
+        low, high = self.extent
+        inside = 1 - np.abs(2 * pose - low - high) / (high - low)
+        return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
 
     def covariance_6x6(self, pose: Array, covariance: Array) -> Array:
         """Return a covariance as ROS has it, with what is known of the roll."""

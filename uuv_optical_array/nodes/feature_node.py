@@ -1,5 +1,7 @@
 """From the image of the array to its five key parameters."""
 
+import math
+
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 
@@ -12,6 +14,7 @@ from uuv_optical_array.nodes.shared.messages import (
     StampOrder,
     features_to_message,
     image_from_message,
+    stamp_ns,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters
@@ -57,7 +60,13 @@ class FeatureNode(Node):
             parameters = key_parameters(
                 image, self.scene.full_scale_counts, self.scene.signature.peak
             )
-            self.diagnostics.answer(peak_counts=f"{image.max():g}")
+            full = self.scene.full_scale_counts
+            self.diagnostics.answer(
+                stamp_ns(message.header),
+                peak_counts=f"{image.max():g}",
+                light_level=f"{image.max() / full:.3f}",
+                saturated_share=f"{(image >= math.floor(full)).mean():.3f}",
+            )
         self.features.publish(features_to_message(parameters, message.header))
 
 

@@ -150,7 +150,9 @@ class SimulatorNode(Node):
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.place_array(follower, frame)
         self.images.publish(image_to_message(image, header))
-        self.diagnostics.answer(peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}")
+        self.diagnostics.answer(
+            stamp_ns(header), peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}"
+        )
 
     def place_array(self, follower: Odometry, frame: str) -> None:
         """Tell once where the array is on the follower: at its bow."""

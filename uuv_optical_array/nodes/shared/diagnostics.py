@@ -1,45 +1,62 @@
-"""What a node tells ``/diagnostics`` once a second."""
+"""What a node tells ``/diagnostics`` once a second, by the conventions of diagnostic_updater."""
 
-from collections import Counter
+import time
+from collections import Counter, deque
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+
+from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
+
+PERIOD_S = 1.0
+WINDOW = 5  # periods that the rate is counted over
+ACCEPTABLE_AGE_S = -1.0, 5.0  # of a stamp, beyond which it is of another clock
 
 
 class Diagnostics:
     """Count what a node answered and what it refused, and publish both at 1 Hz.
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
-    reason of each kind, or a lasting warning. STALE: neither. ERROR: the node cannot work until its
-    set-up changes.
+    reason of each kind, a lasting warning, stamps of another clock, or no input. ERROR: the node
+    cannot work until its set-up changes. STALE is what an aggregator says of a silent node.
 
     Parameters
     ----------
     node
-        The node that reports.
+        The node that reports; its namespace is the hardware's name.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._totals = Counter(answered=0, refused=0)
+        self._kinds: Counter[str] = Counter()
         self._answered = 0
-        self._refusals: dict[str, tuple[int, str]] = {}
+        self._refusals: dict[str, str] = {}
         self._values: dict[str, str] = {}
         self._failure = self._warning = ""
-        self._timer = node.create_timer(1.0, self.publish)
+        self._heard_s = time.monotonic()
+        self._windows = deque([(self._heard_s, 0)], maxlen=WINDOW)
+        self._stamps_ns: list[int] = []
+        self._ages_s: list[float] = []
+        self._timer = node.create_timer(PERIOD_S, self.publish)
 
-    def answer(self, **values: str) -> None:
-        """Note a message that was answered, with figures worth showing."""
+    def answer(self, stamp_ns: int | None = None, **values: str) -> None:
+        """Note a message that was answered, by its stamp where it has one, and figures of it."""
         self._answered += 1
         self._totals["answered"] += 1
         self._values = values
+        if stamp_ns is not None:
+            self._stamps_ns.append(stamp_ns)
+            now_ns = self._node.get_clock().now().nanoseconds
+            self._ages_s.append((now_ns - stamp_ns) * 1e-9)
 
     def refuse(self, reason: str) -> None:
         """Note a message that was not answered; the reason's kind stands before its colon."""
         kind = reason.partition(":")[0]
-        count, _ = self._refusals.get(kind, (0, ""))
-        self._refusals[kind] = count + 1, reason
+        self._refusals[kind] = reason
+        self._kinds[kind] += 1
         self._totals["refused"] += 1
         self._node.get_logger().warning(reason, throttle_duration_sec=5.0)
 
@@ -57,30 +74,71 @@ class Diagnostics:
 
     def publish(self) -> None:
         """Publish the last period and begin the next."""
+        values = self._rate()
+        ours = [self._warning, *self._refusals.values(), *self._clock()]
+        reasons = [reason for reason in (self._failure, *ours) if reason]
+        if self._answered or self._refusals:
+            self._heard_s = time.monotonic()
+        elif not reasons:
+            reasons = [f"no input: nothing came for {time.monotonic() - self._heard_s:.1f} s"]
+        level = DiagnosticStatus.WARN if reasons else DiagnosticStatus.OK
+        text = "; ".join(reasons) or f"{self._answered} answered"
         if self._failure:
             level, text = DiagnosticStatus.ERROR, self._failure
-        elif self._refusals or self._warning:
-            level = DiagnosticStatus.WARN
-            reasons = [self._warning, *(reason for _, reason in self._refusals.values())]
-            text = "; ".join(filter(None, reasons))
-        elif self._answered:
-            level, text = DiagnosticStatus.OK, f"{self._answered} answered"
-        else:
-            level, text = DiagnosticStatus.STALE, "no input"
-        values = {
+        values |= {
             "answered": str(self._totals["answered"]),
             "refused": str(self._totals["refused"]),
-            **{f"refused: {kind}": str(count) for kind, (count, _) in self._refusals.items()},
+            **{f"refused: {kind}": str(count) for kind, count in self._kinds.items()},
+            **self._ages(),
             **self._values,
         }
+        for kind in filter(None, map(kind_of, reasons)):
+            values[f"cure: {kind}"] = REASONS[kind].cure
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
             message=text,
-            hardware_id="uuv_optical_array",
+            hardware_id=self._node.get_namespace().strip("/") or "uuv_optical_array",
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
         self._answered, self._refusals, self._values = 0, {}, {}
+        self._stamps_ns, self._ages_s = self._stamps_ns[-1:], []
+
+    def _rate(self) -> dict[str, str]:
+        """Return the rate of answers in the last periods, as diagnostic_updater names it."""
+        now_s, total = time.monotonic(), self._totals["answered"]
+        since_s, before = self._windows[0]
+        self._windows.append((now_s, total))
+        window_s = max(now_s - since_s, 1e-9)
+        return {
+            "Events in window": str(total - before),
+            "Events since startup": str(total),
+            "Duration of window (s)": f"{window_s:.3f}",
+            "Actual frequency (Hz)": f"{(total - before) / window_s:.3f}",
+        }
+
+    def _clock(self) -> list[str]:
+        """Say what is wrong with the stamps of the last period."""
+        said = []
+        least, most = ACCEPTABLE_AGE_S
+        if 0 in self._stamps_ns:
+            said.append("zero stamp: a message has none")
+        elif self._ages_s and max(self._ages_s) > most:
+            said.append(f"old stamps: {max(self._ages_s):.3g} s old, more than {most:g} s")
+        elif self._ages_s and min(self._ages_s) < least:
+            said.append(f"future stamps: {-min(self._ages_s):.3g} s ahead, more than {-least:g} s")
+        return said
+
+    def _ages(self) -> dict[str, str]:
+        """Return how old stamps were when they were answered, and how evenly they came."""
+        if not self._ages_s:
+            return {}
+        steps_s = np.diff(self._stamps_ns) * 1e-9
+        return {
+            "Earliest timestamp delay:": f"{min(self._ages_s):.6f}",
+            "Latest timestamp delay:": f"{max(self._ages_s):.6f}",
+            **({"Timestamp jitter (s)": f"{steps_s.std():.6f}"} if len(steps_s) > 1 else {}),
+        }

@@ -1,0 +1,149 @@
+"""Diagnostics: level, rate, age and jitter of stamps, refusals by kind, and what to do."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.shared import diagnostics
+from uuv_optical_array.nodes.shared.messages import image_to_message
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+NOW = 100 * 10**9
+IMAGE = np.arange(25.0).reshape(5, 5) * 10
+
+
+class Bench:
+    """A feature node in simulated time whose images carry any stamp."""
+
+    def __init__(self, lab, namespace=None):
+        self.lab = lab
+        lab.begin({"scene": "reference", "use_sim_time": True}, any_stamp=False)
+        self.node = lab.start(FeatureNode, namespace)
+        place = f"{namespace}/array/image" if namespace else "array/image"
+        self.images = lab.talk(Image, place)
+        lab.connect()
+        lab.tick(NOW)
+        self.node.diagnostics._timer.cancel()  # the test says when a period ends
+        lab.statuses.clear()
+
+    def send(self, *stamps_ns, image=IMAGE):
+        for stamp in stamps_ns:
+            header = Header()
+            header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
+            self.lab.deliver(self.node, self.images, image_to_message(image, header))
+
+    def report(self):
+        """End the period and return its status and its values."""
+        self.node.diagnostics.publish()
+        status = self.lab.until(lambda: self.lab.statuses, "a report")[-1]
+        self.lab.statuses.clear()
+        return status, {pair.key: pair.value for pair in status.values}
+
+
+@pytest.fixture
+def bench(lab):
+    return Bench(lab)
+
+
+def test_age_and_jitter_of_stamps_are_those_of_the_nodes_clock(bench):
+    bench.send(NOW - 400_000_000, NOW - 300_000_000, NOW - 100_000_000)
+    status, values = bench.report()
+    assert (status.level, status.message) == (OK, "3 answered")
+    assert float(values["Earliest timestamp delay:"]) == pytest.approx(0.1)
+    assert float(values["Latest timestamp delay:"]) == pytest.approx(0.4)
+    assert float(values["Timestamp jitter (s)"]) == pytest.approx(0.05)  # of 0.1 s and 0.2 s
+    # The next period begins with the last stamp of this one, and has nothing to say without any.
+    bench.send(NOW, NOW + 300_000_000)
+    _, values = bench.report()
+    assert float(values["Timestamp jitter (s)"]) == pytest.approx(0.1)  # of 0.1 s and 0.3 s
+    _, values = bench.report()
+    assert "Latest timestamp delay:" not in values
+
+
+@pytest.mark.parametrize(
+    ("stamp", "text"),
+    [
+        (NOW - 5_100_000_000, "old stamps: 5.1 s old, more than 5 s"),
+        (NOW + 1_200_000_000, "future stamps: 1.2 s ahead, more than 1 s"),
+        (0, "zero stamp: a message has none"),
+        (NOW - 4_900_000_000, ""),
+        (NOW + 900_000_000, ""),
+    ],
+)
+def test_stamps_of_another_clock_are_told(bench, stamp, text):
+    bench.send(stamp)
+    status, _ = bench.report()
+    assert (status.level, status.message) == ((WARN, text) if text else (OK, "1 answered"))
+
+
+def test_the_rate_is_that_of_the_last_five_periods(bench, monkeypatch):
+    now_s = bench.node.diagnostics._heard_s
+    clock = iter(np.arange(1, 100))
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: now_s + step)
+    stamps = iter(range(NOW, 2 * NOW, 10**6))
+    for answers in (10, 4, 4, 4, 4, 4, 0):
+        step = float(next(clock))
+        bench.send(*(next(stamps) for _ in range(answers)))
+        _, values = bench.report()
+        if step == 1.0:
+            assert float(values["Actual frequency (Hz)"]) == pytest.approx(10)
+    # Seven periods of a second: in the last five of them there were 4, 4, 4, 4 and 0.
+    assert float(values["Actual frequency (Hz)"]) == pytest.approx(16 / 5)
+    assert (values["Events in window"], values["Events since startup"]) == ("16", "30")
+    assert float(values["Duration of window (s)"]) == pytest.approx(5)
+
+
+def test_refusals_are_counted_by_their_kind_since_the_start(bench):
+    bench.send(NOW, NOW, NOW)
+    bench.send(NOW + 1, image=np.zeros((5, 5)))
+    status, values = bench.report()
+    assert status.level == WARN
+    assert "stamp not later" in status.message
+    assert "no light" in status.message
+    assert (values["refused: stamp not later"], values["refused: no light"]) == ("2", "1")
+    assert "clock that is set back" in values["cure: stamp not later"]
+    bench.send(NOW + 2)
+    status, values = bench.report()
+    assert (status.level, values["refused"], values["refused: no light"]) == (OK, "3", "1")
+    assert not any(key.startswith("cure") for key in values)
+
+
+def test_without_input_the_node_warns_and_never_says_stale(bench, monkeypatch):
+    since_s = bench.node.diagnostics._heard_s
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: since_s + 7.5)
+    status, values = bench.report()
+    assert (status.level, status.message) == (WARN, "no input: nothing came for 7.5 s")
+    assert "ros2 topic hz" in values["cure: no input"]
+
+
+def test_a_failure_is_an_error_whatever_else_there_is(bench):
+    bench.node.diagnostics.fail("table /nowhere: no table there")
+    bench.send(NOW, NOW)
+    status, values = bench.report()
+    assert (status.level, status.message) == (ERROR, "table /nowhere: no table there")
+    assert "uuv_array table" in values["cure: table"]
+
+
+@pytest.mark.parametrize(
+    ("namespace", "hardware"), [(None, "uuv_optical_array"), ("/fleet/rov_2", "fleet/rov_2")]
+)
+def test_the_hardware_is_named_by_the_namespace(lab, namespace, hardware):
+    bench = Bench(lab, namespace)
+    bench.send(NOW)
+    status, _ = bench.report()
+    assert status.hardware_id == hardware
+    assert status.name == f"{namespace or ''}/feature_node".lstrip("/")
+
+
+def test_the_light_is_told_as_a_share_of_full_scale(bench):
+    image = np.full((5, 5), 341.0)
+    image[0, :3] = 1023
+    bench.send(NOW, image=image)
+    _, values = bench.report()
+    assert (values["light_level"], values["saturated_share"]) == ("1.000", "0.120")
+    bench.send(NOW + 1, image=np.minimum(image, 341) - np.eye(5))
+    _, values = bench.report()
+    assert (values["light_level"], values["saturated_share"]) == ("0.333", "0.000")

@@ -1,0 +1,185 @@
+"""Every kind of text that a node can show on ``/diagnostics``: its cause, and what to do about it.
+
+The kind of a text stands before its colon; what a topic's name and a comma come before is of that
+topic's messages.
+"""
+
+from typing import NamedTuple
+
+
+class Reason(NamedTuple):
+    """What is behind a text.
+
+    Parameters
+    ----------
+    cause
+        Why it appears.
+    cure
+        What the reader does.
+    """
+
+    cause: str
+    cure: str
+
+
+_DRIVER = "The node that publishes the topic does not keep to the README's topics table."
+_OLD_CLOCK = "The stamps come from another clock than the node's."
+
+# Frames that get no pose, and messages that are not used. WARN.
+REFUSALS = {
+    "no light": Reason(
+        "No detector reads `min_peak_counts`: the lamp is off, out of sight or too far away.",
+        "Look at `array/image`. Bring the lamp into view; check its supply and the window.",
+    ),
+    "no pattern": Reason(
+        "Every detector reads the same: a shorted or saturated array, or daylight alone.",
+        "Look at `array/image`; check the array's cable and gain.",
+    ),
+    "above full scale": Reason(
+        "A reading is larger than the scene's converter can give.",
+        "Correct `effects.adc` of the scene to the converter that is mounted.",
+    ),
+    "not five finite numbers": Reason(
+        "The key parameters are beyond any image's.", "Restart the feature node; check its input."
+    ),
+    "not of this array": Reason(
+        "A key parameter is impossible for an array of the scene's size.",
+        "Give feature and estimator node the same `scene`.",
+    ),
+    "another image": Reason(
+        "The key parameters are not those of the image with their stamp.",
+        "Let one exposure have one stamp; look for a second publisher on `array/image`.",
+    ),
+    "frozen": Reason(
+        "The same readings come again under fresh stamps, noise included.",
+        "Restart the array's driver; check its cable.",
+    ),
+    "no match": Reason(
+        "No signature of the table is within `max_angle_rad`: the pose is outside of the table, or "
+        "the sea is not the scene.",
+        "Come closer to the station; else calibrate, or widen the scene's `table`.",
+    ),
+    "no fit": Reason(
+        "No pose of the scene explains the image: another lamp, daylight, a dirty window, dead or "
+        "mirrored detectors, or a sea that is not the scene.",
+        "Cover the lamp and look at `array/image`; then calibrate. `scene_...` says what differs.",
+    ),
+    "outlier": Reason(
+        "The pose is too far from the track: a reflection, or a manoeuvre that is faster than "
+        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect.",
+        "If it lasts, raise these two.",
+    ),
+    "late frame": Reason(
+        "The frame came after a newer one. With a pose of `buffer_s` or less of age it entered the "
+        "track; its pose is not published.",
+        "Look for load and for a network between the array and the estimator.",
+    ),
+    "repeated stamp": Reason(
+        "Two frames have one stamp.", "Look for a second publisher; stamp each exposure anew."
+    ),
+    "stamp not later": Reason(
+        "The stamp is not later than the one before: repeated, or in the wrong order.",
+        "Look for a second publisher and for a clock that is set back. It heals by itself.",
+    ),
+    "no image": Reason(
+        "Key parameters came, and no image with their stamp.",
+        "Let the array's driver and the feature node keep one stamp; see `use_image`.",
+    ),
+    "no table": Reason("The signature table could not be had.", "Mend the error, `table ...`."),
+    "no roll": Reason(
+        "No `imu` message is near the image in time.",
+        "Check the IMU's topic and clock, or raise `max_imu_age_s`; else set `use_imu` to false.",
+    ),
+    "no orientation": Reason(
+        "The IMU says that it gives no orientation.",
+        "Remap `imu` to the topic of its filter, or set `use_imu` to false.",
+    ),
+    "not finite": Reason(
+        "A message holds NaN or infinity. Where its text says `not published`, it was ours and was "
+        "held back.",
+        "Check the node that publishes it; if it was ours, report it with a bag.",
+    ),
+    "out of bounds": Reason("A message holds a number beyond any vehicle's.", _DRIVER),
+    "bad attitude": Reason("A quaternion does not have the length 1.", _DRIVER),
+    "wrong encoding": Reason("The image is not mono16.", _DRIVER),
+    "wrong size": Reason(
+        "The image has not as many detectors as the scene, or the cloud not one point.",
+        "Name the scene of the array that is mounted.",
+    ),
+    "wrong step": Reason("The rows of the image have the wrong length.", _DRIVER),
+    "truncated": Reason("The message has fewer or more bytes than it says.", _DRIVER),
+    "wrong fields": Reason("The cloud is not one of key parameters.", "Remap `array/features`."),
+    "wrong field type": Reason("The key parameters are not FLOAT64.", _DRIVER),
+    "wrong field offsets": Reason("The key parameters do not follow each other.", _DRIVER),
+    "pose": Reason("A pose is out of bounds, or not later than the one before.", _DRIVER),
+    "covariance": Reason("A covariance is not positive definite or is out of bounds.", _DRIVER),
+    "readings": Reason("Readings could not be linearised.", "Report it with a bag."),
+    "no leader": Reason(
+        "The leader's odometry lags far behind the follower's.", "Check `leader/odometry`."
+    ),
+    "no leader pose at the follower's stamp": Reason(
+        "The leader's odometry has a gap there, or begins later.",
+        "Raise `max_gap_s`; let both odometries have one clock.",
+    ),
+    "frames differ": Reason(
+        "The two odometries are in different frames.", "Publish both in one frame."
+    ),
+}
+
+# What lasts, and makes the answers worse or keeps them away. WARN.
+WARNINGS = {
+    "no input": Reason(
+        "Nothing came that the node could answer.",
+        "Follow the topics upstream: `ros2 topic hz` on what the node subscribes to. Names, "
+        "namespace, `ROS_DOMAIN_ID` and QoS must agree.",
+    ),
+    "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
+    "future stamps": Reason(
+        _OLD_CLOCK + " With `use_sim_time`, no `/clock` may have come yet.",
+        "Set the clocks (NTP, PTP); check who publishes `/clock`.",
+    ),
+    "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
+    "compiling least_squares, once on a machine": Reason(
+        "The fit is compiled at the first start, and `sam_interpolated` answers.",
+        "Wait a minute or two, or start once before the dive.",
+    ),
+    "building the signature table, once on a machine": Reason(
+        "The scene's table is built at the first start, and a coarse one answers.",
+        "Wait some seconds, or set `table`.",
+    ),
+    "a coarse table answers, the signature table was not built": Reason(
+        "Building the table failed, by memory or disk.", "Free some; see the text."
+    ),
+    "leader waits": Reason(
+        "The demonstration's leader waits for the follower's first command.",
+        "It sets off when `estimator_node` has a pose.",
+    ),
+}
+
+# What keeps a node from working until its set-up changes. ERROR.
+ERRORS = {
+    "table": Reason(
+        "The folder of the signature table is missing, damaged or of another scene.",
+        "Build it with `uuv_array table`, or empty the parameter `table`.",
+    ),
+    "scene": Reason(
+        "No pose of the scene's table has light.", "Correct the scene's `table` or its lamp."
+    ),
+}
+REASONS = {**REFUSALS, **WARNINGS, **ERRORS}
+
+
+def kind_of(text: str) -> str:
+    """Return the kind of a text, a key of `REASONS`; empty for a text of none."""
+    head = text.partition(":")[0]
+    for kind in (head, head.rpartition(", ")[2], head.partition(" ")[0]):
+        if kind in REASONS:
+            return kind
+    return ""
+
+
+def markdown_table(reasons: dict[str, Reason]) -> str:
+    """Return reasons as the rows of a Markdown table."""
+    rows = ["| text begins with | cause | cure |", "|---|---|---|"]
+    rows += [f"| `{kind}` | {reason.cause} | {reason.cure} |" for kind, reason in reasons.items()]
+    return "\n".join(rows)

@@ -118,6 +118,9 @@ class EstimatorNode(Node):
         super().__init__("estimator_node")
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.check(self.parameters["method"])
+        self.beacon_frame, self.base_frame, self.child_frame = map(
+            self.parameters.frame, ("beacon_frame", "base_frame", "tf_child_frame")
+        )
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
         self.pairs = StampPairs()
@@ -125,8 +128,7 @@ class EstimatorNode(Node):
         self.model = ForwardModel(self.scene)
         self.frozen = FrozenFrames(self.model)
         self.constants = constants_of(self.model)
-        axes = grid_axes(self.scene.table)
-        self.extent = np.transpose([(axis[0] - 1e-9, axis[-1] + 1e-9) for axis in axes])
+        self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
         self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
@@ -168,7 +170,7 @@ class EstimatorNode(Node):
 
     def place_beacon(self) -> None:
         """Tell once where the lamp is on the leader, so that the frames are one tree."""
-        parent, child = map(self.parameters.frame, ("leader_frame", "beacon_frame"))
+        parent, child = self.parameters.frame("leader_frame"), self.beacon_frame
         if not parent:
             return
         pose, position = Pose(), np.array(self.parameters["beacon_position_m"])
@@ -310,20 +312,20 @@ class EstimatorNode(Node):
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        header = Header(stamp=header.stamp, frame_id=self.parameters.frame("beacon_frame"))
+        header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
         pose = pose_to_message(
             estimate.pose, self.covariance_6x6(estimate.pose, estimate.covariance), header, roll
         )
         if not self.poses.publish(pose):
             return
-        own = Header(stamp=header.stamp, frame_id=self.parameters.frame("base_frame"))
+        own = Header(stamp=header.stamp, frame_id=self.base_frame)
         best = estimate.pose if track is None else track.pose
         leader = inverse_to_message(best, own, roll)
         self.leaders.publish(leader)
         if self.parameters["tf_parent"] == "base":
             self.send_transform(own, header.frame_id, leader.pose)
         else:
-            child = body_beside(header.frame_id, self.parameters.frame("tf_child_frame"))
+            child = body_beside(header.frame_id, self.child_frame)
             self.send_transform(header, child, pose.pose.pose)
         shown = figures(estimate)
         if track is not None:
@@ -336,7 +338,8 @@ class EstimatorNode(Node):
     def margin(self, pose: Array) -> str:
         """Say how far inside of the table a pose is: 1 in its middle, 0 at its edge, < 0 beyond."""
         low, high = self.extent
-        inside = 1 - np.abs(2 * pose - low - high) / (high - low)
+        span = np.where(high > low, high - low, np.inf)  # an axis of one value has no edge
+        inside = 1 - np.abs(2 * pose - low - high) / span
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
 
     def covariance_6x6(self, pose: Array, covariance: Array) -> Array:
@@ -373,8 +376,7 @@ class EstimatorNode(Node):
         covariance = self.covariance_6x6(track.pose, joint[:5, :5])
         twist, spread = body_twist(track.pose, track.rate, joint, roll)
         pose = pose_to_message(track.pose, covariance, header, roll)
-        child = self.parameters.frame("tf_child_frame")
-        self.tracks.publish(odometry_to_message(pose, child, twist, spread))
+        self.tracks.publish(odometry_to_message(pose, self.child_frame, twist, spread))
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -3,14 +3,17 @@
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
+
+from uuv_optical_array.forward.scene import load_scene
 
 PACKAGE = "uuv_optical_array"
+YES, NO = ("true", "True", "1"), ("false", "False", "0")
+RESPAWN_DELAY_S = 0.2
 # Empty means: not given, so that neither a file's value nor a node's default is replaced.
 ARGUMENTS = {
     "scene": ("", "ready scene's name or a YAML file: lamp, water, array, electronics"),
@@ -24,14 +27,24 @@ ARGUMENTS = {
     "rviz": ("false", "whether RViz opens"),
     "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
     "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
+    "use_respawn": (
+        "false",
+        "whether a node that dies is started again; without, the launch ends with it",
+    ),
 }
+SWITCHES = ("demo", "rviz", "publish_tf", "use_sim_time", "use_respawn")
 
 
 def generate_launch_description():
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(name, default_value=default, description=description)
+                DeclareLaunchArgument(
+                    name,
+                    default_value=default,
+                    description=description,
+                    choices=[*YES, *NO, *([] if default else [""])] if name in SWITCHES else None,
+                )
                 for name, (default, description) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=nodes),
@@ -46,7 +59,7 @@ def nodes(context):
         return LaunchConfiguration(name).perform(context)
 
     def switched_on(name):
-        return IfCondition(LaunchConfiguration(name)).evaluate(context)
+        return given(name) in YES
 
     share = FindPackageShare(PACKAGE)
     parameters = [PathJoinSubstitution([share, "config", "follow.yaml"])]
@@ -56,6 +69,7 @@ def nodes(context):
         parameters.append(given("params_file"))
     arguments = {}
     if given("scene"):
+        load_scene(given("scene"))
         arguments["scene"] = ParameterValue(given("scene"), value_type=str)
     if given("use_sim_time"):
         arguments["use_sim_time"] = switched_on("use_sim_time")
@@ -68,29 +82,65 @@ def nodes(context):
     names = ["simulator_node", "feature_node", "estimator_node", "formation_node"]
     if switched_on("demo"):
         names.append("vehicles_node")
-    # RViz and what it needs may be missing, so they come first.
-    return [
-        *(viewers(share) if switched_on("rviz") else ()),
-        *(
-            Node(
-                package=PACKAGE,
-                executable=name,
-                name=name,
-                namespace=given("namespace"),
-                parameters=parameters,
-                remappings=[("leader/odometry", given("leader_odometry"))],
-                output="screen",
-            )
-            for name in names
-        ),
+    respawn = switched_on("use_respawn")
+    started = [
+        started_node(
+            context,
+            respawn,
+            package=PACKAGE,
+            executable=name,
+            name=name,
+            namespace=given("namespace"),
+            parameters=parameters,
+            remappings=[("leader/odometry", given("leader_odometry"))],
+            output="screen",
+        )
+        for name in names
     ]
+    if switched_on("rviz"):
+        started += viewers(context, share, respawn)
+    return started
 
 
-def viewers(share):
+def viewers(context, share, respawn):
+    """Return RViz."""
     return [
-        Node(
+        # The window may be closed while the nodes run on.
+        started_node(
+            context,
+            None,
             package="rviz2",
             executable="rviz2",
             arguments=["-d", PathJoinSubstitution([share, "rviz", "follow.rviz"])],
         ),
     ]
+
+
+def started_node(context, respawn, *, package, executable, **others):
+    """Return a node that is known to be installed.
+
+    When it ends it is started again with `respawn`, else it ends the launch, and with None neither.
+    """
+    try:
+        ExecutableInPackage(executable=executable, package=package).perform(context)
+    except Exception as reason:  # launch has several, which share no base
+        raise RuntimeError(
+            f"{executable} of the package {package} is not installed: {reason}"
+        ) from None
+
+    def ended(event, context):
+        if context.is_shutdown:
+            return None
+        if event.returncode:
+            # An error makes ros2 launch exit with 1.
+            raise RuntimeError(f"{executable} died with exit code {event.returncode}")
+        return Shutdown(reason=f"{executable} ended")
+
+    return Node(
+        package=package,
+        executable=executable,
+        respawn=bool(respawn),
+        respawn_delay=RESPAWN_DELAY_S,
+        on_exit=ended if respawn is False else None,
+        **others,
+    )

@@ -72,10 +72,10 @@ setup(
     entry_points={
         "console_scripts": [
             *(
-                f"{name}_node = {package_name}.nodes.{name}_node:main"
+                f"{name}_node = {package_name}.programs:{name}_node"
                 for name in ("simulator", "feature", "estimator", "formation", "vehicles")
             ),
-            f"uuv_array = {package_name}.commands:main",
+            f"uuv_array = {package_name}.programs:uuv_array",
         ],
     },
 )

@@ -11,9 +11,9 @@ from tqdm import tqdm
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-INTERRUPTED = 130  # exit code after Ctrl-C
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 T = TypeVar("T")

@@ -1,0 +1,46 @@
+"""What the operating system starts: ``uuv_array`` and the nodes, each imported when it is run.
+
+Ctrl-C during an import ends the process at once: an exception there can pass for a missing module,
+and otherwise prints the stack of the import.
+"""
+
+import os
+import signal
+from collections.abc import Callable
+from importlib import import_module
+from types import FrameType
+
+INTERRUPTED = 130  # exit code of a command after Ctrl-C
+
+
+def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
+    def end(number: int, frame: FrameType | None) -> None:
+        os.write(2, line)
+        os._exit(code)
+
+    def program() -> None:
+        usual = signal.getsignal(signal.SIGINT)
+        if usual != signal.SIG_IGN:  # as it is for what a shell starts in the background
+            signal.signal(signal.SIGINT, end)
+        main = import_module(f"uuv_optical_array.{module}").main
+        signal.signal(signal.SIGINT, usual)
+        try:
+            main()
+        finally:
+            # Nothing is left to do but what Python does at its end.
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    return program
+
+
+def _node(name: str) -> Callable[[], None]:
+    # SIGINT is how a node is stopped.
+    return _program(f"nodes.{name}_node", 0)
+
+
+simulator_node = _node("simulator")
+feature_node = _node("feature")
+estimator_node = _node("estimator")
+formation_node = _node("formation")
+vehicles_node = _node("vehicles")
+uuv_array = _program("commands", INTERRUPTED, b"interrupted\n")

@@ -8,6 +8,7 @@ from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -22,7 +23,7 @@ from uuv_optical_array.nodes.shared.messages import (
     pose_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.shared.node import spin, start, subscribe
+from uuv_optical_array.nodes.shared.node import spin, start
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
@@ -37,10 +38,13 @@ class RecorderNode(Node):
         self.record, self.side = record, side
         self.started_ns: int | None = None
         self.leaders: dict[float, Odometry] = {}
-        subscribe(self, Odometry, "leader/odometry", self.on_leader)
-        subscribe(self, Odometry, "follower/odometry", self.on_follower)
-        subscribe(self, Image, "array/image", self.on_image)
-        subscribe(self, PoseWithCovarianceStamped, "relative_pose", self.on_pose)
+        for message_type, topic, callback in (
+            (Odometry, "leader/odometry", self.on_leader),
+            (Odometry, "follower/odometry", self.on_follower),
+            (Image, "array/image", self.on_image),
+            (PoseWithCovarianceStamped, "relative_pose", self.on_pose),
+        ):
+            self.create_subscription(message_type, topic, callback, qos_profile_sensor_data)
 
     def seconds(self, message) -> float | None:
         """Return a message's time since the leader set off, s; nothing before."""

@@ -7,6 +7,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from uuv_optical_array.nodes.shared.graph import several_publishers
 from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
 
 PERIOD_S = 1.0
@@ -18,8 +19,9 @@ class Diagnostics:
     """Count what a node answered and what it refused, and publish both at 1 Hz.
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
-    reason of each kind, a lasting warning, stamps of another clock, or no input. ERROR: the node
-    cannot work until its set-up changes. STALE is what an aggregator says of a silent node.
+    reason of each kind, a lasting warning, several publishers of a watched topic, stamps of another
+    clock, or no input. ERROR: the node cannot work until its set-up changes. STALE is what an
+    aggregator says of a silent node.
 
     Parameters
     ----------
@@ -36,6 +38,7 @@ class Diagnostics:
         self._refusals: dict[str, str] = {}
         self._values: dict[str, str] = {}
         self._failure = self._warning = ""
+        self._watched: list[str] = []
         self._heard_s = time.monotonic()
         self._windows = deque([(self._heard_s, 0)], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
@@ -72,10 +75,15 @@ class Diagnostics:
         if reason:
             self._node.get_logger().error(reason)
 
+    def watch(self, topic: str) -> None:
+        """Warn whenever a topic has more than one publisher."""
+        self._watched.append(topic)
+
     def publish(self) -> None:
         """Publish the last period and begin the next."""
         values = self._rate()
-        ours = [self._warning, *self._refusals.values(), *self._clock()]
+        mixed = [several_publishers(self._node, topic) for topic in self._watched]
+        ours = [self._warning, *mixed, *self._refusals.values(), *self._clock()]
         reasons = [reason for reason in (self._failure, *ours) if reason]
         if self._answered or self._refusals:
             self._heard_s = time.monotonic()

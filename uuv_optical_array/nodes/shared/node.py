@@ -46,29 +46,36 @@ class FinitePublisher:
 
 
 def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
-    """Create a reliable publisher of finite numbers whose QoS parameters can override."""
-    return FinitePublisher(
-        node,
-        node.create_publisher(
-            message_type,
-            topic,
-            QoSProfile(depth=10),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        ),
+    """Create a reliable publisher of finite numbers whose QoS parameters can override.
+
+    The node's ``diagnostics`` tell of other publishers of the topic.
+    """
+    publisher = node.create_publisher(
+        message_type,
+        topic,
+        QoSProfile(depth=10),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
+    node.diagnostics.watch(publisher.topic_name)
+    return FinitePublisher(node, publisher)
 
 
 def subscribe(
-    node: Node, message_type: type, topic: str, callback: Callable[[Any], None]
+    node: Any, message_type: type, topic: str, callback: Callable[[Any], None]
 ) -> Subscription:
-    """Create a subscription with sensor-data QoS that parameters can override."""
-    return node.create_subscription(
+    """Create a subscription with sensor-data QoS that parameters can override.
+
+    The node's ``diagnostics`` tell where the topic has more than one publisher.
+    """
+    subscription = node.create_subscription(
         message_type,
         topic,
         callback,
         qos_profile_sensor_data,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
+    node.diagnostics.watch(subscription.topic_name)
+    return subscription
 
 
 def transform_publisher(

@@ -133,6 +133,10 @@ WARNINGS = {
         "Follow the topics upstream: `ros2 topic hz` on what the node subscribes to. Names, "
         "namespace, `ROS_DOMAIN_ID` and QoS must agree.",
     ),
+    "several publishers": Reason(
+        "Two nodes publish on a topic that is to have one publisher: two runs mix.",
+        "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
+    ),
     "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
     "future stamps": Reason(
         _OLD_CLOCK + " With `use_sim_time`, no `/clock` may have come yet.",

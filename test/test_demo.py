@@ -1,9 +1,13 @@
-"""The record of the demonstration: it begins when the leader sets off."""
+"""The record of the demonstration begins when the leader sets off; two runs do not mix."""
+
+import subprocess
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from command_line import PROGRAM
+from conftest import PATIENCE_S
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
@@ -50,3 +54,44 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
         assert list(part) == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert [image[0, 0] for image in record.images.values()] == [3, 4, 5, 6]
     assert [pose[0] for pose in record.truth.values()] == pytest.approx([-6.0, -6.05, -6.1, -6.15])
+
+
+def test_a_run_beside_another_is_refused_and_says_how_to_separate_them(lab, tmp_path):
+    lab.begin()
+    lab.talk(TwistStamped, "cmd_vel")  # of a pilot, or of another demonstration
+    error = refused(tmp_path, "--duration", "60")
+    assert "another run is on this network: /cmd_vel of /probe;" in error
+    assert "ROS_DOMAIN_ID" in error
+
+
+def test_a_run_that_another_joins_ends_with_an_error(lab, tmp_path):
+    lab.begin()
+    poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+
+    def join():
+        lab.until(lambda: poses, "a pose")
+        lab.talk(Odometry, "leader/odometry")
+
+    error = refused(tmp_path, "--duration", "600", meanwhile=join)
+    assert "several publishers: /leader/odometry of /probe and /vehicles_node;" in error
+
+
+def refused(folder, *words, meanwhile=lambda: None):
+    """Run ``uuv_array follow`` until it refuses; return the line of its error."""
+    picture = folder / "x.png"
+    process = subprocess.Popen(
+        [*PROGRAM, "follow", "--headless", "--scene", "reference", "--output", picture, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        meanwhile()
+        out, error = process.communicate(timeout=PATIENCE_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    assert process.returncode == 1, out + error
+    assert not picture.exists()
+    return error.splitlines()[-1]

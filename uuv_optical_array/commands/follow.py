@@ -23,8 +23,9 @@ examples:
   uuv_array follow                          60 s of the default scene
   uuv_array follow --seed 1 --headless      the same noise each time, and no live line
   uuv_array follow --scene sea.yaml         your own lamp, water and array
-Ctrl-C ends the run early and reports what there is. While it runs, `ros2 topic echo /relative_pose`
-shows the estimates. The exit code is 1 when the follower lost the leader."""
+Ctrl-C ends the run early, reports what there is, and makes the exit code 130. While it runs,
+`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when the follower lost the
+leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
 
 
 def add_parser(subparsers: cli.Subparsers) -> None:
@@ -103,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
             if live_line_wanted:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        record, light_timeout_s = follow(ros_args, options.duration, on_tick)
+        record, light_timeout_s, interrupted = follow(ros_args, options.duration, on_tick)
     print(record.summary())
     lost = record.lost(light_timeout_s)
     if record.estimates:
@@ -112,4 +113,6 @@ def run(options: argparse.Namespace) -> int:
         draw_follow(record, options.output)
         print(f"picture: {options.output}")
     print(f"lost the leader: {lost}" if lost else "followed the leader to the end")
+    if interrupted:
+        return cli.INTERRUPTED
     return 1 if lost else 0

@@ -1,5 +1,6 @@
 """All nodes of the demonstration in one process, and the record of what they published."""
 
+import time
 from collections.abc import Callable
 
 import rclpy
@@ -17,6 +18,7 @@ from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.shared.graph import SEPARATE, publishers, several_publishers
 from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     odometry_pose,
@@ -28,10 +30,13 @@ from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
+DISCOVERY_S = 1.0  # in which the nodes of another run are found
 
 
 class RecorderNode(Node):
     """Keep what the other nodes publish, from the moment when the leader sets off."""
+
+    TOPICS = ("leader/odometry", "follower/odometry", "array/image", "relative_pose", "cmd_vel")
 
     def __init__(self, record: FollowRecord, side: int) -> None:
         super().__init__("recorder_node")
@@ -88,9 +93,26 @@ class RecorderNode(Node):
             self.record.estimates[stamp] = pose_from_message(message)
 
 
+def refuse_company() -> None:
+    """Raise ValueError where another run is on the network, before a node of ours publishes."""
+    lookout = rclpy.create_node("lookout")
+    try:
+        deadline = time.monotonic() + DISCOVERY_S
+        while time.monotonic() < deadline:
+            for topic in map(lookout.resolve_topic_name, RecorderNode.TOPICS):
+                if others := publishers(lookout, topic):
+                    raise ValueError(
+                        f"another run is on this network: {topic} of {' and '.join(others)}; "
+                        f"{SEPARATE}"
+                    )
+            rclpy.spin_once(lookout, timeout_sec=0.05)
+    finally:
+        lookout.destroy_node()
+
+
 def follow(
     ros_args: list[str], duration_s: float, on_tick: Callable[[FollowRecord, float], None]
-) -> tuple[FollowRecord, float]:
+) -> tuple[FollowRecord, float, bool]:
     """Run the demonstration in real time.
 
     Parameters
@@ -108,14 +130,18 @@ def follow(
         What was published, until the end or until it was interrupted.
     light_timeout_s
         How long the formation control bears to be without a pose, s.
+    interrupted : bool
+        Whether a signal ended it.
 
     Raises
     ------
     ValueError
-        For a parameter or a scene that a node refuses.
+        For a parameter or a scene that a node refuses, and where another run publishes on the
+        topics of this one, whether it was there first or comes later.
     """
     start(["--ros-args", *ros_args])
     try:
+        refuse_company()
         formation, simulator = FormationNode(), SimulatorNode()
         record = FollowRecord(formation.parameters["stand_off_m"])
         recorder = RecorderNode(record, simulator.model.array.side)
@@ -136,13 +162,16 @@ def follow(
             return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
 
         def goes_on() -> bool:
+            for topic in map(recorder.resolve_topic_name, RecorderNode.TOPICS):
+                if text := several_publishers(recorder, topic):
+                    raise ValueError(text)
             if recorder.started_ns is None:
                 return elapsed_s(ready_ns) < START_S
             return elapsed_s(recorder.started_ns) < duration_s
 
         recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s(recorder.started_ns)))
-        spin(executor, goes_on)
-        return record, formation.parameters["light_timeout_s"]
+        interrupted = spin(executor, goes_on)
+        return record, formation.parameters["light_timeout_s"], interrupted
     except ParameterException as error:
         raise ValueError(str(error)) from None
     finally:

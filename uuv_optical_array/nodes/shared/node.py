@@ -120,8 +120,10 @@ def start(args: list[str] | None) -> None:
         raise ValueError(" ".join(str(error).split())) from None
 
 
-def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> None:
+def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> bool:
     """Serve callbacks while they are wanted, until SIGINT, SIGTERM or a shutdown.
+
+    Return whether a signal ended it.
 
     A signal counts between two callbacks: an exception in the midst of one, which is what Python
     makes of SIGINT, can strike rclpy while it takes a message.
@@ -142,6 +144,7 @@ def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> None:
     if not asked:
         for number, handler in usual.items():
             signal.signal(number, handler)
+    return asked
 
 
 def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:

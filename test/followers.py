@@ -76,7 +76,7 @@ def follow(
     """
     leader = Vehicle(np.zeros(3))
     settings = settings or FormationSettings()
-    follower = start_behind(leader, settings.stand_off_m, offset)
+    follower = start_behind(leader, settings.station_m, offset)
     controller = FormationController(settings)
     errors, commands, images = [], [], []
     for tick in range(round(seconds / TICK_S)):
@@ -89,7 +89,7 @@ def follow(
                 with contextlib.suppress(Outlier):  # as the node does
                     controller.update(stamp, seen, published)
         linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
-        errors.append(pose - [-settings.stand_off_m, 0, 0, 0, 0])
+        errors.append(pose - [*settings.station_m, 0, 0])
         commands.append([*linear, *angular])
         leader.step(*twist(now), TICK_S)
         follower.step(linear, angular, TICK_S)

@@ -351,11 +351,13 @@ def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float
         before = command
 
 
-@pytest.mark.parametrize("stand_off_m", [6.0, 3.0])
-def test_each_command_is_that_of_a_textbook_filter_and_the_law(stand_off_m: float) -> None:
+@pytest.mark.parametrize("station_m", [(-6.0, 0.0, 0.0), (-3.0, 1.5, -0.7)])
+def test_each_command_is_that_of_a_textbook_filter_and_the_law(
+    station_m: tuple[float, float, float],
+) -> None:
     # No two alike that could stand for each other.
     s = FormationSettings(
-        stand_off_m=stand_off_m,
+        station_m=station_m,
         min_distance_m=0.0,
         position_gain_per_s=0.5,
         attitude_gain_per_s=0.3,
@@ -364,7 +366,7 @@ def test_each_command_is_that_of_a_textbook_filter_and_the_law(stand_off_m: floa
     )
     rng, spread = np.random.default_rng(6), np.linalg.cholesky(PUBLISHED)
     # The station is carried by the leader's turns: v + w x r, a column for each turn.
-    station = np.array([-stand_off_m, 0, 0, 0, 0])
+    station = np.array([*station_m, 0, 0])
     carry = np.eye(5)
     carry[:3, 3] = np.cross([0, 1, 0], station[:3])
     carry[:3, 4] = np.cross([0, 0, 1], station[:3])
@@ -409,7 +411,9 @@ def test_a_new_station_keeps_what_was_learnt_of_the_leader() -> None:
         controller.update(tick * 0.1, off_station([-0.5, 0, 0, 0, 0]), PUBLISHED)
         before = command_at(controller, tick * 0.1)
     assert before[0] == pytest.approx(1.0)
-    controller.configure(FormationSettings(stand_off_m=6.5, max_acceleration_m_per_s2=5.0))
+    controller.configure(
+        FormationSettings(station_m=(-6.5, 0.0, 0.0), max_acceleration_m_per_s2=5.0)
+    )
     controller.update(30.0, off_station([-0.5, 0, 0, 0, 0]), PUBLISHED)
     # On station now, it goes on with the leader.
     for tick in range(20):
@@ -442,6 +446,13 @@ def test_declared_defaults_pass_their_own_checks() -> None:
     assert FormationSettings(**checked) == FormationSettings()
 
 
-def test_a_stand_off_of_the_wrong_sign_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"formation\.stand_off_m: -6\.0 is out of bounds"):
-        check_all(FormationSettings, {"stand_off_m": -6.0}, "formation")
+@pytest.mark.parametrize("x", [6.0, 0.0, -0.4, np.nan])
+def test_a_station_that_is_not_behind_the_lamp_is_refused(x: float) -> None:
+    with pytest.raises(ValueError, match=r"station_m: .* is not behind the lamp; .* -0\.5 m"):
+        FormationSettings(station_m=(x, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("place", [[-6.0, 0.0], [-6.0, 0.0, 51.0], -6.0])
+def test_a_station_that_is_no_place_in_bounds_is_refused(place: object) -> None:
+    with pytest.raises(ValueError, match=r"formation\.station_m"):
+        check_all(FormationSettings, {"station_m": place}, "formation")

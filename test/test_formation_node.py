@@ -151,17 +151,20 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     helm.lab.report(helm.node, OK)
 
 
-@pytest.mark.parametrize(("stand_off_m", "sign"), [(5.0, 1.0), (8.0, -1.0)])
-def test_the_stand_off_can_change_while_the_node_runs(helm, stand_off_m, sign):
+@pytest.mark.parametrize(
+    ("station_m", "axis", "sign"),
+    [([-5.0, 0.0, 0.0], 0, 1), ([-8.0, 0.0, 0.0], 0, -1), ([-6.0, 1.0, -1.0], 1, 1)],
+)
+def test_the_station_can_change_while_the_node_runs(helm, station_m, axis, sign):
     for _ in range(10):
         helm.see(STATION)
         np.testing.assert_allclose(helm.command(), 0.0, atol=1e-9)
-    result = helm.lab.set(helm.node, "stand_off_m", stand_off_m)
+    result = helm.lab.set(helm.node, "station_m", station_m)
     assert result.successful, result.reason
     for _ in range(20):
         helm.see(STATION)
         command = helm.command()
-    assert command[0] * sign > 0.05
+    assert command[axis] * sign > 0.05
 
 
 def test_a_clock_that_is_set_back_stops_nothing(helm):

@@ -23,7 +23,7 @@ def biased(metres: float) -> Callable[[Array], Array]:
 
 
 def nearest(errors: Array, s: FormationSettings) -> float:
-    return float(np.linalg.norm(errors[:, :3] - [s.stand_off_m, 0, 0], axis=1).min())
+    return float(np.linalg.norm(errors[:, :3] + s.station_m, axis=1).min())
 
 
 def stops(now: float) -> tuple[Array, Array]:
@@ -34,14 +34,14 @@ def stops(now: float) -> tuple[Array, Array]:
 def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(
     twist: Callable[[float], tuple[Array, Array]],
 ) -> None:
-    s = FormationSettings(stand_off_m=3.2, min_distance_m=2.5)
+    s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=2.5)
     # The station as it is measured lies within the minimum.
     errors, _ = follow(40, biased(1.0), twist, settings=s)
     assert nearest(errors, s) > 2.5
 
 
 def test_without_a_minimum_the_same_bias_brings_the_follower_nearer() -> None:
-    s = FormationSettings(stand_off_m=3.2, min_distance_m=0.0)
+    s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=0.0)
     errors, _ = follow(40, biased(1.0), stops, settings=s)
     assert nearest(errors, s) < 1.5
 
@@ -57,7 +57,7 @@ def test_a_bias_of_metres_that_the_covariance_admits_is_kept_off_too(bias: float
 def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
     lit_s: float,
 ) -> None:
-    s = FormationSettings(stand_off_m=3.5, min_distance_m=3.0, stop_time_s=6.0)
+    s = FormationSettings(station_m=(-3.5, 0.0, 0.0), min_distance_m=3.0, stop_time_s=6.0)
     controller = FormationController(s)
     x = -12.0
     for tick in range(round(30 / TICK_S)):
@@ -74,7 +74,11 @@ def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
 
 def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time() -> None:
     s = FormationSettings(
-        stand_off_m=1.0, min_distance_m=3.0, light_timeout_s=0.3, stop_time_s=0.3, smoothing_s=0.1
+        station_m=(-1.0, 0.0, 0.0),
+        min_distance_m=3.0,
+        light_timeout_s=0.3,
+        stop_time_s=0.3,
+        smoothing_s=0.1,
     )
     controller, x, speed, fastest = FormationController(s), -12.0, 0.0, 0.0
     step = s.max_acceleration_m_per_s2 * TICK_S
@@ -126,7 +130,7 @@ def test_nor_does_a_sideways_one_but_it_backs_off(
     place = np.array([-3.0, *np.sqrt(7) * np.array([np.cos(round_beam), np.sin(round_beam)])])
     to_beacon = Rotation.from_euler("ZYX", [turned[1], turned[0], 0.0])
     for min_distance_m, sign in ((3.5, 1), (0.0, -1)):
-        s = FormationSettings(stand_off_m=3.0, min_distance_m=min_distance_m)
+        s = FormationSettings(station_m=(-3.0, 0.0, 0.0), min_distance_m=min_distance_m)
         controller = FormationController(s)
         for tick in range(10):
             controller.update(tick * 0.1, [*place, *turned], np.eye(5) * 0.4**2)
@@ -136,7 +140,7 @@ def test_nor_does_a_sideways_one_but_it_backs_off(
 
 
 def test_too_near_it_backs_off_until_it_is_not() -> None:
-    s = FormationSettings(stand_off_m=4.0, min_distance_m=3.0)
+    s = FormationSettings(station_m=(-4.0, 0.0, 0.0), min_distance_m=3.0)
     errors, commands = follow(
         20,
         twist=steady([0, 0, 0], [0, 0, 0]),
@@ -165,7 +169,7 @@ def test_a_refused_pose_below_the_minimum_stops_the_approach_until_the_next() ->
 
 
 def test_a_station_within_the_minimum_is_not_reached() -> None:
-    s = FormationSettings(stand_off_m=1.5, min_distance_m=3.0)
+    s = FormationSettings(station_m=(-1.5, 0.0, 0.0), min_distance_m=3.0)
     errors, _ = follow(
         40, twist=steady([0, 0, 0], [0, 0, 0]), offset=(-4, 0, 0), published=PUBLISHED, settings=s
     )

@@ -160,11 +160,11 @@ def test_ros2_param_set_shows_the_reason_of_a_refusal(lab, scene_file, value, re
 def test_one_bad_value_among_several_changes_none(lab, scene_file):
     node = begin(lab, "formation_node", scene_file)
     result = node.set_parameters_atomically(
-        [Parameter("stand_off_m", value=7.0), Parameter("smoothing_s", value=math.nan)]
+        [Parameter("min_distance_m", value=3.0), Parameter("smoothing_s", value=math.nan)]
     )
     assert not result.successful
     assert "smoothing_s" in result.reason
-    assert node.get_parameter("stand_off_m").value == 6.0
+    assert node.get_parameter("min_distance_m").value == 2.0
 
 
 # Node, start parameter, and what the one line must name.
@@ -184,7 +184,7 @@ BAD_STARTS = [
     ("simulator_node", "odometry_axes:=ned", ("ned", "flu or frd")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0,-101.0]", ("[2]", "-101.0", "to 100 m")),
-    ("formation_node", "stand_off_m:=0.4", ("0.4", "from 0.5 to 50 m")),
+    ("formation_node", "station_m:=[-0.4,0.0,0.0]", ("-0.4", "from -50 to -0.5 m")),
     ("formation_node", "rate_hz:=0.0", ("0.0", "from 0.1 to 1000 Hz")),
     ("vehicles_node", "command_timeout_s:=.inf", ("inf", "from 0.05 to 60 s")),
 ]
@@ -290,7 +290,7 @@ def test_a_file_with_one_value_changes_that_value_and_nothing_else(lab, tmp_path
         "simulator_node": ("max_gap_s", 0.25),
         "feature_node": ("min_peak_counts", 7.0),
         "estimator_node": ("neighbours", 32),
-        "formation_node": ("stand_off_m", 7.0),
+        "formation_node": ("min_distance_m", 3.0),
         "vehicles_node": ("command_timeout_s", 2.0),
     }[name]
     mine = tmp_path / "mine.yaml"

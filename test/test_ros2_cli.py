@@ -168,7 +168,7 @@ def test_ros2_run_refuses_a_bad_start_value_in_one_line(node):
         "simulator": ("max_gap_s", "-1.0"),
         "feature": ("min_peak_counts", "-1.0"),
         "estimator": ("max_angle_rad", "9.0"),
-        "formation": ("stand_off_m", "-6.0"),
+        "formation": ("min_distance_m", "-6.0"),
         "vehicles": ("rate_hz", "0.0"),
     }[node]
     command = ["ros2", "run", "uuv_optical_array", f"{node}_node", "--ros-args"]

@@ -205,10 +205,10 @@ def test_follower_starts_behind_the_leader_parallel_and_at_rest(
     offset: tuple[float, float, float],
 ) -> None:
     leader = Vehicle([3.0, -2.0, -5.0], pitch=0.1, yaw=2.0)
-    follower = start_behind(leader, 6.0, offset)
+    follower = start_behind(leader, (-6.0, 1.0, 0.5), offset)
     pose, roll = relative_pose(
         leader.position, leader.rotation, follower.position, follower.rotation
     )
-    assert pose == pytest.approx([offset[0] - 6, offset[1], offset[2], 0, 0], abs=1e-12)
+    assert pose == pytest.approx([offset[0] - 6, offset[1] + 1, offset[2] + 0.5, 0, 0], abs=1e-12)
     assert roll == pytest.approx(0, abs=1e-12)
     assert (follower.linear == 0).all()

@@ -74,12 +74,11 @@ def test_both_odometries_carry_every_tick_of_the_clock_in_one_world(lab):
         assert {odometry.child_frame_id for odometry in heard} == {f"{name}/base_link"}
 
 
-@pytest.mark.parametrize("stand_off_m", [4.0, 8.0])
-def test_the_follower_starts_at_rest_behind_the_leader(lab, stand_off_m):
-    leader, follower = Basin(lab, stand_off_m=stand_off_m).tick()
+@pytest.mark.parametrize("station_m", [[-4.0, 0.0, 0.0], [-8.0, 1.0, -2.0]])
+def test_the_follower_starts_at_rest_near_its_station(lab, station_m):
+    leader, follower = Basin(lab, station_m=station_m).tick()
     gap = position(follower) - position(leader)
-    assert gap[0] == pytest.approx(-stand_off_m, abs=1.0)
-    assert np.hypot(*gap[1:]) < 0.5
+    assert gap == pytest.approx(station_m, abs=0.6)
     assert (rotation(leader).inv() * rotation(follower)).magnitude() < 1e-9
     assert follower.twist.twist == type(follower.twist.twist)()
 

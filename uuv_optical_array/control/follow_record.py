@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.settings import Place
 
 
 @dataclass
@@ -13,8 +14,8 @@ class FollowRecord:
 
     Parameters
     ----------
-    stand_off_m
-        Commanded station behind the lamp, m.
+    station_m
+        Commanded station in the lamp's frame, m.
     leader_path, follower_path
         Positions in the world by stamp, m, shape ``(3,)`` each.
     truth
@@ -25,7 +26,7 @@ class FollowRecord:
         Array images by stamp, counts.
     """
 
-    stand_off_m: float
+    station_m: Place
     leader_path: dict[float, Array] = field(default_factory=dict)
     follower_path: dict[float, Array] = field(default_factory=dict)
     truth: dict[float, Array] = field(default_factory=dict)
@@ -40,7 +41,7 @@ class FollowRecord:
 
     def station_errors(self) -> tuple[Array, Array]:
         """Return the stamps and how far the follower truly was off its station, ``(m, 5)``."""
-        station = np.array([-self.stand_off_m, 0.0, 0.0, 0.0, 0.0])
+        station = np.array([*self.station_m, 0.0, 0.0])
         errors = [pose - station for pose in self.truth.values()]
         return np.array(list(self.truth)), np.reshape(errors, (-1, 5))
 
@@ -70,7 +71,7 @@ class FollowRecord:
         if dark_s > light_timeout_s:
             return f"no pose for {dark_s:.1f} s, more than {light_timeout_s:g} s"
         distance = np.linalg.norm(self.station_errors()[1][-1, :3])
-        if distance > self.stand_off_m / 2:
+        if distance > np.linalg.norm(self.station_m) / 2:
             return f"the follower ended {distance:.1f} m off its station"
         return ""
 

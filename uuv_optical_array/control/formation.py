@@ -4,6 +4,8 @@ A tracker that is told each command as it was limited estimates the relative pos
 command is changed by the rate that is missing: one proportional to the error, less the present
 one. So nothing lags at a steady speed or turn of the leader, and there is no integral to wind up.
 
+The station is a place behind the lamp, on the beam's axis or beside it. It turns with the leader.
+
 A lateral offset and a turn of the follower move the light across the array alike, so one image
 hardly tells them apart: the errors of y and yaw, and of z and pitch, are all but proportional.
 The covariance says so, and the motion from image to image decides.
@@ -32,8 +34,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, Y, Z, rotation_matrix
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.motion import RandomMotion
 from uuv_optical_array.estimation.tracker import (
     GateProbability,
@@ -55,9 +57,11 @@ MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
 @dataclass(frozen=True)
 class FormationSettings:
-    """Station, gains and limits."""
+    """Station, gains and limits; ValueError for a station that is not behind the lamp."""
 
-    stand_off_m: Annotated[float, Quantity("station behind the lamp", "m", 0.5, 50)] = 6.0
+    station_m: Annotated[
+        Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
+    ] = (-6.0, 0.0, 0.0)
     min_distance_m: Annotated[
         float, Quantity("nearest to the lamp that it goes; 0 for no minimum", "m", 0, 50)
     ] = 2.0
@@ -83,9 +87,16 @@ class FormationSettings:
     stop_time_s: Annotated[float, Quantity("from lost light to standstill", "s", 0.1, 60)] = 3.0
     gate_probability: GateProbability = TrackerSettings.gate_probability
 
+    def __post_init__(self) -> None:
+        if not self.station_m[0] <= -0.5:
+            raise ValueError(
+                f"station_m: {list(self.station_m)} is not behind the lamp; "
+                "its x must be from -50 to -0.5 m"
+            )
+
 
 class FormationController:
-    """Keep the stand-off and the leader's attitude, in all 5 degrees of freedom.
+    """Keep the station and the leader's attitude, in all 5 degrees of freedom.
 
     Parameters
     ----------
@@ -110,7 +121,7 @@ class FormationController:
         """Use other settings from now on; what was learnt of the leader stays."""
         self._settings = s = settings
         turn, turn_acceleration = np.radians([s.max_turn_deg_per_s, s.max_acceleration_deg_per_s2])
-        self._station = np.array([-s.stand_off_m, 0.0, 0.0, 0.0, 0.0])
+        self._station = np.array([*s.station_m, 0.0, 0.0])
         self._gain = np.repeat([s.position_gain_per_s, s.attitude_gain_per_s], [3, 2])
         self._max_rate = np.array(
             [s.max_surge_m_per_s, s.max_sway_m_per_s, s.max_sway_m_per_s, turn, turn]
@@ -124,7 +135,7 @@ class FormationController:
                 reset_after_s=s.light_timeout_s,
                 buffer_s=0.0,
             ),
-            _leader_motion(s.stand_off_m),
+            _leader_motion(s.station_m),
         )
 
     def update(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
@@ -280,9 +291,9 @@ def _nanoseconds(name: str, seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _leader_motion(stand_off_m: float) -> RandomMotion:
+def _leader_motion(station_m: Place) -> RandomMotion:
     """Return the random motion of the station, carried by the leader's twist: v + w x station."""
     carry = np.eye(5)
-    carry[Y, YAW] = -stand_off_m
-    carry[Z, PITCH] = stand_off_m
+    carry[:3, PITCH] = np.cross([0.0, 1.0, 0.0], station_m)
+    carry[:3, YAW] = np.cross([0.0, 0.0, 1.0], station_m)
     return RandomMotion(carry * LEADER_STD, carry * LEADER_WALK, np.diag(OWN_WALK))

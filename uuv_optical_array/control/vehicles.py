@@ -150,7 +150,7 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
 
 
 def start_behind(
-    leader: Vehicle, stand_off_m: float, offset: ArrayLike = (-0.5, -0.2, 0.0)
+    leader: Vehicle, station_m: ArrayLike, offset: ArrayLike = (-0.5, -0.2, 0.0)
 ) -> Vehicle:
     """Place a follower at rest behind a leader and parallel to it, a little off its station.
 
@@ -158,8 +158,8 @@ def start_behind(
     ----------
     leader
         The leader.
-    stand_off_m
-        Distance of the station behind the leader's ``base_link``, m, > 0.
+    station_m
+        The station in the leader's frame, m, shape ``(3,)``.
     offset
         Of the follower from the station, in the leader's frame, m, shape ``(3,)``.
 
@@ -168,6 +168,6 @@ def start_behind(
     Vehicle
         The follower, with the leader's limits.
     """
-    place = np.array([-stand_off_m, 0.0, 0.0]) + np.asarray(offset, dtype=float)
+    place = np.add(station_m, offset)
     position = leader.position + leader.rotation @ place
     return Vehicle(position, leader.pitch, leader.yaw, leader.limits)

@@ -46,6 +46,8 @@ class Quantity:
 
 # Places on the array, each ``[row, column]``; the bounds are those of both.
 Cells: TypeAlias = Sequence[Sequence[int]]
+# A place in space, x, y and z; the bounds are those of each.
+Place: TypeAlias = tuple[float, float, float]
 # A number for each detector, ``[row][column]``; the bounds are those of all.
 Grid: TypeAlias = Sequence[Sequence[float]]
 
@@ -96,6 +98,16 @@ def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
     ]
 
 
+def _place(value: Any, quantity: Quantity, name: str) -> Place:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ValueError(f"{name}: {value!r} is no place; give [x, y, z]")
+    x, y, z = (
+        float(_number(number, quantity, f"{name}[{i}]", whole=False))
+        for i, number in enumerate(value)
+    )
+    return x, y, z
+
+
 def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
     rows = value if isinstance(value, list | tuple) else []
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
@@ -117,8 +129,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
     Parameters
     ----------
     hint
-        ``float``, ``int``, ``Span``, `Cells`, `Grid`, ``Literal[...]`` or ``T | None``, each bare
-        or ``Annotated`` with a `Quantity`.
+        ``float``, ``int``, ``Span``, `Place`, `Cells`, `Grid`, ``Literal[...]`` or ``T | None``,
+        each bare or ``Annotated`` with a `Quantity`.
     value
         The value as read.
     name
@@ -150,6 +162,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
         return value
     if hint == Cells:
         return _cells(value, quantity, name)
+    if hint == Place:
+        return _place(value, quantity, name)
     if hint == Grid:
         return _grid(value, quantity, name)
     if hint is Span:

@@ -18,7 +18,7 @@ from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.shared.graph import SEPARATE, publishers, several_publishers
+from uuv_optical_array.nodes.shared.graph import SEPARATE, UNKNOWN, publishers, several_publishers
 from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     odometry_pose,
@@ -100,7 +100,8 @@ def refuse_company() -> None:
         deadline = time.monotonic() + DISCOVERY_S
         while time.monotonic() < deadline:
             for topic in map(lookout.resolve_topic_name, RecorderNode.TOPICS):
-                if others := publishers(lookout, topic):
+                others = publishers(lookout, topic)
+                if others and UNKNOWN not in others:
                     raise ValueError(
                         f"another run is on this network: {topic} of {' and '.join(others)}; "
                         f"{SEPARATE}"
@@ -143,7 +144,7 @@ def follow(
     try:
         refuse_company()
         formation, simulator = FormationNode(), SimulatorNode()
-        record = FollowRecord(formation.parameters["stand_off_m"])
+        record = FollowRecord(tuple(formation.parameters["station_m"]))
         recorder = RecorderNode(record, simulator.model.array.side)
         executor = SingleThreadedExecutor()
         for node in (
@@ -163,7 +164,8 @@ def follow(
 
         def goes_on() -> bool:
             for topic in map(recorder.resolve_topic_name, RecorderNode.TOPICS):
-                if text := several_publishers(recorder, topic):
+                text = several_publishers(recorder, topic)
+                if text and UNKNOWN not in text:
                     raise ValueError(text)
             if recorder.started_ns is None:
                 return elapsed_s(ready_ns) < START_S

@@ -29,8 +29,10 @@ from uuv_optical_array.nodes.shared.parameters import (
 
 PARAMETERS = {
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
-    "stand_off_m": Parameter(
-        6.0, Quantity("how far behind the leader the follower starts", "m", 1, 50), True
+    "station_m": Parameter(
+        [-6.0, 0.0, 0.0],
+        Quantity("station in the leader's base_link, near which the follower starts", "m", -50, 50),
+        True,
     ),
     "command_timeout_s": Parameter(
         1.0, Quantity("the follower stops when cmd_vel is older than this", "s", 0.05, 60)
@@ -48,7 +50,7 @@ class VehiclesNode(Node):
         super().__init__("vehicles_node")
         self.parameters = Parameters(self, PARAMETERS)
         self.leader = Vehicle(np.zeros(3))
-        self.follower = start_behind(self.leader, self.parameters["stand_off_m"])
+        self.follower = start_behind(self.leader, self.parameters["station_m"])
         self.path_s: float | None = None  # time on the leader's path, once it has set off
         self.moved: Time | None = None
         self.commanded = self.get_clock().now()

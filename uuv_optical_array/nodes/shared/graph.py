@@ -2,13 +2,16 @@
 
 from rclpy.node import Node
 
+UNKNOWN = "a node not known by name yet"  # its publishers are found before it is
 SEPARATE = "give each run a namespace or a ROS_DOMAIN_ID of its own"
 
 
 def publishers(node: Node, topic: str) -> list[str]:
     """Return the full names of the nodes that publish on a topic, one for each publisher."""
     return sorted(
-        f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+        UNKNOWN
+        if "UNKNOWN_" in end.node_name
+        else f"{end.node_namespace.rstrip('/')}/{end.node_name}"
         for end in node.get_publishers_info_by_topic(topic)
     )
 

@@ -124,9 +124,14 @@ class Parameters:
         self, declared: type[Settings], changes: Mapping[str, Any] | None = None
     ) -> Settings:
         """Return a dataclass of settings that are parameters, with the values of a change."""
-        present = {name: self[name] for name in parameters_of(declared)}
-        new = {name: value for name, value in (changes or {}).items() if name in present}
-        return declared(**{**present, **new})
+        values = {name: self[name] for name in parameters_of(declared)}
+        values |= {name: value for name, value in (changes or {}).items() if name in values}
+        return declared(
+            **{
+                name: tuple(value) if isinstance(self._declared[name].default, list) else value
+                for name, value in values.items()
+            }
+        )
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in self._declared}
@@ -174,5 +179,6 @@ def parameters_of(settings: type) -> dict[str, Parameter]:
     for field in fields(settings):
         kind, quantity = get_args(hints[field.name])
         choices = get_args(kind) if get_origin(kind) is Literal else ()
-        parameters[field.name] = Parameter(field.default, quantity, choices=choices)
+        default = list(field.default) if isinstance(field.default, tuple) else field.default
+        parameters[field.name] = Parameter(default, quantity, choices=choices)
     return parameters

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -9,6 +10,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
+from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.forward.scene import load_scene
 
 PACKAGE = "uuv_optical_array"
@@ -23,7 +25,13 @@ ARGUMENTS = {
         "leader/odometry",
         "topic of the leader's odometry, for followers that share a leader",
     ),
-    "demo": ("true", "whether the two demo vehicles run"),
+    "demo": (
+        "true",
+        "whether the two demo vehicles run, or which: follower, without a leader of its own, or "
+        "leader, without any node of a follower",
+    ),
+    "followers": ("1", "how many followers a leader alone waits for"),
+    "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
     "rviz": ("false", "whether RViz opens"),
     "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
     "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
@@ -43,13 +51,21 @@ def generate_launch_description():
                     name,
                     default_value=default,
                     description=description,
-                    choices=[*YES, *NO, *([] if default else [""])] if name in SWITCHES else None,
+                    choices=choices(name, default),
                 )
                 for name, (default, description) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=nodes),
         ]
     )
+
+
+def choices(name, default):
+    """Return what an argument may be; None for anything."""
+    if name not in SWITCHES:
+        return None
+    others = ["follower", "leader"] if name == "demo" else []
+    return [*YES, *NO, *others, *([] if default else [""])]
 
 
 def nodes(context):
@@ -77,10 +93,19 @@ def nodes(context):
         arguments["publish_tf"] = switched_on("publish_tf")
     elif switched_on("rviz"):
         arguments["publish_tf"] = True
+    if given("station"):
+        station = yaml.safe_load(given("station"))
+        arguments["station_m"] = list(check(Place, station, "station"))
+    alone = given("demo") in ("leader", "follower")
+    if alone:
+        arguments["vehicles"] = given("demo")
+        arguments["followers"] = int(given("followers"))
     if arguments:
         parameters.append(arguments)
     names = ["simulator_node", "feature_node", "estimator_node", "formation_node"]
-    if switched_on("demo"):
+    if given("demo") == "leader":
+        names.clear()
+    if switched_on("demo") or alone:
         names.append("vehicles_node")
     respawn = switched_on("use_respawn")
     started = [

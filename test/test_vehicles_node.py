@@ -189,3 +189,48 @@ def test_a_clock_that_is_set_back_stops_nothing(basin):
     basin.lab.tick(basin.now)
     leader, follower = [basin.tick() for _ in range(3)][-1]
     assert leader.header.stamp == follower.header.stamp == time_of(basin.now)
+
+
+def odometry_of(x, y, yaw):
+    message = Odometry()
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    q = message.pose.pose.orientation
+    q.x, q.y, q.z, q.w = Rotation.from_euler("Z", yaw).as_quat()
+    return message
+
+
+def test_a_follower_alone_waits_for_a_leader_and_starts_behind_it(lab):
+    lab.begin({"vehicles": "follower", "station_m": [-5.0, 1.0, 0.0]})
+    node = lab.start(VehiclesNode)
+    leaders = lab.talk(Odometry, "leader/odometry")
+    heard = lab.listen(Odometry, "follower/odometry")
+    lab.connect()
+    lab.report(node, DiagnosticStatus.WARN, "follower waits: no leader/odometry")
+    assert node.count_publishers("leader/odometry") == 1  # the test's own
+    assert not heard
+    leaders.publish(odometry_of(20.0, -3.0, np.pi / 2))
+    lab.until(lambda: heard, "a follower")
+    # To the south of a leader that heads north, its port is in the west.
+    assert position(heard[0]) == pytest.approx([19.0, -8.0, 0.0], abs=0.6)
+    assert rotation(heard[0]).as_euler("ZYX")[0] == pytest.approx(np.pi / 2)
+    leaders.publish(odometry_of(90.0, 0.0, 0.0))  # from now on it goes where it is commanded
+    heard.clear()
+    lab.until(lambda: len(heard) > 3, "the follower")
+    assert position(heard[-1]) == pytest.approx([19.0, -8.0, 0.0], abs=0.6)
+
+
+def test_a_leader_alone_waits_until_every_follower_is_commanded(lab):
+    lab.begin({"vehicles": "leader", "followers": 2})
+    node = lab.start(VehiclesNode)
+    commands = [lab.talk(TwistStamped, f"follower_{i}/cmd_vel") for i in (1, 2)]
+    heard = lab.listen(Odometry, "leader/odometry")
+    lab.connect()
+    lab.report(node, DiagnosticStatus.WARN, "follower_1/cmd_vel, follower_2/cmd_vel has come")
+    lab.deliver(node, commands[1], TwistStamped())
+    lab.report(node, DiagnosticStatus.WARN, "no follower_1/cmd_vel has come")
+    heard.clear()
+    lab.until(lambda: heard, "the leader")
+    assert position(heard[-1]) == pytest.approx([0, 0, 0])
+    lab.deliver(node, commands[0], TwistStamped())
+    lab.until(lambda: position(heard[-1])[0] > 0.01, "the leader to set off")
+    assert node.count_publishers("follower/odometry") == 0

@@ -114,8 +114,8 @@ WAITING = f"compiling {FIT}, once on a machine: until then {MEANWHILE} answers"
 class EstimatorNode(Node):
     """Publish a pose for each signature that the scene can answer, and nothing else."""
 
-    def __init__(self) -> None:
-        super().__init__("estimator_node")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("estimator_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.check(self.parameters["method"])
         self.beacon_frame, self.base_frame, self.child_frame = map(

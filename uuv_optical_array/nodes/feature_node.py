@@ -1,6 +1,7 @@
 """From the image of the array to its five key parameters."""
 
 import math
+from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
@@ -30,8 +31,8 @@ PARAMETERS = {
 class FeatureNode(Node):
     """Publish one point of five fields for each image; no point where there is no light."""
 
-    def __init__(self) -> None:
-        super().__init__("feature_node")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()

@@ -39,8 +39,8 @@ PARAMETERS = {
 class FormationNode(Node):
     """Command the follower to its station; slow it to a stop when the light is lost."""
 
-    def __init__(self) -> None:
-        super().__init__("formation_node")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("formation_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.controller = FormationController(self.parameters.settings(FormationSettings))
         self.diagnostics = Diagnostics(self)

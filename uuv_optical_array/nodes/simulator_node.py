@@ -1,6 +1,7 @@
 """From the odometry of both vehicles to the image of the detector array."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Pose
@@ -62,8 +63,8 @@ WAITING = 50  # follower poses kept until the leader's odometry catches up
 class SimulatorNode(Node):
     """Publish what the array would read at each pose of the follower."""
 
-    def __init__(self) -> None:
-        super().__init__("simulator_node")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("simulator_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         scene = load_scene(self.parameters["scene"])
         if "adc" not in scene.effects:

@@ -1,7 +1,11 @@
 """The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
 
-The leader sets off at the first command: the formation control sends none before it has a pose.
+The leader sets off once every follower has been commanded: the formation control commands none
+before it has a pose. Each of the two can be alone, so that several followers share a leader.
 """
+
+from functools import partial
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
@@ -12,9 +16,11 @@ from rclpy.time import Time
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.nodes.shared.attitude import roll_pitch_yaw
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
+    odometry_pose,
     twist_from_message,
     write_pose,
     write_twist,
@@ -28,6 +34,17 @@ from uuv_optical_array.nodes.shared.parameters import (
 )
 
 PARAMETERS = {
+    "vehicles": Parameter(
+        "both",
+        Quantity("which swim; a follower alone starts where it finds the leader's odometry"),
+        True,
+        ("both", "leader", "follower"),
+    ),
+    "followers": Parameter(
+        1,
+        Quantity("how many a leader alone waits for: follower_1/cmd_vel and so on", "", 1, 100),
+        True,
+    ),
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
     "station_m": Parameter(
         [-6.0, 0.0, 0.0],
@@ -44,41 +61,79 @@ PARAMETERS = {
 
 
 class VehiclesNode(Node):
-    """Move both vehicles by the node's clock and publish where they are."""
+    """Move the vehicles by the node's clock and publish where they are; options as of `Node`."""
 
-    def __init__(self) -> None:
-        super().__init__("vehicles_node")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("vehicles_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
-        self.leader = Vehicle(np.zeros(3))
-        self.follower = start_behind(self.leader, self.parameters["station_m"])
+        self.vehicles: dict[str, Vehicle] = {}
         self.path_s: float | None = None  # time on the leader's path, once it has set off
         self.moved: Time | None = None
         self.commanded = self.get_clock().now()
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.warn("leader waits: no cmd_vel has come yet")
+        role = self.parameters["vehicles"]
         self.odometry = {
-            name: publish(self, Odometry, f"{name}/odometry") for name in ("leader", "follower")
+            name: publish(self, Odometry, f"{name}/odometry")
+            for name in ("leader", "follower")
+            if role in (name, "both")
         }
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
-        subscribe(self, TwistStamped, "cmd_vel", self.on_command)
+        count = self.parameters["followers"]
+        self.awaited = (
+            {f"follower_{i + 1}/cmd_vel" for i in range(count)} if role == "leader" else {"cmd_vel"}
+        )
+        for topic in sorted(self.awaited):
+            subscribe(self, TwistStamped, topic, partial(self.on_command, topic))
+        if role == "follower":
+            self.diagnostics.warn("follower waits: no leader/odometry has come yet")
+            subscribe(self, Odometry, "leader/odometry", self.on_leader)
+        else:
+            self.warn_of_waiting()
+            self.vehicles["leader"] = Vehicle(np.zeros(3))
+        if role == "both":
+            self.place_follower(self.vehicles["leader"])
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
-    def on_command(self, message: TwistStamped) -> None:
-        """Remember what the follower is to do."""
+    def place_follower(self, leader: Vehicle) -> None:
+        """Let the follower begin near its station."""
+        self.vehicles["follower"] = start_behind(leader, self.parameters["station_m"])
+
+    def warn_of_waiting(self) -> None:
+        """Tell what the leader waits for."""
+        topics = ", ".join(sorted(self.awaited))
+        self.diagnostics.warn(f"leader waits: no {topics} has come yet" if topics else "")
+
+    def on_leader(self, message: Odometry) -> None:
+        """Place a follower alone behind the leader that it finds."""
+        if "follower" in self.vehicles:
+            return
+        try:
+            position, quaternion = odometry_pose(message)
+        except Refused as reason:
+            self.diagnostics.refuse(f"leader/odometry, {reason}")
+            return
+        _, pitch, yaw = roll_pitch_yaw(quaternion)
+        self.place_follower(Vehicle(position, pitch, yaw))
+        self.diagnostics.warn("")
+
+    def on_command(self, topic: str, message: TwistStamped) -> None:
+        """Remember what the follower is to do, and whether all have been commanded."""
         try:
             self.command = twist_from_message(message)
         except Refused as reason:
             self.diagnostics.refuse(f"cmd_vel, {reason}")
             return
         self.commanded = self.get_clock().now()
-        if self.path_s is None:
-            self.path_s = 0.0
-            self.diagnostics.warn("")
+        if "leader" in self.vehicles and self.path_s is None:
+            self.awaited.discard(topic)
+            self.warn_of_waiting()
+            if not self.awaited:
+                self.path_s = 0.0
         self.diagnostics.answer()
 
     def on_timer(self) -> None:
-        """Move both vehicles to the present and publish their odometry."""
+        """Move the vehicles to the present and publish their odometry."""
         now = self.get_clock().now()
         if self.moved is None or now < self.moved:
             # The first tick, or a clock that was set back: begin here.
@@ -88,11 +143,12 @@ class VehiclesNode(Node):
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
         if self.path_s is not None:
-            self.leader.step(*leader_twist(self.path_s + step_s / 2), step_s)
+            self.vehicles["leader"].step(*leader_twist(self.path_s + step_s / 2), step_s)
             self.path_s += step_s
-        self.follower.step(*self.command, step_s)
-        self.publish_odometry("leader", self.leader, now)
-        self.publish_odometry("follower", self.follower, now)
+        if "follower" in self.vehicles:
+            self.vehicles["follower"].step(*self.command, step_s)
+        for name, vehicle in self.vehicles.items():
+            self.publish_odometry(name, vehicle, now)
 
     def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:
         """Publish one vehicle's pose and velocity."""

@@ -3,19 +3,20 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from uuv_optical_array.calibration.bag import Axes, Recording, Topics, read_recording
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.commands import cli
+from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene, save_scene
+from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
@@ -32,11 +33,7 @@ examples:
   uuv_array calibrate sea --noise                                       fit the noise too
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
-BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 NUMBERS = {
-    "max-gap-s": cli.Number(
-        Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), 0.5
-    ),
     "position-std": cli.Number(
         Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10), 0.0
     ),
@@ -58,7 +55,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    parser.add_argument("bag", type=Path, help="folder of a rosbag2, or its .mcap or .db3 file")
+    add_bag(parser)
     cli.add_scene(parser, "follow")
     parser.add_argument(
         "-o",
@@ -69,26 +66,6 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the residuals")
     cli.add_json(parser)
-    topics = Topics()
-    for name, topic in (
-        ("image", topics.image),
-        ("leader", topics.leader),
-        ("follower", topics.follower),
-    ):
-        parser.add_argument(
-            f"--{name}-topic", default=topic, metavar="TOPIC", help="(default: %(default)s)"
-        )
-    parser.add_argument(
-        "--beacon-position",
-        type=float,
-        nargs=3,
-        default=[0.0, 0.0, 0.0],
-        metavar=("X", "Y", "Z"),
-        help=f"{BEACON.text}, m (default: 0 0 0)",
-    )
-    parser.add_argument(
-        "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
-    )
     cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--hold",
@@ -214,30 +191,17 @@ def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
 
 def run(options: argparse.Namespace) -> int:
     """Read the bag, fit, print and write."""
-    beacon = [
-        check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position
-    ]
-    gap, position, attitude = cli.numbers_of(options, NUMBERS)
+    position, attitude = cli.numbers_of(options, NUMBERS)
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
     scene, output = load_scene(options.scene), files.user_path(options.output)
     if output.suffix not in (".yaml", ".yml"):
         raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
-    topics = Topics(options.image_topic, options.leader_topic, options.follower_topic)
     bag = files.user_path(options.bag)
     picture = cli.file_to_write(options.picture, "--picture") if options.picture else None
-    side = scene.array.detectors_per_side
     try:
-        recording = read_recording(
-            bag,
-            side,
-            topics,
-            beacon,
-            options.odometry_axes,
-            gap,
-            lambda each: cli.bar(each, "message"),
-        )
+        recording = read_bag(options, scene)
         with tqdm(unit="step") as steps:
             found = calibrate(
                 scene,

@@ -99,9 +99,11 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
-def bar(rounds: Iterable[T], unit: str = "frame", what: str | None = None) -> Iterable[T]:
-    """Show progress on standard error, and of what, where that is said."""
-    return tqdm(rounds, what, unit=unit)
+def bar(
+    rounds: Iterable[T], unit: str = "frame", what: str | None = None, total: int | None = None
+) -> Iterable[T]:
+    """Show progress on standard error, and of what and of how many, where that is said."""
+    return tqdm(rounds, what, total, unit=unit)
 
 
 def file_to_write(path: str | Path, option: str) -> Path:

@@ -1,6 +1,7 @@
 """The five key parameters of an image: the signature of a pose (Eren et al. 2016, section IV)."""
 
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy import floor, maximum, minimum, sqrt
@@ -9,10 +10,20 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.compilation import by_number
 from uuv_optical_array.core.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import SignatureSettings
 
-FEW_IMAGES = 8  # up to here one after the other is faster than all at once
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
+FEW_IMAGES = 8  # up to here one after the other is faster than all at once
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """What is no image of the lamp; parameters of the feature node."""
+
+    min_peak_counts: Annotated[
+        float, Quantity("peak below which there is no light", "counts", 0, 65535)
+    ] = 5.0
 
 
 def skewness(values: ArrayLike) -> Array:

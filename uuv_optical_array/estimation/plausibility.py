@@ -71,6 +71,28 @@ def check_parameters(parameters: Array, largest: Array) -> None:
         )
 
 
+def check_full_scale(image: Array, scene: Scene) -> None:
+    """Refuse an image with a reading that the array of a scene cannot give.
+
+    Parameters
+    ----------
+    image
+        Counts, shape ``(side, side)``.
+    scene
+        The scene, of which `Scene.full_scale_counts` is asked.
+
+    Raises
+    ------
+    NoPose
+        With the reading and its bound.
+    """
+    if image.max() > scene.full_scale_counts:
+        raise NoPose(
+            f"above full scale: {image.max():g} counts, but the scene reads at most "
+            f"{scene.full_scale_counts:g}"
+        )
+
+
 def check_image(parameters: Array, image: Array, scene: Scene) -> None:
     """Refuse key parameters that are not those of their image.
 

@@ -26,6 +26,7 @@ from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking import enter
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
@@ -57,6 +58,7 @@ from uuv_optical_array.nodes.shared.parameters import (
     parameters_of,
 )
 from uuv_optical_array.nodes.shared.table_builder import TableBuilder
+from uuv_optical_array.recording.results import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 
 PARAMETERS = {
     "scene": SCENE,
@@ -74,7 +76,7 @@ PARAMETERS = {
         0.2, Quantity("largest time between an image and its roll", "s", 0.001, 10)
     ),
     "roll_std_rad": Parameter(
-        0.02,
+        ROLL_STD_RAD,
         Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
     ),
     "tracking": Parameter(
@@ -83,12 +85,12 @@ PARAMETERS = {
     **parameters_of(TrackerSettings),
     "frame_prefix": FRAME_PREFIX,
     "beacon_frame": Parameter(
-        "leader/beacon", Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
+        BEACON_FRAME, Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
     ),
     "base_frame": BASE_FRAME,
     "publish_tf": PUBLISH_TF,
     "tf_child_frame": Parameter(
-        "base_link_by_light", Quantity("frame that pose and odometry place: the follower's"), True
+        FOLLOWER_FRAME, Quantity("frame that pose and odometry place: the follower's"), True
     ),
     "tf_parent": Parameter(
         "beacon",
@@ -347,15 +349,9 @@ class EstimatorNode(Node):
         return covariance_6x6(pose, covariance, self.parameters["roll_std_rad"])
 
     def tracked(self, stamp: int, estimate: Estimate, image: Array | None, roll: float) -> Track:
-        """Return the track with a frame, by its readings where these are as good as linear."""
+        """Return the track with a frame."""
         assert self.estimator is not None
-        if estimate.best is None or image is None:
-            lasting = 1 - estimate.clear
-            return self.tracker.update(stamp, estimate.pose, estimate.covariance, lasting=lasting)
-        near = self.estimator.lineariser(estimate, image, roll)
-        return self.tracker.update(
-            stamp, estimate.pose, estimate.covariance, near(estimate.best), near
-        )
+        return enter(self.tracker, self.estimator, stamp, estimate, image, roll)
 
     def learnt(self, track: Track) -> dict[str, str]:
         """Return what the diagnostics show of what a track has learnt, and what to do about it."""

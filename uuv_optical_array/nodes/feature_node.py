@@ -6,8 +6,9 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 
-from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.features import key_parameters, no_pattern
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.features import FeatureSettings, key_parameters, no_pattern
+from uuv_optical_array.estimation.plausibility import check_full_scale
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
@@ -18,13 +19,11 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
-from uuv_optical_array.nodes.shared.parameters import SCENE, Parameter, Parameters
+from uuv_optical_array.nodes.shared.parameters import SCENE, Parameters, parameters_of
 
 PARAMETERS = {
     "scene": SCENE,
-    "min_peak_counts": Parameter(
-        5.0, Quantity("peak below which there is no light", "counts", 0, 65535)
-    ),
+    **parameters_of(FeatureSettings),
 }
 
 
@@ -45,12 +44,8 @@ class FeatureNode(Node):
         try:
             self.order.check(message.header)
             image = image_from_message(message, self.scene.array.detectors_per_side)
-            if image.max() > self.scene.full_scale_counts:
-                raise Refused(
-                    f"above full scale: {image.max():g} counts, but the scene reads at most "
-                    f"{self.scene.full_scale_counts:g}"
-                )
-        except Refused as reason:
+            check_full_scale(image, self.scene)
+        except (NoPose, Refused) as reason:
             self.diagnostics.refuse(str(reason))
             return
         why_not = no_pattern(image, self.parameters["min_peak_counts"])

@@ -1,10 +1,8 @@
-"""Images with known poses, read from a recorded bag: rosbag2, MCAP or SQLite, without ROS."""
+"""Images of a recorded bag, with the poses that its odometries tell."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -14,9 +12,9 @@ from numpy.typing import NDArray
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import Refused, image_from_message, odometry_pose, stamp_ns
+from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, opened
 
 Axes: TypeAlias = Literal["flu", "frd"]
-IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 SET_BACK_NS = 1_000_000_000  # messages are late by less; a clock that goes back farther was set
 
 
@@ -31,14 +29,15 @@ class Topics:
 
 @dataclass(frozen=True)
 class Recording:
-    """The images of a bag whose pose is known, in the order of their stamps.
+    """Images of a bag in the order of their stamps.
 
     Parameters
     ----------
     images
         Counts, shape ``(m, side, side)``.
     poses, rolls
-        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan where they
+        are not known and need not be.
     stamps_ns
         Of the images, ns, shape ``(m,)``.
     refused
@@ -104,35 +103,9 @@ class _Poses:
         raise Refused(f"no {self._stream.topic} at its stamp: {kind}")
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a bag; whatever is wrong with it ends in one line."""
-    try:
-        anyreader = import_module("rosbags.highlevel.anyreader")
-        typesys = import_module("rosbags.typesys")
-    except ImportError as error:
-        raise ValueError(
-            f"{error}; reading bags needs the extra: pip install 'uuv_optical_array[bags]'"
-        ) from None
-    if not path.exists():
-        raise FileNotFoundError(f"bag {path}: no such file or folder")
-    try:
-        # Bags of Humble and before hold no definitions; these messages have not changed.
-        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        with anyreader.AnyReader([path], default_typestore=store) as reader:
-            yield reader
-    except (OSError, ValueError) as error:
-        raise ValueError(f"bag {path}: {error}") from None
-    except Exception as error:  # storage, metadata and deserialiser have types of their own
-        if type(error).__module__.partition(".")[0] not in ("rosbags", "apsw", "struct"):
-            raise
-        raise ValueError(f"bag {path}: not a bag that can be read: {error}") from None
-
-
-def _connections(reader: Any, topic: str, msgtype: str, option: str) -> list[Any]:
+def _connections(reader: Any, name: str, msgtype: str, option: str) -> list[Any]:
     """Find the recordings of a topic."""
     there = {connection.topic: connection.msgtype for connection in reader.connections}
-    name = "/" + topic.strip("/")
     if name not in there:
         held = ", ".join(f"{known} ({kind})" for known, kind in sorted(there.items()))
         raise ValueError(f"no topic {name}; it holds {held or 'none'}; name it by {option}")
@@ -149,6 +122,7 @@ def read_recording(
     axes: Axes = "flu",
     max_gap_s: float = 0.5,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+    poses_needed: bool = True,
 ) -> Recording:
     """Read the images of a bag and the poses that they were taken at.
 
@@ -166,11 +140,13 @@ def read_recording(
     beacon_position_m
         The lamp in the leader's ``base_link``, m.
     axes
-        Of both odometries, as `received.odometry_pose` has them.
+        Of both odometries, as `odometry_pose` has them.
     max_gap_s
         Longest gap in an odometry that is interpolated, s.
     progress
         Wraps the messages, to show how far it is.
+    poses_needed
+        Whether images without a known pose are left out; else odometries may be missing too.
 
     Returns
     -------
@@ -181,15 +157,16 @@ def read_recording(
     ------
     ValueError
         For a bag that cannot be read, a topic that is missing or of another type, odometries in
-        two frames, a clock that was set back, or where not one image has a pose.
+        two frames, a clock that was set back, or where not one image can be used.
     FileNotFoundError
         Where there is no such bag.
     """
     names = topics or Topics()
     refused: Counter[str] = Counter()
-    with _opened(path) as reader:
+    with opened(path) as (reader, lost):
+        refused.update(lost)
         if not reader.message_count:
-            raise ValueError("it is empty")
+            raise ValueError("; ".join(["it is empty", *lost]))
         streams = {}
         chosen = []
         for topic, msgtype, option in (
@@ -197,9 +174,10 @@ def read_recording(
             (names.leader, ODOMETRY, "--leader-topic"),
             (names.follower, ODOMETRY, "--follower-topic"),
         ):
-            connections = _connections(reader, topic, msgtype, option)
-            chosen += connections
-            streams[connections[0].topic] = _Stream(connections[0].topic)
+            name = "/" + topic.strip("/")
+            if poses_needed or msgtype == IMAGE or name in reader.topics:
+                chosen += _connections(reader, name, msgtype, option)
+            streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
         for connection, _, data in progress(reader.messages(chosen)):
@@ -217,7 +195,9 @@ def read_recording(
                 continue
             streams[connection.topic].add(message.header, value)
         image, leader, follower = streams.values()
-        return _joined(image, leader, follower, np.asarray(beacon_position_m), max_gap_s, refused)
+        return _joined(
+            image, leader, follower, np.array(beacon_position_m), max_gap_s, refused, poses_needed
+        )
 
 
 def _joined(
@@ -227,6 +207,7 @@ def _joined(
     beacon_position_m: Array,
     max_gap_s: float,
     refused: Counter[str],
+    poses_needed: bool,
 ) -> Recording:
     """Give each image its pose."""
     if len(leader.frames | follower.frames) > 1:
@@ -238,16 +219,19 @@ def _joined(
     images, poses, rolls = [], [], []
     stamps: list[int] = []
     for stamp, pixels in sorted(image.samples, key=lambda sample: sample[0]):
+        if stamps and stamp == stamps[-1]:
+            refused[f"{image.topic}: its stamp was there before"] += 1
+            continue
         try:
-            if stamps and stamp == stamps[-1]:
-                raise Refused("its stamp was there before")
             leader_position, leader_rotation = leads.at(stamp)
             position, rotation = follows.at(stamp)
+            beacon = leader_position + leader_rotation @ beacon_position_m
+            pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
         except Refused as reason:
-            refused[f"{image.topic}: {reason}"] += 1
-            continue
-        beacon = leader_position + leader_rotation @ beacon_position_m
-        pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
+            if poses_needed:
+                refused[f"{image.topic}: {reason}"] += 1
+                continue
+            pose, roll = np.full(5, np.nan), np.nan
         images.append(pixels)
         poses.append(pose)
         rolls.append(roll)
@@ -255,7 +239,8 @@ def _joined(
     if not images:
         told = "; ".join(f"{number} x {reason}" for reason, number in refused.most_common())
         spans = ", ".join(stream.span() for stream in (image, leader, follower))
-        raise ValueError(f"no image with a known pose: {told or 'no message at all'} ({spans})")
+        none = "no image with a known pose" if poses_needed else "no image"
+        raise ValueError(f"{none}: {told or 'no message at all'} ({spans})")
     return Recording(
         np.array(images), np.array(poses), np.array(rolls), np.array(stamps, np.int64), refused
     )

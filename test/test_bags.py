@@ -1,0 +1,131 @@
+"""Bags as they come back from sea: without metadata, cut off, of both storages."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from bags import image_message, write_bag
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uuv_optical_array.recording.bag import BagWriter, opened
+from uuv_optical_array.recording.images import read_recording
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+IMAGES, SIDE = 30, 300  # 180 kB each: six to a chunk
+
+
+def image(i):
+    return np.full((SIDE, SIDE), i)
+
+
+@pytest.fixture(scope="module")
+def sent():
+    return [image_message(10**9 + i * 10**8, image(i)) for i in range(IMAGES)]
+
+
+@pytest.fixture(scope="module")
+def whole(sent, tmp_path_factory):
+    """The bytes of an MCAP file of several chunks, and where each image ends in it."""
+    folder = write_bag(tmp_path_factory.mktemp("whole") / "drive", sent, "MCAP")
+    data = (folder / "drive.mcap").read_bytes()
+    ends = [data.index(message) + len(message) for _, message in sent]
+    return data, ends
+
+
+def read(path):
+    found = read_recording(path, SIDE, poses_needed=False)
+    return found.images[:, 0, 0].astype(int).tolist(), dict(found.refused)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_folder_without_metadata_is_read_by_its_files(sent, tmp_path, storage):
+    """Of two splits, as a recorder that is killed leaves them."""
+    first = write_bag(tmp_path / "first", sent[:20], storage)
+    second = write_bag(tmp_path / "second", sent[20:], storage, first=21)
+    for file in second.iterdir():
+        file.rename(first / file.name)
+    (first / "metadata.yaml").unlink()
+    assert read(first) == (list(range(IMAGES)), {})
+
+
+def test_a_gap_costs_the_images_in_it_alone(sent, tmp_path):
+    bag = write_bag(tmp_path / "gap", [*sent[:5], *sent[25:]], "MCAP")
+    assert read(bag) == ([*range(5), *range(25, IMAGES)], {})
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.data())
+def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_factory, data):
+    content, ends = whole
+    cut = data.draw(st.integers(ends[0], ends[-1] + 2000) | st.sampled_from(ends))
+    folder = tmp_path_factory.mktemp("cut")
+    (folder / "drive.mcap").write_bytes(content[:cut])
+    expected = sum(end <= cut for end in ends)
+    lost = {"the end of drive.mcap, which is cut off": 1}
+    assert read(folder) == (list(range(expected)), lost)
+    assert read(folder / "drive.mcap") == (list(range(expected)), lost)
+
+
+def test_metadata_of_more_than_there_is_does_no_harm(sent, tmp_path):
+    bag = write_bag(tmp_path / "drive", sent, "MCAP")
+    file = bag / "drive.mcap"
+    file.write_bytes(file.read_bytes()[:-1])
+    numbers, lost = read(bag)
+    assert numbers == list(range(IMAGES))
+    assert lost
+
+
+def test_of_packed_chunks_the_whole_ones_are_read(tmp_path):
+    noise = np.random.default_rng(1)  # which no packing makes small
+    sent = [image_message(10**9 + i, noise.integers(0, 65535, (SIDE, SIDE))) for i in range(12)]
+    bag = write_bag(tmp_path / "packed", sent, "MCAP", packed=True)
+    file = bag / "packed.mcap"
+    file.write_bytes(file.read_bytes()[: 180_000 * 11])
+    found = read_recording(bag, SIDE, poses_needed=False)
+    assert len(found.images) == 6
+
+
+@pytest.mark.parametrize("length", [0, 4, 8, 60, 5000])
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_file_without_a_whole_message_is_refused_in_a_line(sent, tmp_path, storage, length):
+    bag = write_bag(tmp_path / "drive", sent[:1], storage)
+    (file,) = bag.glob("drive.*")
+    file.write_bytes(file.read_bytes()[:length])
+    with pytest.raises(ValueError, match=r"drive") as told:
+        read(file)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
+def test_of_a_database_that_is_cut_off_all_that_is_whole_is_read(tmp_path, share):
+    count = 1000
+    sent = [image_message(10**9 + i, np.full((5, 5), i)) for i in range(count)]
+    file = write_bag(tmp_path / "drive", sent) / "drive.db3"
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    found = read_recording(file, 5, poses_needed=False)
+    numbers = found.images[:, 0, 0]
+    np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
+    # Pages of messages lie between those of the index, and are reached by one that is written late.
+    assert share * count - 200 < len(numbers) < share * count + 20
+    assert dict(found.refused) == {"the end of drive.db3, which is cut off": 1}
+
+
+def test_what_is_written_is_a_bag_even_where_the_run_ends_badly(sent, tmp_path):
+    def written():
+        with BagWriter(tmp_path / "bag") as bag:
+            for i, (topic, data) in enumerate(sent[:3]):
+                bag.write(topic, "sensor_msgs/msg/Image", i, data)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        written()
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+    assert read(tmp_path / "bag") == ([0, 1, 2], {})
+    with pytest.raises(ValueError, match="it exists"):
+        BagWriter(tmp_path / "bag")
+    with opened(tmp_path / "bag") as (reader, _):
+        assert [bytes(data) for _, _, data in reader.messages()] == [data for _, data in sent[:3]]

@@ -1,0 +1,221 @@
+"""Bags estimated anew: by the truth, by the nodes themselves, and what is written of them."""
+
+import csv
+import importlib.util
+
+import numpy as np
+import pytest
+from asker import place_of
+from bags import image_message, odometry_message, write_bag
+from builtin_interfaces.msg import Time
+from command_line import run
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from uuv_optical_array.commands import estimate
+from uuv_optical_array.estimation.constants import constants_of
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.shared.messages import image_to_message
+from uuv_optical_array.recording.bag import opened
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
+from uuv_optical_array.recording.results import write_results
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+IMAGES = 2 * CHUNK_FRAMES + 3
+START_NS = 1_700_000_000 * 10**9
+METHOD = "sam_interpolated"
+
+
+def pose_at(t):
+    return np.array(
+        [-6 + np.sin(t), 0.4 * np.sin(2 * t), 0.3 * np.cos(t), 0.1 * np.sin(3 * t), 0.1]
+    )
+
+
+@pytest.fixture(scope="module")
+def drive(scene):
+    """Poses, stamps and images of a follower, 10 a second, with frames that show no lamp."""
+    model, rng = ForwardModel(scene), np.random.default_rng(4)
+    poses = np.array([pose_at(0.1 * i) for i in range(IMAGES)])
+    images = np.array([model.expose(pose, rng) for pose in poses])
+    images[4] = 0.0
+    images[6] = images[5]  # frozen
+    images[8, 0, 0] = scene.full_scale_counts + 1
+    return poses, START_NS + 10**8 * np.arange(IMAGES), images
+
+
+BAD = {4: "no light", 6: "frozen", 8: "above full scale"}
+
+
+@pytest.fixture(scope="module")
+def estimator(table):
+    return Estimator(table, METHOD)
+
+
+@pytest.fixture(scope="module")
+def frames(drive, estimator):
+    _, stamps, images = drive
+    return list(replay(images, stamps, estimator, processes=2))
+
+
+@pytest.fixture(scope="module")
+def bag(drive, tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bag") / "drive", messages(*drive), "MCAP")
+
+
+def messages(poses, stamps, images):
+    for pose, stamp, image in zip(poses, map(int, stamps), images, strict=True):
+        yield odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1])
+        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
+        yield odometry_message("/follower/odometry", stamp, pose[:3], turn)
+        yield image_message(stamp, image)
+
+
+def test_every_image_is_answered_in_order_from_two_processes_as_by_the_estimator(
+    drive, frames, estimator
+):
+    poses, stamps, images = drive
+    assert [frame.stamp_ns for frame in frames] == stamps.tolist()
+    for i, frame in enumerate(frames):
+        assert frame.reason.partition(":")[0] == BAD.get(i, "")
+        if i not in BAD:
+            alone = estimator.estimate(None, images[i])
+            np.testing.assert_allclose(frame.estimate.pose, alone.pose, atol=1e-12)
+            off = poses[i] - frame.estimate.pose
+            assert off @ np.linalg.solve(frame.estimate.covariance, off) < 40
+
+
+def test_the_nodes_say_the_same_of_the_same_images(lab, scene_file, scene, drive, estimator):
+    """Poses and tracks, and of which images there are none."""
+    _, stamps, images = drive
+    count = 16
+    tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
+    expected = list(replay(images[:count], stamps[:count], estimator, tracker))
+    lab.begin({"scene": scene_file, "estimator_node:method": METHOD})
+    lab.start(FeatureNode)
+    lab.start(EstimatorNode)
+    sender = lab.talk(Image, "array/image")
+    poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+    tracks = lab.listen(Odometry, "relative_odometry")
+    lab.connect()
+    for frame, image in zip(expected, images, strict=False):
+        seconds, rest = divmod(frame.stamp_ns, 10**9)
+        stamp = Time(sec=seconds, nanosec=rest)
+        sender.publish(image_to_message(image, Header(stamp=stamp)))
+        if frame.estimate is None:
+            continue
+        for heard, found in ((poses, frame.estimate), (tracks, frame.track)):
+            position, quaternion = place_of(lab.answer(heard, stamp))
+            np.testing.assert_allclose(position, found.pose[:3], atol=1e-9)
+            attitude = Rotation.from_euler("ZYX", [found.pose[4], found.pose[3], 0.0])
+            assert (attitude.inv() * Rotation.from_quat(quaternion)).magnitude() < 1e-9
+    assert len(poses) == len(tracks) == count - len(BAD)
+
+
+def test_what_is_written_reads_back_by_other_readers(drive, estimator, tmp_path):
+    poses, stamps, images = drive
+    tracker = Tracker(TrackerSettings(), constants=constants_of(estimator._model))
+    frames = list(replay(images[:10], stamps[:10], estimator, tracker))
+    known = poses.copy()
+    known[0] = np.nan
+    rolls = np.where(np.isnan(known[:, 0]), np.nan, 0.2)
+    names = write_results(tmp_path, frames, Recording(images, known, rolls, stamps), estimator)
+    assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
+    posed = [i for i in range(10) if i not in BAD]
+
+    with (tmp_path / "frames.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [i for i, row in enumerate(rows) if row["x_m"]] == posed
+    assert rows[4]["no_pose"].startswith("no light")
+    found = frames[0].estimate
+    assert float(rows[0]["yaw_rad"]) == pytest.approx(found.pose[4], rel=1e-8)
+    assert float(rows[0]["std_pitch_rad"]) == pytest.approx(found.covariance[3, 3] ** 0.5, rel=1e-8)
+
+    tum = {name: np.loadtxt(tmp_path / name) for name in names if name.endswith(".tum")}
+    np.testing.assert_allclose(tum["truth.tum"][:, 1:4], poses[1:, :3], atol=1e-9)
+    turns = Rotation.from_quat(tum["truth.tum"][:, 4:]).as_euler("ZYX")
+    np.testing.assert_allclose(turns[:, [1, 0]], poses[1:, 3:], atol=1e-8)
+    np.testing.assert_allclose(turns[:, 2], 0.2, atol=1e-8)
+    expected = [frames[i].estimate.pose for i in posed]
+    np.testing.assert_allclose(
+        tum["relative_pose.tum"][:, 1:4], np.array(expected)[:, :3], atol=1e-9
+    )
+    expected = [frames[i].track.pose for i in posed]
+    np.testing.assert_allclose(
+        tum["relative_odometry.tum"][:, 1:4], np.array(expected)[:, :3], atol=1e-9
+    )
+    first = (tmp_path / "relative_pose.tum").read_text().split()[0]
+    assert first == "1700000000.000000000"
+
+    with opened(tmp_path / "bag") as (reader, _):
+        heard = {"/relative_pose": {}, "/relative_odometry": {}}
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = message.header.stamp
+            heard[connection.topic][stamp.sec * 10**9 + stamp.nanosec] = message
+    for by_stamp in heard.values():
+        assert list(by_stamp) == [stamps[i] for i in posed]
+    message = heard["/relative_odometry"][stamps[1]]
+    assert (message.header.frame_id, message.child_frame_id) == (
+        "leader/beacon",
+        "base_link_by_light",
+    )
+    position, quaternion = place_of(message)
+    track = frames[1].track
+    np.testing.assert_array_equal(position, track.pose[:3])
+    attitude = Rotation.from_quat(quaternion)
+    np.testing.assert_allclose(attitude.as_euler("ZYX")[:2], track.pose[:2:-1], atol=1e-12)
+    speed = message.twist.twist.linear
+    np.testing.assert_allclose(
+        attitude.apply([speed.x, speed.y, speed.z]), track.rate[:3], atol=1e-12
+    )
+    assert np.linalg.eigvalsh(message.pose.covariance.reshape(6, 6)).min() > 0
+
+
+def test_the_command_writes_a_folder_and_tells_errors_and_refusals(
+    bag, scene_file, tmp_path, capsys
+):
+    words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
+    run("estimate", bag, *words)
+    told = capsys.readouterr().out
+    for word in (f"{IMAGES} images", f"{IMAGES - 3} poses", "no pose: 1 x frozen", "rms error"):
+        assert word in told
+    assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == IMAGES + 1
+    assert "it exists" in run("estimate", bag, *words, code=1)
+
+
+def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path, capsys):
+    only = [each for each in messages(*drive) if each[0] == "/array/image"]
+    run(
+        "estimate", write_bag(tmp_path / "images", only[:4]), "--scene", scene_file,
+        "--method", METHOD, "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert "rms error" not in capsys.readouterr().out
+    assert not (tmp_path / "out" / "truth.tum").exists()
+    assert np.loadtxt(tmp_path / "out" / "relative_pose.tum").shape == (4, 8)
+
+
+def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, capsys):
+    bar = estimate.cli.bar
+
+    def cut_short(each, unit="frame", **options):
+        for i, frame in enumerate(bar(each, unit, **options)):
+            if unit == "frame" and i == 70:
+                raise KeyboardInterrupt
+            yield frame
+
+    monkeypatch.setattr(estimate.cli, "bar", cut_short)
+    words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
+    run("estimate", bag, *words, "--processes", "2", code=130)
+    assert f"interrupted after 70 of {IMAGES} images" in capsys.readouterr().out
+    assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 71

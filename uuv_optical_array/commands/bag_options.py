@@ -1,0 +1,59 @@
+"""The options of commands that read a recorded bag, and the bag read by them."""
+
+import argparse
+from pathlib import Path
+from typing import Annotated, get_args
+
+from uuv_optical_array.commands import cli
+from uuv_optical_array.core import files
+from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
+
+BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
+NUMBERS = {
+    "max-gap-s": cli.Number(
+        Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), 0.5
+    ),
+}
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the bag and what is said of its messages."""
+    parser.add_argument("bag", type=Path, help="folder of a rosbag2, or its .mcap or .db3 file")
+    topics = Topics()
+    for name, topic in (
+        ("image", topics.image),
+        ("leader", topics.leader),
+        ("follower", topics.follower),
+    ):
+        parser.add_argument(
+            f"--{name}-topic", default=topic, metavar="TOPIC", help="(default: %(default)s)"
+        )
+    parser.add_argument(
+        "--beacon-position",
+        type=float,
+        nargs=3,
+        default=[0.0, 0.0, 0.0],
+        metavar=("X", "Y", "Z"),
+        help=f"{BEACON.text}, m (default: 0 0 0)",
+    )
+    parser.add_argument(
+        "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
+    )
+    cli.add_numbers(parser, NUMBERS)
+
+
+def read_bag(options: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
+    """Read the bag of a scene's array, as `read_recording` does, and show how far it is."""
+    (max_gap_s,) = cli.numbers_of(options, NUMBERS)
+    return read_recording(
+        files.user_path(options.bag),
+        scene.array.detectors_per_side,
+        Topics(options.image_topic, options.leader_topic, options.follower_topic),
+        [check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position],
+        options.odometry_axes,
+        max_gap_s,
+        lambda each: cli.bar(each, "message"),
+        poses_needed,
+    )

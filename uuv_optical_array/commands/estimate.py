@@ -1,0 +1,128 @@
+"""``uuv_array estimate``: poses of a recorded bag, worked out anew."""
+
+import argparse
+import math
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from uuv_optical_array.commands import cli
+from uuv_optical_array.commands.bag_options import add_bag, read_bag
+from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.constants import constants_of
+from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
+from uuv_optical_array.estimation.table.disk import cached_table
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.replay import Frame, replay
+from uuv_optical_array.recording.results import write_results
+
+DESCRIPTION = """\
+Estimate every image of a recorded bag as feature and estimator node would, with the scene and the
+method of your choice, on all cores. Writes a folder: frames.csv (a line for each image), bag (MCAP,
+with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum. With
+--track the frames are filtered, too, one after the other (relative_odometry). The roll is taken as
+0. A folder without metadata.yaml is read by its files, and of a file that is cut off what is
+whole."""
+
+EPILOG = """\
+examples:
+  uuv_array estimate sea                                by the default scene, into sea_estimates
+  uuv_array estimate sea --scene sea.yaml -o again      by another scene
+  uuv_array estimate sea --method sam --track           by another method, and filtered
+  evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
+Ctrl-C ends it early and writes what there is. Needs the extra `bags` (pip install
+'uuv_optical_array[bags]'), but no ROS."""
+
+NUMBERS = {
+    "processes": cli.Number(Quantity("how many work at a time; 0: one a core", "", 0, 1024), 0)
+}
+
+
+def add_parser(subparsers: cli.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = cli.add_command(
+        subparsers, "estimate", run, "estimate the poses of a recorded bag", DESCRIPTION, EPILOG
+    )
+    add_bag(parser)
+    cli.add_scene(parser, "follow")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default=EstimatorSettings.method,
+        help="how poses are found (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--track", action="store_true", help="filter the frames, and learn the constants"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, help="folder to make (default: the bag's name _estimates)"
+    )
+    cli.add_numbers(parser, NUMBERS)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read, estimate, write and print."""
+    (processes,) = cli.numbers_of(options, NUMBERS)
+    output = files.user_path(options.output or f"{options.bag.absolute().stem}_estimates")
+    if output.exists():
+        raise ValueError(f"--output {output}: it exists; name a new folder")
+    scene = load_scene(options.scene)
+    recording = read_bag(options, scene, poses_needed=False)
+    estimator = Estimator(cached_table(scene), options.method)
+    tracker = None
+    if options.track:
+        tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
+    frames: list[Frame] = []
+    started, exit_code = time.monotonic(), 0
+    answers = replay(recording.images, recording.stamps_ns, estimator, tracker, processes or None)
+    with closing(answers):
+        try:
+            for frame in cli.bar(answers, total=len(recording.images)):
+                frames.append(frame)
+        except KeyboardInterrupt:
+            exit_code = cli.INTERRUPTED
+    took_s = time.monotonic() - started
+    with files.whole_directory(output) as folder:
+        names = write_results(folder, frames, recording, estimator)
+    if exit_code:
+        print(f"interrupted after {len(frames)} of {len(recording.images)} images")
+    print(report(frames, recording, took_s, options.track))
+    print(f"{options.method} in scene {scene.name}: {', '.join(names)} in {output}")
+    return exit_code
+
+
+def report(frames: Sequence[Frame], recording: Recording, took_s: float, tracked: bool) -> str:
+    """Return what was found in words."""
+    posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
+    span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0
+    lines = [
+        f"{len(frames)} images of {span_s:.1f} s in {took_s:.2f} s, {span_s / took_s:.0f} times as "
+        f"fast as they were taken: {len(posed)} poses",
+        *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
+    ]
+    reasons = Counter(frame.reason.partition(":")[0] for frame in frames if frame.reason)
+    lines += [f"  no pose: {count} x {reason}" for reason, count in reasons.most_common()]
+    found = {"relative_pose": posed}
+    if tracked:
+        of_tracks = [(i, frame.track.pose) for i, frame in enumerate(frames) if frame.track]
+        found["relative_odometry"] = of_tracks
+    for name, poses in found.items():
+        true = recording.poses[[i for i, _ in poses]]
+        known = ~np.isnan(true[:, 0])
+        if known.any():
+            off = np.array([pose for _, pose in poses]) - true
+            errors = np.array([wrapped(state) for state in off[known]])
+            rms = np.sqrt(np.mean(errors**2, axis=0)) * [1, 1, 1, *[180 / math.pi] * 2]
+            each = zip(DOF_NAMES, rms, DOF_UNITS, strict=True)
+            told = ", ".join(f"{dof} {value:.3g} {unit}" for dof, value, unit in each)
+            lines.append(f"{name}, rms error by the bag's odometries: {told}")
+    return "\n".join(lines)

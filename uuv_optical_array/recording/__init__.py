@@ -1,0 +1,1 @@
+"""Recorded bags: read, mended, written, and estimated anew; without ROS."""

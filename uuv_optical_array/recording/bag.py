@@ -1,0 +1,152 @@
+"""Bags of rosbag2, MCAP or SQLite, opened and written without ROS."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from uuv_optical_array.recording import mcap, sqlite
+
+IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
+STORAGE = {".mcap": mcap, ".db3": sqlite}
+
+
+def needs(module: str) -> Any:
+    """Import what only the extra ``bags`` installs.
+
+    Raises
+    ------
+    ValueError
+        Where it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ValueError(
+            f"{error}; bags need the extra: pip install 'uuv_optical_array[bags]'"
+        ) from None
+
+
+def message_types() -> Any:
+    """Return the definitions of messages, for bags that hold none and for those we write.
+
+    They are Humble's; what we read and write has not changed since.
+    """
+    typesys = needs("rosbags.typesys")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
+    """Open a bag; whatever is wrong with it ends in one line.
+
+    A folder without ``metadata.yaml`` is read by its files, and of a file that is cut off what is
+    whole.
+
+    Parameters
+    ----------
+    path
+        Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
+
+    Yields
+    ------
+    reader
+        A ``rosbags.highlevel.AnyReader``.
+    lost
+        What is missing of it, a line each.
+
+    Raises
+    ------
+    ValueError
+        For what is no bag, or a damaged one.
+    FileNotFoundError
+        Where there is nothing.
+    """
+    reading = needs("rosbags.highlevel.anyreader")
+    if not path.exists():
+        raise FileNotFoundError(f"bag {path}: no such file or folder")
+    try:
+        with tempfile.TemporaryDirectory(prefix="uuv_optical_array_") as scratch:
+            paths, lost = _readable(path, Path(scratch))
+            with reading.AnyReader(paths, default_typestore=message_types()) as reader:
+                yield reader, lost
+    except (OSError, ValueError) as error:
+        raise ValueError(f"bag {path}: {error}") from None
+    except Exception as error:  # storage, metadata and deserialiser have types of their own
+        if type(error).__module__.partition(".")[0] not in ("rosbags", "apsw", "struct"):
+            raise
+        raise ValueError(f"bag {path}: not a bag that can be read: {error}") from None
+
+
+def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
+    """Return what to open: the bag itself, or its files, those mended that are cut off."""
+    files = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in STORAGE)
+    cut_off = [file for file in files if file.suffix in STORAGE and _of(file).is_cut_off(file)]
+    if path.is_dir() and not cut_off:
+        if (path / "metadata.yaml").is_file():
+            return [path], []
+        if not files:
+            raise ValueError("no bag: it has neither metadata.yaml nor a file .mcap or .db3")
+    for file in cut_off:
+        _of(file).mend(file, scratch / file.name)
+    paths = [scratch / file.name if file in cut_off else file for file in files]
+    return paths, [f"the end of {file.name}, which is cut off" for file in cut_off]
+
+
+def _of(file: Path) -> Any:
+    """Return the module of a file's storage."""
+    return STORAGE[file.suffix]
+
+
+class BagWriter:
+    """A bag that is written message by message: a folder with one MCAP file.
+
+    Parameters
+    ----------
+    path
+        The folder to make.
+
+    Raises
+    ------
+    ValueError
+        Where it exists, or the extra ``bags`` is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        rosbag2 = needs("rosbags.rosbag2")
+        if path.exists():
+            raise ValueError(f"bag {path}: it exists; name a new one")
+        self._types = message_types()
+        self._bag = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        self._connections: dict[str, Any] = {}
+
+    def __enter__(self) -> "BagWriter":
+        self._bag.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bag.close()  # with its index, however the run ended
+
+    def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
+        """Write a message.
+
+        Parameters
+        ----------
+        topic, kind
+            Full name, and type such as ``sensor_msgs/msg/Image``.
+        stamp_ns
+            When it was received, ns.
+        data
+            The message as DDS has it.
+        """
+        if topic not in self._connections:
+            self._connections[topic] = self._bag.add_connection(topic, kind, typestore=self._types)
+        self._bag.write(self._connections[topic], stamp_ns, data)

@@ -1,0 +1,145 @@
+"""What a replay found, as a bag, as CSV, and as trajectories in TUM's format."""
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.core.geometry import Array, body_twist, covariance_6x6
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.recording.bag import BagWriter, message_types
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.replay import Frame
+
+# What messages say unless a parameter of the estimator node says otherwise.
+BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD = "leader/beacon", "base_link_by_light", 0.02
+COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
+
+
+def write_results(
+    folder: Path, frames: Sequence[Frame], recording: Recording, estimator: Estimator
+) -> list[str]:
+    """Write all that was found.
+
+    Parameters
+    ----------
+    folder
+        An empty one.
+    frames
+        What `replay.replay` yielded, of the first images of the recording or of all.
+    recording
+        Its poses, where it has any, are the truth.
+    estimator
+        The one that was used.
+
+    Returns
+    -------
+    list of str
+        The names of what was written.
+    """
+    write_csv(folder / "frames.csv", frames)
+    write_bag(folder / "bag", frames, estimator)
+    truth = zip(recording.stamps_ns, recording.poses, recording.rolls, strict=True)
+    trajectories = {
+        "relative_pose.tum": [(f.stamp_ns, f.estimate.pose, 0.0) for f in frames if f.estimate],
+        "relative_odometry.tum": [(f.stamp_ns, f.track.pose, 0.0) for f in frames if f.track],
+        "truth.tum": [(int(s), pose, roll) for s, pose, roll in truth if not np.isnan(roll)],
+    }
+    names = ["frames.csv", "bag", *(name for name, poses in trajectories.items() if poses)]
+    for name in names[2:]:
+        write_tum(folder / name, trajectories[name])
+    return names
+
+
+def write_csv(path: Path, frames: Iterable[Frame]) -> None:
+    """Write a line for each image: the pose and its standard deviations, or why there is none."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(
+            ["stamp_s", *COLUMNS, *(f"std_{name}" for name in COLUMNS), "misfit", "no_pose"]
+        )
+        for frame in frames:
+            found = [""] * 11
+            if frame.estimate is not None:
+                stds = np.sqrt(frame.estimate.covariance.diagonal())
+                figures = [*frame.estimate.pose, *stds, frame.estimate.misfit]
+                found = ["" if math.isnan(value) else f"{value:.9g}" for value in figures]
+            rows.writerow([_seconds(frame.stamp_ns), *found, frame.reason])
+
+
+def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:
+    """Write a trajectory as TUM does: stamp, position and quaternion x y z w, a line each.
+
+    Parameters
+    ----------
+    path
+        The file.
+    poses
+        Stamp, ns, pose, shape ``(5,)``, and roll, rad; one at least.
+    """
+    with path.open("w", encoding="utf-8") as file:
+        stamps, states, rolls = zip(*poses, strict=True)
+        for stamp, *numbers in zip(
+            stamps, *_placed(np.array(states), np.array(rolls)).T, strict=True
+        ):
+            file.write(f"{_seconds(stamp)} {' '.join(f'{value:.9f}' for value in numbers)}\n")
+
+
+def write_bag(path: Path, frames: Iterable[Frame], estimator: Estimator) -> None:
+    """Write the topics that the estimator node publishes, each message at its own stamp."""
+    types = message_types()
+    with BagWriter(path) as bag:
+        for frame in frames:
+            for topic, message in _messages(types.types, frame, estimator):
+                kind = message.__msgtype__
+                data = types.serialize_cdr(message, kind)
+                bag.write(topic, kind, frame.stamp_ns, bytes(data))
+
+
+def _messages(types: Any, frame: Frame, estimator: Estimator) -> Iterator[tuple[str, Any]]:
+    """Yield the messages of a frame by topic, in what `message_types` defines."""
+
+    def make(kind: str, *values: Any) -> Any:
+        return types[kind.replace("/", "/msg/")](*values)
+
+    def posed(pose: Array, covariance: Array) -> Any:
+        numbers = _placed(pose[None], np.zeros(1))[0].tolist()
+        place = make("geometry_msgs/Point", *numbers[:3])
+        attitude = make("geometry_msgs/Quaternion", *numbers[3:])
+        whole = make("geometry_msgs/Pose", place, attitude)
+        of_all = covariance_6x6(pose, covariance, ROLL_STD_RAD)
+        return make("geometry_msgs/PoseWithCovariance", whole, of_all.ravel())
+
+    stamp = make("builtin_interfaces/Time", *divmod(frame.stamp_ns, 10**9))
+    header = make("std_msgs/Header", stamp, BEACON_FRAME)
+    found, track = frame.estimate, frame.track
+    if found is not None:
+        pose = posed(found.pose, found.covariance)
+        yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, pose)
+    if track is not None:
+        twist, spread = body_twist(track.pose, track.rate, track.joint_covariance[5:, 5:], 0.0)
+        linear, angular = (
+            make("geometry_msgs/Vector3", *map(float, part)) for part in (twist[:3], twist[3:])
+        )
+        moving = make("geometry_msgs/Twist", linear, angular)
+        moves = make("geometry_msgs/TwistWithCovariance", moving, spread.ravel())
+        pose = posed(track.pose, track.covariance + estimator.aim_covariance(track.pose, 0.0))
+        yield (
+            "/relative_odometry",
+            make("nav_msgs/Odometry", header, FOLLOWER_FRAME, pose, moves),
+        )
+
+
+def _placed(poses: Array, rolls: Array) -> Array:
+    """Return positions and quaternions x, y, z, w of poses and their rolls, shape ``(m, 7)``."""
+    turns = Rotation.from_euler("ZYX", np.stack([poses[:, 4], poses[:, 3], rolls], axis=1))
+    return np.concatenate([poses[:, :3], turns.as_quat()], axis=1)
+
+
+def _seconds(stamp_ns: int) -> str:
+    seconds, rest = divmod(int(stamp_ns), 10**9)
+    return f"{seconds}.{rest:09d}"

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -34,13 +35,14 @@ ARGUMENTS = {
     "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
     "rviz": ("false", "whether RViz opens"),
     "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
+    "record": ("false", "whether rosbag2 records the topics of the run, as MCAP"),
     "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
     "use_respawn": (
         "false",
         "whether a node that dies is started again; without, the launch ends with it",
     ),
 }
-SWITCHES = ("demo", "rviz", "publish_tf", "use_sim_time", "use_respawn")
+SWITCHES = ("demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn")
 
 
 def generate_launch_description():
@@ -124,7 +126,28 @@ def nodes(context):
     ]
     if switched_on("rviz"):
         started += viewers(context, share, respawn)
+    if switched_on("record"):
+        started += recorder(given("namespace"), given("leader_odometry"))
     return started
+
+
+def recorder(namespace, leader_odometry):
+    """Return rosbag2, which records what `uuv_array follow --record` does."""
+    try:
+        for package in ("ros2bag", "rosbag2_storage_mcap"):
+            get_package_share_directory(package)
+    except PackageNotFoundError as missing:
+        raise RuntimeError(
+            f"record:=true needs rosbag2, and {missing} is not installed; install "
+            "ros-$ROS_DISTRO-ros2bag and ros-$ROS_DISTRO-rosbag2-storage-mcap"
+        ) from None
+    own = ("array/image", "array/features", "relative_pose", "relative_odometry")
+    names = (*own, leader_odometry, "follower/odometry")
+    topics = [name if name.startswith("/") else f"{namespace}/{name}" for name in names]
+    # The one way to name topics that all distributions share.
+    wanted = f"^({'|'.join('/' + topic.strip('/') for topic in topics)})$"
+    command = ["ros2", "bag", "record", "--storage", "mcap", "--regex", wanted]
+    return [ExecuteProcess(cmd=command, output="screen")]
 
 
 def viewers(context, share, respawn):

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from rich.text import Text
 from uuv_optical_array.commands import cli
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core import files
+from uuv_optical_array.recording.bag import BagWriter
 
 DESCRIPTION = """\
 A leader waits until its follower sees it, runs straight, turns, and changes depth; the follower
@@ -23,6 +25,7 @@ examples:
   uuv_array follow                          60 s of the default scene
   uuv_array follow --seed 1 --headless      the same noise each time, and no live line
   uuv_array follow --scene sea.yaml         your own lamp, water and array
+  uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
 Ctrl-C ends the run early, reports what there is, and makes the exit code 130. While it runs,
 `ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when the follower lost the
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
@@ -56,6 +59,12 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     parser.add_argument(
         "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
+    )
+    parser.add_argument(
+        "--record",
+        type=files.user_path,
+        metavar="DIR",
+        help="write what the nodes publish as a bag, MCAP, to a new folder",
     )
     parser.add_argument("--headless", action="store_true", help="no live line")
 
@@ -104,8 +113,13 @@ def run(options: argparse.Namespace) -> int:
             if live_line_wanted:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        record, light_timeout_s, interrupted = follow(ros_args, options.duration, on_tick)
+        with BagWriter(options.record) if options.record else nullcontext() as bag:
+            record, light_timeout_s, interrupted = follow(
+                ros_args, options.duration, on_tick, bag
+            )
     print(record.summary())
+    if options.record:
+        print(f"bag: {options.record}")
     lost = record.lost(light_timeout_s)
     if record.estimates:
         from uuv_optical_array.plots.follow import draw_follow

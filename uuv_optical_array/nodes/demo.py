@@ -18,6 +18,7 @@ from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.shared.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.shared.graph import SEPARATE, UNKNOWN, publishers, several_publishers
 from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
@@ -28,6 +29,7 @@ from uuv_optical_array.nodes.shared.messages import (
 from uuv_optical_array.nodes.shared.node import spin, start
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+from uuv_optical_array.recording.bag import BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
 DISCOVERY_S = 1.0  # in which the nodes of another run are found
@@ -112,7 +114,10 @@ def refuse_company() -> None:
 
 
 def follow(
-    ros_args: list[str], duration_s: float, on_tick: Callable[[FollowRecord, float], None]
+    ros_args: list[str],
+    duration_s: float,
+    on_tick: Callable[[FollowRecord, float], None],
+    bag: BagWriter | None = None,
 ) -> tuple[FollowRecord, float, bool]:
     """Run the demonstration in real time.
 
@@ -124,6 +129,8 @@ def follow(
         Length of the run, s, from the moment when the leader sets off.
     on_tick
         Called five times a second with the record so far and the elapsed time, s.
+    bag
+        An open one, which gets what the nodes publish.
 
     Returns
     -------
@@ -156,6 +163,8 @@ def follow(
             VehiclesNode(),
         ):
             executor.add_node(node)
+        if bag is not None:
+            executor.add_node(BagRecorderNode(bag))
         clock = recorder.get_clock()
         ready_ns = clock.now().nanoseconds
 

@@ -1,0 +1,86 @@
+"""``uuv_array follow --record``: the bag of a run holds what the nodes said, message by message."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from asker import place_of
+from builtin_interfaces.msg import Time
+from command_line import run
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from uuv_optical_array.nodes.shared.bag_recorder import TOPICS, BagRecorderNode
+from uuv_optical_array.nodes.shared.messages import image_to_message
+from uuv_optical_array.recording.bag import BagWriter, opened
+from uuv_optical_array.recording.images import read_recording
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+
+
+def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
+    lab.begin()
+    with BagWriter(tmp_path / "run") as bag:
+        recorder = lab.start(lambda: BagRecorderNode(bag))
+        images = lab.talk(Image, "array/image")
+        tracks = lab.talk(Odometry, "relative_odometry")
+        for talker in (images, tracks):
+            lab.until(talker.get_subscription_count, f"the recorder of {talker.topic_name}")
+        written = []
+        write = bag.write
+        bag.write = lambda *given: (write(*given), written.append(given))
+        for i in range(1, 4):
+            stamp = Time(sec=i)
+            images.publish(image_to_message(np.full((3, 3), 1000 * i), Header(stamp=stamp)))
+            track = Odometry(header=Header(stamp=stamp, frame_id="leader/beacon"))
+            track.pose.pose.position.x, track.pose.pose.orientation.w = -float(i), 1.0
+            tracks.publish(track)
+        lab.until(lambda: len(written) == 6, "all messages")
+    found = read_recording(tmp_path / "run", 3, poses_needed=False)
+    assert found.images[:, 0, 0].tolist() == [1000, 2000, 3000]
+    assert found.stamps_ns.tolist() == [10**9, 2 * 10**9, 3 * 10**9]
+    with opened(tmp_path / "run") as (reader, _):
+        (connection,) = reader.topics["/relative_odometry"].connections
+        heard = [
+            (at, reader.deserialize(data, connection.msgtype))
+            for _, at, data in reader.messages([connection])
+        ]
+    assert [place_of(message)[0][0] for _, message in heard] == [-1.0, -2.0, -3.0]
+    now = recorder.get_clock().now().nanoseconds
+    assert all(0 < now - at < 3600 * 10**9 for at, _ in heard)
+
+
+def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp_path):
+    from uuv_optical_array.nodes.demo import follow
+
+    counts = dict.fromkeys(TOPICS, 0)
+    with BagWriter(tmp_path / "run") as bag:
+        write = bag.write
+
+        def count(topic, *rest):
+            counts[topic[1:]] += 1
+            write(topic, *rest)
+
+        bag.write = count
+        parameters = ["-p", "scene:=follow", "-p", "estimator_node:method:=sam_interpolated"]
+
+        class Enough(Exception):
+            pass
+
+        def tick(record, elapsed_s):
+            if all(counts.values()):
+                raise Enough
+
+        with pytest.raises(Enough):
+            follow(parameters, 60.0, tick, bag)
+    with opened(tmp_path / "run") as (reader, _):
+        assert set(reader.topics) == {f"/{topic}" for topic in TOPICS}
+        assert {info.msgcount > 0 for info in reader.topics.values()} == {True}
+
+
+def test_a_folder_that_is_there_is_not_written_to(tmp_path):
+    words = ("--headless", "--output", tmp_path / "x.png", "--record", tmp_path)
+    assert "it exists" in run("follow", *words, code=1)

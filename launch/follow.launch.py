@@ -133,14 +133,14 @@ def nodes(context):
 
 def recorder(namespace, leader_odometry):
     """Return rosbag2, which records what `uuv_array follow --record` does."""
-    try:
-        for package in ("ros2bag", "rosbag2_storage_mcap"):
+    for package in ("ros2bag", "rosbag2_storage_mcap"):
+        try:
             get_package_share_directory(package)
-    except PackageNotFoundError as missing:
-        raise RuntimeError(
-            f"record:=true needs rosbag2, and {missing} is not installed; install "
-            "ros-$ROS_DISTRO-ros2bag and ros-$ROS_DISTRO-rosbag2-storage-mcap"
-        ) from None
+        except PackageNotFoundError:
+            raise RuntimeError(
+                f"record:=true needs the package {package}, which is not installed; install "
+                "ros-$ROS_DISTRO-ros2bag and ros-$ROS_DISTRO-rosbag2-storage-mcap"
+            ) from None
     own = ("array/image", "array/features", "relative_pose", "relative_odometry")
     names = (*own, leader_odometry, "follower/odometry")
     topics = [name if name.startswith("/") else f"{namespace}/{name}" for name in names]

@@ -1,10 +1,11 @@
-"""The demonstration's vehicles: a kinematic body, and the path the leader swims for ever."""
+"""The demonstration's kinematic vehicle, and the path the leader swims for ever."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 
 PATH_MINUTE_S = 60.0
@@ -37,6 +38,9 @@ class VehicleLimits:
 class Vehicle:
     """A body that obeys its twist command within limits; its roll stays zero.
 
+    The command is a velocity through the water, as of a vehicle that cannot see the ground: the sea
+    carries it along.
+
     Parameters
     ----------
     position
@@ -45,6 +49,8 @@ class Vehicle:
         Attitude, rad; positive lowers the bow, turns it to port.
     limits
         What the vehicle can do; the default is a small hovering vehicle.
+    sea
+        Where it swims; it may change at any time.
     """
 
     def __init__(
@@ -53,22 +59,30 @@ class Vehicle:
         pitch: float = 0.0,
         yaw: float = 0.0,
         limits: VehicleLimits | None = None,
+        sea: Sea = STILL_SEA,
     ) -> None:
         self.position = np.array(position, dtype=float)
         self.pitch = float(pitch)
         self.yaw = float(yaw)
+        self.roll = 0.0
         self.limits = limits or VehicleLimits()
-        self._rate = np.zeros(5)  # surge, sway, heave, pitch rate, yaw rate
+        self.sea = sea
+        self.t_s = 0.0  # on the clock of the sea
+        # Through the water: surge, sway, heave, pitch rate, yaw rate.
+        self._rate: Array = np.zeros(5)
 
     @property
     def rotation(self) -> Array:
         """Rotation from the body to the world, shape ``(3, 3)``."""
-        return rotation_matrix(self.pitch, self.yaw)
+        return rotation_matrix(self.pitch, self.yaw, self.roll)
 
     @property
     def linear(self) -> Array:
-        """Velocity in the body frame, m/s, shape ``(3,)``."""
-        return self._rate[:3].copy()
+        """Velocity over ground in the body frame, m/s, shape ``(3,)``."""
+        over_ground: Array = self._rate[:3] + self.rotation.T @ self.sea.velocity(
+            self.position, self.t_s
+        )
+        return over_ground
 
     @property
     def angular(self) -> Array:
@@ -85,8 +99,8 @@ class Vehicle:
         Parameters
         ----------
         linear, angular
-            Commanded velocity in the body frame, m/s and rad/s, shape ``(3,)`` each; the
-            roll rate is ignored.
+            Commanded velocity through the water in the body frame, m/s and rad/s, shape
+            ``(3,)`` each; the roll rate is ignored.
         dt
             Step, s, >= 0.
 
@@ -95,23 +109,30 @@ class Vehicle:
         ValueError
             For a command that is not finite, or a step that is negative or not finite.
         """
+        rate = self._ramped(linear, angular, dt)
+        mean = (self._rate + rate) / 2
+        pitch = self.pitch + mean[PITCH] * dt / 2
+        yaw_rate = mean[YAW] / np.cos(pitch)
+        rotation = rotation_matrix(pitch, self.yaw + yaw_rate * dt / 2)
+        water = self.sea.velocity(self.position, self.t_s + dt / 2)
+        self.position = self.position + (rotation @ mean[:3] + water) * dt
+        self.t_s += dt
+        self.yaw += yaw_rate * dt
+        self.pitch = float(np.clip(self.pitch + mean[PITCH] * dt, *_symmetric(self.limits.pitch)))
+        if abs(self.pitch) == self.limits.pitch:
+            rate[PITCH] = 0.0
+        self._rate = rate
+
+    def _ramped(self, linear: ArrayLike, angular: ArrayLike, dt: float) -> Array:
+        """Return the rate that a command leads to within the limits; arguments as of `step`."""
         command = np.concatenate([linear, np.asarray(angular)[1:]]).astype(float)
         if command.shape != (5,) or not np.isfinite(command).all():
             raise ValueError(f"command {linear!r}, {angular!r} is not two finite triples")
         if not 0 <= dt < np.inf:
             raise ValueError(f"dt: {dt!r} s is not a step forward in time")
         change = np.clip(command, *_symmetric(self.limits.speed)) - self._rate
-        rate = self._rate + np.clip(change, *_symmetric(self.limits.acceleration, dt))
-        mean = (self._rate + rate) / 2
-        pitch = self.pitch + mean[PITCH] * dt / 2
-        yaw_rate = mean[YAW] / np.cos(pitch)
-        rotation = rotation_matrix(pitch, self.yaw + yaw_rate * dt / 2)
-        self.position = self.position + rotation @ mean[:3] * dt
-        self.yaw += yaw_rate * dt
-        self.pitch = float(np.clip(self.pitch + mean[PITCH] * dt, *_symmetric(self.limits.pitch)))
-        if abs(self.pitch) == self.limits.pitch:
-            rate[PITCH] = 0.0
-        self._rate = rate
+        ramped: Array = self._rate + np.clip(change, *_symmetric(self.limits.acceleration, dt))
+        return ramped
 
 
 def _symmetric(limit: ArrayLike, scale: float = 1.0) -> tuple[Array, Array]:
@@ -166,8 +187,8 @@ def start_behind(
     Returns
     -------
     Vehicle
-        The follower, with the leader's limits.
+        The follower, of the leader's kind, with its limits, in its sea.
     """
     place = np.add(station_m, offset)
     position = leader.position + leader.rotation @ place
-    return Vehicle(position, leader.pitch, leader.yaw, leader.limits)
+    return type(leader)(position, leader.pitch, leader.yaw, leader.limits, leader.sea)

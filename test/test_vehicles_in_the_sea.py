@@ -1,0 +1,69 @@
+"""Vehicles are carried by the water, the kinematic and the dynamic one alike."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.control.sea import STILL_SEA, Sea, WaveSettings
+from uuv_optical_array.control.vehicles import Vehicle, start_behind
+from uuv_optical_array.core.geometry import Array
+
+CURRENT = np.array([0.3, -0.2, 0.1])
+WAVES = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=4.0)
+KINDS = pytest.mark.parametrize("kind", [Vehicle])
+DT = 0.05
+
+
+def command(t_s: float) -> tuple[Array, Array]:
+    """Return a twist that bends, dives and slips."""
+    return np.array([0.4, 0.1 * np.sin(t_s), 0.1]), np.array([0.0, 0.1 * np.cos(t_s), 0.15])
+
+
+def swim(vehicle: Vehicle, seconds: float) -> Array:
+    """Return the positions on the way, a row a step."""
+    path = [vehicle.position]
+    for step in range(round(seconds / DT)):
+        vehicle.step(*command(step * DT), DT)
+        path.append(vehicle.position)
+    return np.array(path)
+
+
+@KINDS
+@pytest.mark.parametrize("sea", [Sea(CURRENT), Sea(CURRENT, WAVES)], ids=["current", "waves"])
+def test_velocity_over_ground_is_the_change_of_place(kind: type[Vehicle], sea: Sea) -> None:
+    vehicle = kind([0.0, 0.0, 0.0], 0.1, 0.7, sea=sea)
+    swim(vehicle, 5)
+    for _ in range(3):
+        before = vehicle.position, vehicle.rotation @ vehicle.linear
+        vehicle.step([0.4, 0.1, 0.1], [0.0, 0.0, 0.0], 0.01)
+        mean = (before[1] + vehicle.rotation @ vehicle.linear) / 2
+        assert vehicle.position - before[0] == pytest.approx(0.01 * mean, abs=1e-5)
+
+
+def test_an_idle_body_goes_round_in_the_orbit_of_the_water() -> None:
+    # A circle of radius H / 2 exp(-k d), and forward by Stokes' drift, 2 pi k radius^2 a turn.
+    waves = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, depth_m=20.0)
+    vehicle = Vehicle(np.zeros(3), sea=Sea(waves=waves))
+    path = []
+    for _ in range(round(6.0 / DT)):
+        vehicle.step(np.zeros(3), np.zeros(3), DT)
+        path.append(vehicle.position)
+    wave_number = (2 * np.pi / 6.0) ** 2 / 9.82
+    radius = 0.5 * np.exp(-20.0 * wave_number)
+    assert np.ptp(path, axis=0) == pytest.approx([2 * radius, 0, 2 * radius], rel=0.02)
+    drift = 2 * np.pi * wave_number * radius**2
+    assert vehicle.position == pytest.approx([drift, 0, 0], abs=0.05 * drift)
+
+
+@KINDS
+def test_a_follower_starts_as_the_leader_s_like_in_its_sea(kind: type[Vehicle]) -> None:
+    leader = kind([3.0, 0.0, 0.0], yaw=0.5, sea=Sea(CURRENT))
+    follower = start_behind(leader, 6.0)
+    assert type(follower) is kind
+    assert (follower.sea, follower.limits) == (leader.sea, leader.limits)
+    assert start_behind(kind([0.0, 0.0, 0.0]), 6.0).sea is STILL_SEA
+
+
+def test_a_kinematic_vehicle_in_a_current_moves_as_in_still_water_and_drifts() -> None:
+    still, carried = (swim(Vehicle(np.zeros(3), sea=sea), 10) for sea in (STILL_SEA, Sea(CURRENT)))
+    times = DT * np.arange(len(still))[:, None]
+    assert carried - still == pytest.approx(times * CURRENT, abs=1e-9)

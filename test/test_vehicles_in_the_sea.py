@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.sea import STILL_SEA, Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.geometry import Array
 
 CURRENT = np.array([0.3, -0.2, 0.1])
 WAVES = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=4.0)
-KINDS = pytest.mark.parametrize("kind", [Vehicle])
+KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
 DT = 0.05
 
 
@@ -67,3 +68,16 @@ def test_a_kinematic_vehicle_in_a_current_moves_as_in_still_water_and_drifts() -
     still, carried = (swim(Vehicle(np.zeros(3), sea=sea), 10) for sea in (STILL_SEA, Sea(CURRENT)))
     times = DT * np.arange(len(still))[:, None]
     assert carried - still == pytest.approx(times * CURRENT, abs=1e-9)
+
+
+def test_an_idle_vehicle_with_inertia_comes_to_move_as_the_water() -> None:
+    sea = Sea(waves=WAVES)
+    vehicle = BlueRov2(np.zeros(3), yaw=0.4, sea=sea)
+    missing = []
+    for _ in range(400):
+        vehicle.step(np.zeros(3), np.zeros(3), DT)
+        missing.append(
+            vehicle.rotation @ vehicle.linear - sea.velocity(vehicle.position, vehicle.t_s)
+        )
+    # It displaces 13.4 kg of water and weighs 13.5 kg; at 4 m the water does 0.33 m/s.
+    assert np.abs(missing[-120:]).max() < 0.02

@@ -1,0 +1,141 @@
+"""The BlueROV2: thrusters, frames, and an autopilot that turns a twist into a motion."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.control.bluerov2 import (
+    BLUEROV2,
+    LIMITS,
+    BlueRov2,
+    flu_to_frd,
+    saturated,
+)
+from uuv_optical_array.control.sea import Sea, WaveSettings
+from uuv_optical_array.core.geometry import Array, rotation_matrix
+
+DT = 0.1
+angles = st.floats(-1.5, 1.5)
+
+
+def run(vehicle: BlueRov2, twist: Array, seconds: float) -> None:
+    for _ in range(round(seconds / DT)):
+        vehicle.step(twist[:3], twist[3:], DT)
+
+
+@pytest.mark.parametrize(
+    ("axis", "most"),
+    [
+        (0, 4 * 30.4 * np.sqrt(0.5)),
+        (1, 4 * 30.4 * np.sqrt(0.5)),
+        (2, 4 * 30.4),
+        (5, 4 * 30.4 * (0.156 + 0.111) * np.sqrt(0.5)),
+    ],
+)
+def test_four_level_or_four_upright_thrusters_give_their_published_most(
+    axis: int, most: float
+) -> None:
+    # Level ones at 45 deg, 0.156 m ahead or astern and 0.111 m aside.
+    wrench = most * np.eye(6)[axis]
+    assert saturated(0.999 * wrench) == pytest.approx(0.999 * wrench)
+    assert saturated(1e6 * wrench)[axis] == pytest.approx(most)
+
+
+@given(wrench=st.tuples(*[st.floats(-4, 4)] * 6).map(np.array))
+def test_within_their_most_the_thrusters_give_what_is_wanted(wrench: Array) -> None:
+    assert saturated(wrench) == pytest.approx(wrench, abs=1e-9)
+
+
+@given(roll=angles, pitch=angles, yaw=st.floats(-3, 3), place=st.tuples(*[st.floats(-9, 9)] * 3))
+def test_frd_is_half_a_turn_about_the_bow(
+    roll: float, pitch: float, yaw: float, place: tuple[float, ...]
+) -> None:
+    half_turn = Rotation.from_euler("x", np.pi)
+    assert flu_to_frd(np.array(place)) == pytest.approx(half_turn.apply(place), abs=1e-9)
+    # Pitch and yaw change their sign by it, the roll does not.
+    turned = half_turn * Rotation.from_matrix(rotation_matrix(pitch, yaw, roll)) * half_turn.inv()
+    assert turned.as_matrix() == pytest.approx(rotation_matrix(-pitch, -yaw, roll), abs=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("axis", "speed"), [(0, 0.5), (1, 0.3), (2, 0.3), (4, 0.05), (5, 0.2)])
+def test_each_axis_reaches_what_is_commanded_and_only_it(
+    axis: int, speed: float, sign: float
+) -> None:
+    vehicle = BlueRov2(np.zeros(3))
+    run(vehicle, sign * speed * np.eye(6)[axis], 8)
+    twist = np.concatenate([vehicle.linear, vehicle.angular])
+    assert twist == pytest.approx(sign * speed * np.eye(6)[axis], abs=0.01)
+    # Left, up, bow low and bow to port are positive, as of the kinematic vehicle.
+    moved = [*vehicle.position, vehicle.roll, vehicle.pitch, vehicle.yaw]
+    assert sign * moved[axis] > 0.3
+    assert Rotation.from_matrix(vehicle.rotation).as_matrix() == pytest.approx(
+        rotation_matrix(vehicle.pitch, vehicle.yaw, vehicle.roll)
+    )
+
+
+def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag() -> None:
+    # 0.72 m/s was measured, von Benzon et al.; the autopilot asks for 0.7 m/s at most.
+    force = 4 * 30.4 * np.sqrt(0.5)
+    top = (-13.7 + np.sqrt(13.7**2 + 4 * 141 * force)) / (2 * 141)
+    assert top == pytest.approx(0.73, abs=0.005)
+    for axis, limit in enumerate(LIMITS.speed[:3]):
+        needed = BLUEROV2.damping(limit * np.eye(6)[axis])
+        assert saturated(needed) == pytest.approx(needed)
+    vehicle = BlueRov2(np.zeros(3))
+    run(vehicle, np.array([5.0, 0, 0, 0, 0, 0]), 6)
+    assert vehicle.linear[0] == pytest.approx(LIMITS.speed[0], abs=1e-3)
+
+
+def test_a_current_carries_it_at_last_over_ground() -> None:
+    current = np.array([0.1, -0.3, 0.2])
+    vehicle = BlueRov2(np.zeros(3), yaw=0.8, sea=Sea(current))
+    run(vehicle, np.array([0.4, 0, 0, 0, 0, 0]), 20)
+    through_water = vehicle.rotation @ [0.4, 0, 0]
+    # Nothing but drag by the square of the speed stops a slip aside, so it ends slowly.
+    assert vehicle.rotation @ vehicle.linear == pytest.approx(through_water + current, abs=0.02)
+    assert np.abs([vehicle.roll, vehicle.pitch, vehicle.yaw - 0.8]).max() < 0.02
+
+
+def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself() -> None:
+    vehicle = BlueRov2([1.0, 2.0, -3.0], pitch=0.2, yaw=4.0)
+    run(vehicle, np.zeros(6), 5)
+    assert vehicle.position == pytest.approx([1.0, 2.0, -3.0], abs=1e-9)
+    assert (vehicle.pitch, vehicle.yaw) == pytest.approx((0.2, 4.0), abs=1e-9)
+    vehicle.roll = 0.5
+    run(vehicle, np.zeros(6), 8)
+    assert abs(vehicle.roll) < 0.01
+
+
+@given(
+    commands=st.lists(
+        st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.3)), min_size=1, max_size=12
+    )
+)
+@settings(deadline=None, max_examples=15)
+def test_any_commands_in_a_rough_sea_leave_it_finite_and_slow(
+    commands: list[tuple[float, ...]],
+) -> None:
+    waves = WaveSettings(wave_height_m=3.0, wave_period_s=6.0, depth_m=2.0)
+    vehicle = BlueRov2(np.zeros(3), sea=Sea((0.5, 0.5, -0.2), waves))
+    for *command, dt in commands:
+        vehicle.step(command[:3], command[3:], dt)
+        assert np.isfinite([*vehicle.position, vehicle.pitch, vehicle.yaw, vehicle.roll]).all()
+        # No faster than full thrust through the fastest water.
+        assert np.linalg.norm(vehicle.linear) < 1.3 + 0.8 + np.pi * 3.0 / 6.0
+
+
+@pytest.mark.parametrize(
+    ("twist", "dt", "message"),
+    [([np.nan, 0, 0, 0, 0, 0], 0.1, "nan"), ([0.0] * 6, -0.1, "-0.1"), ([0.0] * 6, np.inf, "inf")],
+)
+def test_bad_steps_are_refused_and_change_nothing(
+    twist: list[float], dt: float, message: str
+) -> None:
+    vehicle = BlueRov2([1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=message):
+        vehicle.step(twist[:3], twist[3:], dt)
+    assert (vehicle.position == [1, 2, 3]).all()
+    assert (vehicle.linear == 0).all()

@@ -315,7 +315,7 @@ def another(node, key, value):
     if isinstance(value, list):
         return [number + 0.5 for number in value]
     kind, low, high = bounds_of(node, key)
-    return kind(value + 1) if kind is int else np.clip(value * 1.25, low, high).item()
+    return kind(value + 1) if kind is int else np.clip((value or 1.0) * 1.25, low, high).item()
 
 
 @pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])

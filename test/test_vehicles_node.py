@@ -234,3 +234,34 @@ def test_a_leader_alone_waits_until_every_follower_is_commanded(lab):
     lab.deliver(node, commands[0], TwistStamped())
     lab.until(lambda: position(heard[-1])[0] > 0.01, "the leader to set off")
     assert node.count_publishers("follower/odometry") == 0
+def over_ground(odometry):
+    linear = odometry.twist.twist.linear
+    return rotation(odometry).apply([linear.x, linear.y, linear.z])
+
+
+@pytest.mark.parametrize("vehicle", ["kinematic", "bluerov2"])
+def test_the_leader_holds_its_path_in_a_current_that_carries_the_follower(lab, vehicle):
+    basin = Basin(lab, vehicle_model=vehicle, current_m_per_s=[-0.1, 0.2, 0.0])
+    start = basin.tick()
+    # The sea is still until the leader sets off.
+    for before, now in zip(start, basin.tick(), strict=True):
+        np.testing.assert_allclose(position(now), position(before), atol=1e-9)
+    basin.order()
+    leader, follower = [basin.tick() for _ in range(100)][-1]
+    np.testing.assert_allclose(over_ground(leader), [0.5, 0, 0], atol=0.03)
+    np.testing.assert_allclose(over_ground(follower), [-0.1, 0.2, 0], atol=0.03)
+
+
+def test_the_sea_can_change_while_the_node_runs(basin):
+    basin.tick()
+    assert basin.lab.set(basin.node, "current_m_per_s", [0.0, -0.4, 0.0]).successful
+    np.testing.assert_array_equal(over_ground(basin.tick()[1]), np.zeros(3))
+    basin.order()
+    np.testing.assert_allclose(over_ground(basin.tick()[1]), [0, -0.4, 0], atol=1e-9)
+    assert basin.lab.set(basin.node, "current_m_per_s", [0.0, 0.3, 0.0]).successful
+    np.testing.assert_allclose(over_ground(basin.tick()[1]), [0, 0.3, 0], atol=1e-9)
+    assert basin.lab.set(basin.node, "wave_height_m", 1.0).successful
+    surges = [over_ground(basin.tick()[1])[0] for _ in range(80)]  # a period
+    # At 10 m, by waves of 8 s: pi H / T exp(-k d).
+    speed = np.pi / 8 * np.exp(-10 * (2 * np.pi / 8) ** 2 / 9.82)
+    assert np.max(np.abs(surges)) == pytest.approx(speed, rel=0.02)

@@ -21,17 +21,19 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 
 GRAVITY_M_PER_S2 = 9.82  # as in von Benzon et al., 2022
-BREAKING_STEEPNESS = 0.142  # height over length beyond which deep-water waves break (Miche, 1944)
 
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """A regular wave, and how deep below it the world's origin lies."""
+    """A regular wave, and how deep below it the world's origin lies.
+
+    Within these bounds no wave is so steep that it breaks: 0.142 of its length (Miche, 1944).
+    """
 
     wave_height_m: Annotated[
-        float, Quantity("height of the waves, from trough to crest; 0 for none", "m", 0, 20)
+        float, Quantity("height of the waves, from trough to crest; 0 for none", "m", 0, 3)
     ] = 0.0
-    wave_period_s: Annotated[float, Quantity("period of the waves", "s", 1, 30)] = 8.0
+    wave_period_s: Annotated[float, Quantity("period of the waves", "s", 4, 15)] = 8.0
     wave_direction_deg: Annotated[
         float, Quantity("where the waves go: 0 along x, 90 along y", "deg", -360, 360)
     ] = 0.0
@@ -49,11 +51,6 @@ class Sea:
         Velocity of the current in the world (x, y, z; z up), m/s, three finite values.
     waves
         The waves on it.
-
-    Raises
-    ------
-    ValueError
-        For waves so steep that they break.
     """
 
     def __init__(
@@ -64,12 +61,6 @@ class Sea:
         self.current: Array = np.array(current_m_per_s, dtype=float)
         self._omega = 2 * math.pi / waves.wave_period_s
         self._wave_number = self._omega**2 / GRAVITY_M_PER_S2
-        highest_m = BREAKING_STEEPNESS * 2 * math.pi / self._wave_number
-        if waves.wave_height_m > highest_m:
-            raise ValueError(
-                f"wave_height_m: {waves.wave_height_m:g} m breaks, at most {highest_m:.2g} m at "
-                f"wave_period_s {waves.wave_period_s:g} s; lower the height or raise the period"
-            )
         heading = math.radians(waves.wave_direction_deg)
         self._along = np.array([math.cos(heading), math.sin(heading), 0.0])
         self._speed = waves.wave_height_m / 2 * self._omega  # of the water at the surface, m/s

@@ -1,7 +1,9 @@
 """The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
 
 The leader sets off once every follower has been commanded: the formation control commands none
-before it has a pose. Each of the two can be alone, so that several followers share a leader.
+before it has a pose. Then the sea begins to move too. ``cmd_vel`` is a velocity through the water,
+since a follower cannot see the ground; the leader can, and steers against the current. Each of the
+two can be alone, so that several followers share a leader.
 """
 
 from functools import partial
@@ -13,6 +15,8 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
 
+from uuv_optical_array.control.bluerov2 import BlueRov2
+from uuv_optical_array.control.sea import Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
@@ -31,7 +35,10 @@ from uuv_optical_array.nodes.shared.parameters import (
     PUBLISH_TF,
     Parameter,
     Parameters,
+    parameters_of,
 )
+
+MODELS: dict[str, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
 
 PARAMETERS = {
     "vehicles": Parameter(
@@ -45,6 +52,16 @@ PARAMETERS = {
         Quantity("how many a leader alone waits for: follower_1/cmd_vel and so on", "", 1, 100),
         True,
     ),
+    "vehicle_model": Parameter(
+        "kinematic",
+        Quantity("of both vehicles: velocities within limits, or a BlueROV2 Heavy"),
+        True,
+        tuple(MODELS),
+    ),
+    "current_m_per_s": Parameter(
+        [0.0, 0.0, 0.0], Quantity("velocity of the current in the world", "m/s", -2, 2)
+    ),
+    **parameters_of(WaveSettings),
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
     "station_m": Parameter(
         [-6.0, 0.0, 0.0],
@@ -65,9 +82,11 @@ class VehiclesNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("vehicles_node", **options)
-        self.parameters = Parameters(self, PARAMETERS)
+        self.parameters = Parameters(self, PARAMETERS, self.on_change)
+        self.sea = self.sea_of({})
+        self.model = MODELS[self.parameters["vehicle_model"]]
         self.vehicles: dict[str, Vehicle] = {}
-        self.path_s: float | None = None  # time on the leader's path, once it has set off
+        self.path_s: float | None = None  # time on the leader's path, once all are commanded
         self.moved: Time | None = None
         self.commanded = self.get_clock().now()
         self.command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
@@ -90,10 +109,26 @@ class VehiclesNode(Node):
             subscribe(self, Odometry, "leader/odometry", self.on_leader)
         else:
             self.warn_of_waiting()
-            self.vehicles["leader"] = Vehicle(np.zeros(3))
+            self.vehicles["leader"] = self.model(np.zeros(3))
         if role == "both":
             self.place_follower(self.vehicles["leader"])
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
+
+    def sea_of(self, changes: dict[str, Any]) -> Sea:
+        """Return the sea of the parameters with changes to them."""
+        current = changes.get("current_m_per_s", self.parameters["current_m_per_s"])
+        return Sea(current, self.parameters.settings(WaveSettings, changes))
+
+    def on_change(self, changes: dict[str, Any]) -> None:
+        """Take over a parameter that was set while the node runs."""
+        self.sea = self.sea_of(changes)
+        self.stir()
+
+    def stir(self) -> None:
+        """Let the sea act on the vehicles, once they swim."""
+        if self.path_s is not None:
+            for vehicle in self.vehicles.values():
+                vehicle.sea = self.sea
 
     def place_follower(self, leader: Vehicle) -> None:
         """Let the follower begin near its station."""
@@ -114,7 +149,7 @@ class VehiclesNode(Node):
             self.diagnostics.refuse(f"leader/odometry, {reason}")
             return
         _, pitch, yaw = roll_pitch_yaw(quaternion)
-        self.place_follower(Vehicle(position, pitch, yaw))
+        self.place_follower(self.model(position, pitch, yaw))
         self.diagnostics.warn("")
 
     def on_command(self, topic: str, message: TwistStamped) -> None:
@@ -125,11 +160,12 @@ class VehiclesNode(Node):
             self.diagnostics.refuse(f"cmd_vel, {reason}")
             return
         self.commanded = self.get_clock().now()
-        if "leader" in self.vehicles and self.path_s is None:
+        if self.vehicles and self.path_s is None:
             self.awaited.discard(topic)
             self.warn_of_waiting()
             if not self.awaited:
                 self.path_s = 0.0
+                self.stir()
         self.diagnostics.answer()
 
     def on_timer(self) -> None:
@@ -142,8 +178,10 @@ class VehiclesNode(Node):
         self.moved = now
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
-        if self.path_s is not None:
-            self.vehicles["leader"].step(*leader_twist(self.path_s + step_s / 2), step_s)
+        if "leader" in self.vehicles and self.path_s is not None:
+            leader = self.vehicles["leader"]
+            linear, angular = leader_twist(self.path_s + step_s / 2)
+            leader.step(linear - leader.rotation.T @ self.sea.current, angular, step_s)
             self.path_s += step_s
         if "follower" in self.vehicles:
             self.vehicles["follower"].step(*self.command, step_s)
@@ -156,7 +194,7 @@ class VehiclesNode(Node):
         message = Odometry(child_frame_id=f"{prefix}{name}/base_link")
         message.header.stamp = now.to_msg()
         message.header.frame_id = self.parameters.frame("world_frame")
-        write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw)
+        write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw, vehicle.roll)
         write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
         self.odometry[name].publish(message)
         self.send_transform(message.header, message.child_frame_id, message.pose.pose)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.bluerov2 import (
+    ALLOCATION,
     BLUEROV2,
     LIMITS,
     BlueRov2,
@@ -43,6 +44,21 @@ def test_four_level_or_four_upright_thrusters_give_their_published_most(
     assert saturated(1e6 * wrench)[axis] == pytest.approx(most)
 
 
+@given(
+    force=st.tuples(*[st.floats(-1e4, 1e4)] * 3).map(np.array),
+    moment=st.tuples(*[st.floats(-2, 2)] * 3).map(np.array),
+)
+@settings(deadline=None)
+def test_too_strong_a_force_is_cut_and_never_the_moment(force: Array, moment: Array) -> None:
+    made = saturated(np.concatenate([force, moment]))
+    assert made[3:] == pytest.approx(moment, abs=1e-9)
+    thrusts = np.linalg.lstsq(ALLOCATION, made, rcond=None)[0]  # the least that make it
+    assert np.abs(thrusts).max() <= 30.4 * (1 + 1e-9)
+    size = np.linalg.norm(force)
+    assert np.cross(made[:3], force) == pytest.approx(np.zeros(3), abs=1e-6 * (1 + size))
+    assert made[:3] @ force >= min(size, 20.0) * size - 1e-6
+
+
 @given(wrench=st.tuples(*[st.floats(-4, 4)] * 6).map(np.array))
 def test_within_their_most_the_thrusters_give_what_is_wanted(wrench: Array) -> None:
     assert saturated(wrench) == pytest.approx(wrench, abs=1e-9)
@@ -74,6 +90,15 @@ def test_each_axis_reaches_what_is_commanded_and_only_it(
     assert Rotation.from_matrix(vehicle.rotation).as_matrix() == pytest.approx(
         rotation_matrix(vehicle.pitch, vehicle.yaw, vehicle.roll)
     )
+
+
+def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings() -> None:
+    # Uncancelled, the added mass alone would pitch it by (Z - X) u w = 0.6 N m.
+    vehicle, twist = BlueRov2(np.zeros(3)), np.array([0.5, 0.1, -0.1, 0.0, 0.05, 0.15])
+    run(vehicle, twist, 3)
+    assert vehicle.linear == pytest.approx(twist[:3], abs=2e-3)
+    assert vehicle.angular[1:] == pytest.approx(twist[4:], abs=2e-3)
+    assert (vehicle.roll, vehicle.pitch) == pytest.approx((0.0, 0.15), abs=0.02)
 
 
 def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag() -> None:

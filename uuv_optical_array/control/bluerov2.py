@@ -6,7 +6,7 @@ Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, J. Mar.
 out.
 
 The autopilot has a gyroscope, an attitude and no velocity log. So surge, sway and heave get the
-thrust that drag and inertia ask for at the commanded velocity through the water. Roll, pitch and
+thrust that drag and momentum ask for at the commanded velocity through the water. Roll, pitch and
 yaw are a cascade: the roll is steered to level by its rate, and the rates of all three by
 proportional and integral action on the gyroscope. Weight, buoyancy and righting moment are known
 and cancelled.
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.control.hydrodynamics import Body, advance
+from uuv_optical_array.control.hydrodynamics import Body, advance, coriolis
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
 from uuv_optical_array.core.geometry import Array
@@ -31,6 +31,7 @@ BLUEROV2 = Body(
     volume_m3=0.0134,
     buoyancy_at=np.array([0.0, 0.0, -0.01]),
 )
+MASS: Array = BLUEROV2.inertia + BLUEROV2.added_mass
 # Places (m, FRD) and directions of the eight thrusters: four level ones at 45 deg, four upright.
 THRUSTER_PLACES = np.array(
     [[x, y, 0.085] for x in (0.156, -0.156) for y in (0.111, -0.111)]
@@ -51,7 +52,7 @@ _TO_THRUSTERS = np.linalg.pinv(ALLOCATION)
 LIMITS = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters can hold
 STEP_S = 0.05  # longest step of integration and period of the autopilot
 LEVELLING_PER_S = 1.0  # roll rate per roll
-RATE_GAIN_PER_S, RATE_INTEGRAL_PER_S2 = 6.0, 9.0  # both poles of the rates at -3/s
+RATE_GAIN_PER_S, RATE_INTEGRAL_PER_S2 = 10.0, 25.0  # both poles of the rates at -5/s
 # Half a turn about x takes REP 103's axes (forward, left, up) to Fossen's (FRD), and back.
 FLU_FRD = np.array([1.0, -1.0, -1.0])
 
@@ -71,10 +72,14 @@ def flu_to_frd(vectors: Array) -> Array:
 def saturated(wrench: Array) -> Array:
     """Return what the thrusters make of a force and moment, N and N m, shape ``(6,)``.
 
-    Each gives its share of the least total of squares, as far as it can.
+    Each gives its share of the least total of squares. The moment comes first, so that the vehicle
+    stays upright; the force is cut evenly where a thruster has no more.
     """
-    thrusts = np.clip(_TO_THRUSTERS @ wrench, -MAX_THRUST_N, MAX_THRUST_N)
-    made: Array = ALLOCATION @ thrusts
+    turning = np.clip(_TO_THRUSTERS[:, 3:] @ wrench[3:], -MAX_THRUST_N, MAX_THRUST_N)
+    pushing = _TO_THRUSTERS[:, :3] @ wrench[:3]
+    room = MAX_THRUST_N - np.sign(pushing) * turning
+    share = min(1.0, float(np.min(room / np.maximum(np.abs(pushing), 1e-9))))
+    made: Array = ALLOCATION @ (turning + share * pushing)
     return made
 
 
@@ -129,12 +134,13 @@ class BlueRov2(Vehicle):
         change[3:] += RATE_GAIN_PER_S * missing + RATE_INTEGRAL_PER_S2 * self._turned
         down = flu_to_frd(-self.rotation[2])
         wanted = (
-            (BLUEROV2.inertia + BLUEROV2.added_mass) * change
+            MASS * change
+            + coriolis(MASS, target)
             + BLUEROV2.damping(target)
             + BLUEROV2.restoring(down)
         )
         made = saturated(wanted)
-        if np.allclose(made, wanted):  # an integral that cannot act would wind up
+        if np.allclose(made[3:], wanted[3:]):  # an integral that cannot act would wind up
             self._turned += missing * step_s
         return made
 

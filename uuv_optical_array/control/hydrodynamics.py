@@ -81,6 +81,21 @@ class Body:
         return np.concatenate([-net * down, buoyancy * _cross(self.buoyancy_at, down)])
 
 
+def coriolis(mass: Array, velocity: Array) -> Array:
+    """Return the force and moment that a turning momentum takes, N and N m, shape ``(6,)``.
+
+    Parameters
+    ----------
+    mass
+        Diagonal of an inertia or added mass, kg and kg m^2, shape ``(6,)``.
+    velocity
+        Linear and angular velocity in the body's frame, m/s and rad/s, shape ``(6,)``.
+    """
+    momentum, speed, turn = mass * velocity, velocity[:3], velocity[3:]
+    moment = _cross(turn, momentum[3:]) + _cross(speed, momentum[:3])
+    return np.concatenate([_cross(turn, momentum[:3]), moment])
+
+
 def rotation_from(quaternion_xyzw: Array) -> Array:
     """Return the rotation from the body to the world, shape ``(3, 3)``, of a unit quaternion."""
     x, y, z, w = quaternion_xyzw.tolist()
@@ -141,10 +156,8 @@ def _slope(
     flow_change = flow_acceleration - _cross(turn, flow)
     through_water = velocity.copy()
     through_water[:3] -= flow
-    rigid, added = body.inertia * velocity, body.added_mass * through_water
     force = thrust - body.damping(through_water) - body.restoring(rotation[2])
-    force[:3] -= _cross(turn, rigid[:3] + added[:3])
-    force[3:] -= _cross(turn, rigid[3:] + added[3:]) + _cross(through_water[:3], added[:3])
+    force -= coriolis(body.inertia, velocity) + coriolis(body.added_mass, through_water)
     force[:3] += body.added_mass[:3] * flow_change
     force[:3] += body.water_density * body.volume_m3 * flow_acceleration
     vector, w = state[3:6], state[6]

@@ -73,7 +73,14 @@ setup(
         "console_scripts": [
             *(
                 f"{name}_node = {package_name}.programs:{name}_node"
-                for name in ("simulator", "feature", "estimator", "formation", "vehicles")
+                for name in (
+                    "simulator",
+                    "feature",
+                    "estimator",
+                    "formation",
+                    "follower",
+                    "vehicles",
+                )
             ),
             f"uuv_array = {package_name}.programs:uuv_array",
         ],

@@ -69,6 +69,7 @@ NODES = [
     "feature",
     "estimator",
     "formation",
+    "follower",
     "vehicles",
 ]
 

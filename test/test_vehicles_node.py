@@ -234,6 +234,8 @@ def test_a_leader_alone_waits_until_every_follower_is_commanded(lab):
     lab.deliver(node, commands[0], TwistStamped())
     lab.until(lambda: position(heard[-1])[0] > 0.01, "the leader to set off")
     assert node.count_publishers("follower/odometry") == 0
+
+
 def over_ground(odometry):
     linear = odometry.twist.twist.linear
     return rotation(odometry).apply([linear.x, linear.y, linear.z])

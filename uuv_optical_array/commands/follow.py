@@ -114,9 +114,7 @@ def run(options: argparse.Namespace) -> int:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
         with BagWriter(options.record) if options.record else nullcontext() as bag:
-            record, light_timeout_s, interrupted = follow(
-                ros_args, options.duration, on_tick, bag
-            )
+            record, light_timeout_s, interrupted = follow(ros_args, options.duration, on_tick, bag)
     print(record.summary())
     if options.record:
         print(f"bag: {options.record}")

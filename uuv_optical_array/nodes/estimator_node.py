@@ -1,6 +1,7 @@
 """From key parameters, and the image, to the follower's pose in the leader's beacon frame."""
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -46,7 +47,13 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
     write_pose,
 )
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
+from uuv_optical_array.nodes.shared.node import (
+    from_thread,
+    publish,
+    run,
+    subscribe,
+    transform_publisher,
+)
 from uuv_optical_array.nodes.shared.parameters import (
     BASE_FRAME,
     BEACON_POSITION,
@@ -114,10 +121,20 @@ WAITING = f"compiling {FIT}, once on a machine: until then {MEANWHILE} answers"
 
 
 class EstimatorNode(Node):
-    """Publish a pose for each signature that the scene can answer, and nothing else."""
+    """Publish a pose for each signature that the scene can answer, and nothing else.
 
-    def __init__(self, **options: Any) -> None:
+    Parameters
+    ----------
+    hand_over
+        Takes each track after it is published. With it neither signatures nor images come by
+        topic: a node of the same process calls `on_frame`.
+    options
+        As of `Node`.
+    """
+
+    def __init__(self, hand_over: Callable[[Odometry], None] | None = None, **options: Any) -> None:
         super().__init__("estimator_node", **options)
+        self.hand_over = hand_over
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.check(self.parameters["method"])
         self.beacon_frame, self.base_frame, self.child_frame = map(
@@ -135,11 +152,9 @@ class EstimatorNode(Node):
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
-        compiled = self.create_guard_condition(self.on_compiled)
-        self.compiler = FitCompiler(self.scene, compiled.trigger)
+        self.compiler = FitCompiler(self.scene, from_thread(self, self.on_compiled))
         self.context.on_shutdown(self.compiler.stop)
-        built = self.create_guard_condition(self.on_built)
-        self.builder = TableBuilder(self.scene, built.trigger)
+        self.builder = TableBuilder(self.scene, from_thread(self, self.on_built))
         self.context.on_shutdown(self.builder.stop)
         try:
             self.on_change({"table": self.parameters["table"]})
@@ -150,9 +165,10 @@ class EstimatorNode(Node):
         self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
-        subscribe(self, PointCloud2, "array/features", self.on_features)
-        if self.parameters["use_image"]:
-            subscribe(self, Image, "array/image", self.on_image)
+        if hand_over is None:
+            subscribe(self, PointCloud2, "array/features", self.on_features)
+            if self.parameters["use_image"]:
+                subscribe(self, Image, "array/image", self.on_image)
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
 
@@ -193,8 +209,9 @@ class EstimatorNode(Node):
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else self.builder.table()
-        # After the table, which the first pose waits for: the two would share the processor.
-        if settings.method == FIT:
+        # After the table, which the first pose waits for: the two would share the processor. The
+        # sam methods hold a match to its image by the fit, so frames handed over gain by it, too.
+        if settings.method == FIT or self.hand_over is not None:
             self.compiler.start()
         if table is not None and changes.keys() & OF_ESTIMATOR:
             estimator = self.estimator_for(table, settings)
@@ -226,7 +243,7 @@ class EstimatorNode(Node):
     def on_compiled(self) -> None:
         """Let the fit take over; where it could not be compiled, the plain one."""
         settings = self.parameters.settings(EstimatorSettings)
-        if self.table is not None and settings.method == FIT:
+        if self.table is not None:
             self.estimator = self.estimator_for(self.table, settings)
         self.tell(settings)
         self.get_logger().info(f"{FIT}: {self.fit}")
@@ -247,7 +264,7 @@ class EstimatorNode(Node):
         if self.parameters["use_image"]:
             self.join(message.header, features=message)
         else:
-            self.answer(message, None)
+            self.unpack(message, None)
 
     def on_image(self, message: Image) -> None:
         """Keep an image for its signature."""
@@ -259,7 +276,11 @@ class EstimatorNode(Node):
         if left is not None and "features" in left:
             self.diagnostics.refuse("no image: array/image has none with the signature's stamp")
         if pair is not None:
-            self.answer(pair["features"], pair["image"])
+            self.unpack(pair["features"], pair["image"])
+
+    def on_frame(self, header: Header, parameters: Array | None, readings: Array) -> None:
+        """Answer what the feature node of the same process made of an image, and the image."""
+        self.answer(header, parameters, readings if self.parameters["use_image"] else None)
 
     def on_imu(self, message: Imu) -> None:
         """Keep the follower's roll."""
@@ -281,22 +302,39 @@ class EstimatorNode(Node):
             )
         return self.roll_rad
 
-    def answer(self, features: PointCloud2, image: Image | None) -> None:
-        """Publish what one image says, or say why it says nothing."""
-        header, stamp = features.header, stamp_ns(features.header)
-        track = None
+    def unpack(self, features: PointCloud2, image: Image | None) -> None:
+        """Answer a signature and its image where they belong together."""
+        try:
+            parameters, readings = features_from_message(features), None
+            if parameters is not None and image is not None:
+                readings = image_from_message(image, self.scene.array.detectors_per_side)
+                check_image(parameters, readings, self.scene)
+        except (NoPose, ValueError) as reason:
+            self.diagnostics.refuse(str(reason))
+            return
+        self.answer(features.header, parameters, readings)
+
+    def answer(self, header: Header, parameters: Array | None, readings: Array | None) -> None:
+        """Publish what one image says, or say why it says nothing.
+
+        Parameters
+        ----------
+        header
+            Of the image.
+        parameters
+            Its key parameters, shape ``(5,)``; ``None`` where there is no light.
+        readings
+            The image itself, counts, shape ``(side, side)``; ``None``: a match does without.
+        """
+        stamp, track = stamp_ns(header), None
         try:
             if not self.parameters["tracking"]:
                 self.order.check(header)
             if self.estimator is None:
                 raise Refused("no table: see the error")
-            parameters = features_from_message(features)
             if parameters is None:
                 raise Refused("no light: the feature node found none to match")
-            side = self.scene.array.detectors_per_side
-            readings = None if image is None else image_from_message(image, side)
             if readings is not None:
-                check_image(parameters, readings, self.scene)
                 self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
             known = self.tracker.constants(stamp) if self.parameters["tracking"] else None
@@ -372,7 +410,10 @@ class EstimatorNode(Node):
         covariance = self.covariance_6x6(track.pose, joint[:5, :5])
         twist, spread = body_twist(track.pose, track.rate, joint, roll)
         pose = pose_to_message(track.pose, covariance, header, roll)
-        self.tracks.publish(odometry_to_message(pose, self.child_frame, twist, spread))
+        message = odometry_to_message(pose, self.child_frame, twist, spread)
+        self.tracks.publish(message)
+        if self.hand_over is not None:
+            self.hand_over(message)
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

@@ -1,12 +1,15 @@
 """From the image of the array to its five key parameters."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
 
 from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.features import FeatureSettings, key_parameters, no_pattern
 from uuv_optical_array.estimation.plausibility import check_full_scale
 from uuv_optical_array.forward.scene import load_scene
@@ -18,7 +21,7 @@ from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe
+from uuv_optical_array.nodes.shared.node import publish, run, subscribe, subscribe_newest
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameters, parameters_of
 
 PARAMETERS = {
@@ -28,16 +31,39 @@ PARAMETERS = {
 
 
 class FeatureNode(Node):
-    """Publish one point of five fields for each image; no point where there is no light."""
+    """Publish one point of five fields for each image; no point where there is no light.
 
-    def __init__(self, **options: Any) -> None:
+    Parameters
+    ----------
+    hand_over
+        Takes header, key parameters or ``None``, and readings of each image before they are
+        published. With it only the newest of the images that wait is served.
+    options
+        As of `Node`.
+    """
+
+    def __init__(
+        self,
+        hand_over: Callable[[Header, Array | None, Array], None] | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
-        subscribe(self, Image, "array/image", self.on_image)
+        self.hand_over = hand_over
+        if hand_over is None:
+            subscribe(self, Image, "array/image", self.on_image)
+        else:
+            self.diagnostics.pass_over(0)
+            subscribe_newest(self, Image, "array/image", self.on_newest)
+
+    def on_newest(self, message: Image, passed_over: int) -> None:
+        """Serve an image that others were passed over for."""
+        self.diagnostics.pass_over(passed_over)
+        self.on_image(message)
 
     def on_image(self, message: Image) -> None:
         """Publish the key parameters of one image."""
@@ -63,6 +89,8 @@ class FeatureNode(Node):
                 light_level=f"{image.max() / full:.3f}",
                 saturated_share=f"{(image >= math.floor(full)).mean():.3f}",
             )
+        if self.hand_over is not None:
+            self.hand_over(message.header, parameters, image)
         self.features.publish(features_to_message(parameters, message.header))
 
 

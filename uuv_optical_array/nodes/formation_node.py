@@ -37,15 +37,24 @@ PARAMETERS = {
 
 
 class FormationNode(Node):
-    """Command the follower to its station; slow it to a stop when the light is lost."""
+    """Command the follower to its station; slow it to a stop when the light is lost.
 
-    def __init__(self, **options: Any) -> None:
+    Parameters
+    ----------
+    subscribed
+        Whether tracks come by topic; otherwise `on_track` is called by a node of the same process.
+    options
+        As of `Node`.
+    """
+
+    def __init__(self, subscribed: bool = True, **options: Any) -> None:
         super().__init__("formation_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.controller = FormationController(self.parameters.settings(FormationSettings))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
-        subscribe(self, Odometry, "relative_odometry", self.on_track)
+        if subscribed:
+            subscribe(self, Odometry, "relative_odometry", self.on_track)
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
     def on_change(self, changes: dict[str, Any]) -> None:

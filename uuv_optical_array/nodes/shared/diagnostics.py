@@ -34,7 +34,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._totals = Counter(answered=0, refused=0)
         self._kinds: Counter[str] = Counter()
-        self._answered = 0
+        self._answered = self._passed_over = 0
         self._refusals: dict[str, str] = {}
         self._values: dict[str, str] = {}
         self._failure = self._warning = ""
@@ -54,6 +54,11 @@ class Diagnostics:
             self._stamps_ns.append(stamp_ns)
             now_ns = self._node.get_clock().now().nanoseconds
             self._ages_s.append((now_ns - stamp_ns) * 1e-9)
+
+    def pass_over(self, count: int) -> None:
+        """Note messages that were not looked at because a newer one had come."""
+        self._passed_over += count
+        self._totals["passed_over"] += count
 
     def refuse(self, reason: str) -> None:
         """Note a message that was not answered; the reason's kind stands before its colon."""
@@ -90,12 +95,12 @@ class Diagnostics:
         elif not reasons:
             reasons = [f"no input: nothing came for {time.monotonic() - self._heard_s:.1f} s"]
         level = DiagnosticStatus.WARN if reasons else DiagnosticStatus.OK
-        text = "; ".join(reasons) or f"{self._answered} answered"
+        passed = f", {self._passed_over} passed over for newer ones" if self._passed_over else ""
+        text = "; ".join(reasons) or f"{self._answered} answered{passed}"
         if self._failure:
             level, text = DiagnosticStatus.ERROR, self._failure
         values |= {
-            "answered": str(self._totals["answered"]),
-            "refused": str(self._totals["refused"]),
+            **{name: str(count) for name, count in self._totals.items()},
             **{f"refused: {kind}": str(count) for kind, count in self._kinds.items()},
             **self._ages(),
             **self._values,
@@ -112,7 +117,7 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-        self._answered, self._refusals, self._values = 0, {}, {}
+        self._answered, self._passed_over, self._refusals, self._values = 0, 0, {}, {}
         self._stamps_ns, self._ages_s = self._stamps_ns[-1:], []
 
     def _rate(self) -> dict[str, str]:

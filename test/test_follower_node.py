@@ -1,0 +1,88 @@
+"""Feature, estimator and formation node of one process: the answers of three, the newest first."""
+
+import numpy as np
+import pytest
+from asker import assert_is
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.nodes.follower_node import follower
+from uuv_optical_array.nodes.shared.messages import image_to_message
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+POSE = np.array([-6.0, 0.1, -0.1, 0.02, 0.03])
+
+
+class Follower:
+    """Sends images to the three nodes and hears what they publish."""
+
+    def __init__(self, lab, scene_file):
+        self.lab = lab
+        lab.begin({"scene": scene_file, "estimator_node:method": "sam"})
+        self.feature, self.estimator, self.formation = (
+            lab.start(lambda node=node: node) for node in follower()
+        )
+        self.images = lab.talk(Image, "array/image")
+        self.clouds = lab.listen(PointCloud2, "array/features")
+        self.poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+        self.tracks = lab.listen(Odometry, "relative_odometry")
+        self.commands = lab.listen(TwistStamped, "cmd_vel")
+        lab.connect()
+
+    def show(self, image, seconds):
+        header = Header(stamp=Time(sec=seconds), frame_id="rov/array")
+        self.images.publish(image_to_message(image, header))
+
+
+@pytest.fixture
+def rov(lab, scene_file, compiled_fit):
+    return Follower(lab, scene_file)
+
+
+def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(rov, scene, table):
+    estimator = Estimator(table, "sam")
+    tracker = Tracker(TrackerSettings(), constants=estimator.constants)
+    rng = np.random.default_rng(5)
+    for seconds, image in enumerate(ForwardModel(scene).expose(np.tile(POSE, (2, 1)), rng), 1):
+        rov.show(image, seconds)
+        signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+        cloud = rov.lab.answer(rov.clouds, Time(sec=seconds))
+        np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f8"), signature)
+        known = tracker.constants(seconds * 10**9)
+        found = estimator.estimate(signature, image, 0.0, known)
+        assert_is(rov.lab.answer(rov.poses, Time(sec=seconds)), found)
+        track = tracker.update(seconds * 10**9, found.pose, found.covariance)
+        assert_is(rov.lab.answer(rov.tracks, Time(sec=seconds)), track)
+    rov.lab.until(lambda: rov.commands, "a command")
+    heard = {ear.topic_name for ear in (*rov.estimator.subscriptions, *rov.formation.subscriptions)}
+    assert not heard & {"/array/image", "/array/features", "/relative_odometry"}
+    for node in (rov.feature, rov.estimator, rov.formation):
+        rov.lab.report(node, OK, "answered")
+
+
+def test_an_image_without_light_is_an_empty_cloud_and_no_pose(rov):
+    rov.show(np.zeros((5, 5)), 1)
+    assert rov.lab.answer(rov.clouds, Time(sec=1)).width == 0
+    rov.lab.report(rov.estimator, WARN, "no light")
+    assert not rov.poses
+
+
+def test_of_images_that_wait_the_newest_is_served_and_the_others_are_counted(rov, scene):
+    rng = np.random.default_rng(6)
+    for seconds, image in enumerate(ForwardModel(scene).expose(np.tile(POSE, (9, 1)), rng), 1):
+        rov.show(image, seconds)
+    rov.lab.answer(rov.clouds, Time(sec=9))
+    served = [cloud.header.stamp.sec for cloud in rov.clouds]
+    assert served == sorted(set(served))
+    passed_over = 9 - len(served)
+    assert passed_over > 0
+    status = rov.lab.report(rov.feature, OK, f"{passed_over} passed over")
+    assert {pair.key: pair.value for pair in status.values}["passed_over"] == str(passed_over)

@@ -23,6 +23,7 @@ setup(
         (f"{share}/config", glob("config/*.yaml")),
         (f"{share}/config/scenes", glob("config/scenes/*.yaml")),
         (f"{share}/config/examples", glob("config/examples/*.yaml")),
+        (f"{share}/config/security", glob("config/security/*.xml")),
         (f"{share}/rviz", glob("rviz/*.rviz")),
     ],
     python_requires=">=3.10",

@@ -1,0 +1,167 @@
+"""The SROS2 policy is that of the nodes' interfaces; nodes write into cache and log alone."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from conftest import PATIENCE_S
+
+from uuv_optical_array.core import files
+from uuv_optical_array.nodes.shared import security
+
+POLICY = files.shared_file("config/security/policy.xml")
+# What an element of the SROS2 policy schema 0.2.0 may hold, and the attributes that it must have.
+CHILDREN = {
+    "policy": {"enclaves"},
+    "enclaves": {"enclave"},
+    "enclave": {"profiles"},
+    "profiles": {"profile"},
+    "profile": {"topics", "services"},
+    "topics": {"topic"},
+    "services": {"service"},
+    "topic": set(),
+    "service": set(),
+}
+ATTRIBUTES = {"policy": {"version"}, "enclave": {"path"}, "profile": {"ns", "node"}}
+# What every node of rclpy has beside the entities of its own.
+OF_ROS = {
+    ("topics", "publish"): {"/rosout"},
+    ("topics", "subscribe"): {"/clock"},
+    ("services", "reply"): {"~/get_type_description"},
+}
+
+
+def rules(node):
+    """Return what a node declares, as rclpy's own lists of its entities have it."""
+    own = node.get_fully_qualified_name()
+    services = {service.service_name.replace(own, "~", 1) for service in node.services}
+    return {
+        ("topics", "publish"): {each.topic_name for each in node.publishers},
+        ("topics", "subscribe"): {each.topic_name for each in node.subscriptions},
+        ("services", "reply"): services,
+    }
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_the_policy_is_made_of_the_nodes_and_allows_each_what_it_declares_and_no_more(
+    lab, scene_file
+):
+    lab.begin({"scene": scene_file, "estimator_node:method": "sam"})
+    declared = {}
+
+    def noted(executable, make):
+        for node in make():
+            declared[executable, node.get_name()] = rules(node)
+            yield node
+
+    processes = {
+        executable: lambda executable=executable, make=make: noted(executable, make)
+        for executable, make in security.PROCESSES.items()
+    }
+    text = security.policy(processes)
+    assert POLICY.read_text(encoding="utf-8") == text
+    allowed = {}
+    for enclave in ElementTree.fromstring(text).iter("enclave"):
+        executable = Path(enclave.get("path")).name
+        for profile in enclave.iter("profile"):
+            allowed[executable, profile.get("node")] = {
+                (group.tag, verb): {entry.text for entry in group}
+                for group in profile
+                for verb in group.attrib
+            }
+    assert allowed == {
+        name: {group: names | OF_ROS[group] for group, names in groups.items()}
+        for name, groups in declared.items()
+    }
+
+
+def test_the_policy_has_the_form_of_the_schema():
+    def check(element):
+        assert {child.tag for child in element} <= CHILDREN[element.tag]
+        given = set(element.keys())
+        if element.tag in ("topics", "services"):
+            verbs = {"topics": {"publish", "subscribe"}, "services": {"reply"}}
+            assert len(given) == 1
+            assert given <= verbs[element.tag]
+            assert set(element.attrib.values()) == {"ALLOW"}
+        else:
+            assert given == ATTRIBUTES.get(element.tag, set())
+        if element.tag in ("topic", "service"):
+            assert element.text.startswith(("/", "~/"))
+            assert "*" not in element.text
+        else:
+            assert len(element)
+        for child in element:
+            check(child)
+
+    root = ElementTree.parse(POLICY).getroot()
+    assert root.get("version") == "0.2.0"
+    check(root)
+
+
+def test_sros2_takes_the_policy():
+    reason = "no sros2: the policy was held to its form alone, and no node was run secured"
+    sros2 = pytest.importorskip("sros2.policy", reason=reason)
+    sros2.load_policy(POLICY)
+
+
+# Runs all nodes for a moment, and prints every path that was opened for writing, made or renamed.
+WRITES = """
+import os, sys
+paths = []
+def hook(event, arguments):
+    if event == "open":
+        path, mode, flags = arguments
+        if isinstance(path, int) or not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            return
+        paths.append(path)
+    elif event in ("os.mkdir", "os.remove", "os.rename", "os.symlink", "os.link", "os.truncate"):
+        paths.extend(path for path in arguments[:2] if isinstance(path, (str, bytes)))
+sys.addaudithook(hook)
+import rclpy
+from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
+from uuv_optical_array.nodes.shared.security import PROCESSES
+start(["--ros-args", "-p", "scene:=" + sys.argv[1], "-p", "estimator_node:method:=sam"])
+executor = fastest_executor()
+nodes = [node for name in ("simulator_node", "feature_node", "estimator_node", "formation_node",
+         "vehicles_node") for node in PROCESSES[name]()]
+for node in nodes:
+    executor.add_node(node)
+spin(executor, lambda: not nodes[3].diagnostics._totals["answered"])
+rclpy.try_shutdown()
+print(*sorted({os.path.abspath(os.fsdecode(path)) for path in paths}), sep="\\n")
+"""
+
+
+def test_nodes_write_into_the_cache_and_the_log_alone(tmp_path, scene_file):
+    own, others = tmp_path / "own", [tmp_path / name for name in ("home", "here", "scratch")]
+    for folder in (own, *others):
+        folder.mkdir()
+    places = {"HOME": "home", "PWD": "here", "TMPDIR": "scratch"}
+    environment = {
+        **os.environ,
+        **{name: str(tmp_path / place) for name, place in places.items()},
+        "XDG_CACHE_HOME": str(own),
+        "ROS_LOG_DIR": str(own),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", WRITES, scene_file],
+        env=environment,
+        cwd=tmp_path / "here",
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode == 0, done.stderr
+    written = [Path(line) for line in done.stdout.splitlines()]
+    kept = (own, Path(os.environ["NUMBA_CACHE_DIR"]).resolve(), Path("/dev"))
+    astray = [path for path in written if not any(path.is_relative_to(each) for each in kept)]
+    assert not astray
+    assert any(path.is_relative_to(own / "uuv_optical_array") for path in written)
+    for folder in others:
+        assert not list(folder.rglob("*"))

@@ -1,0 +1,92 @@
+"""What each process of the nodes may say and hear: a policy for SROS2.
+
+``python -m uuv_optical_array.nodes.shared.security`` prints the policy of the nodes as they run
+with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from xml.etree import ElementTree
+
+import rclpy
+from rclpy.node import Node
+
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.follower_node import follower
+from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.shared.node import start
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
+from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+
+VERSION = "0.2.0"  # of the policy's schema
+PROCESSES: Mapping[str, Callable[[], Iterable[Node]]] = {
+    "simulator_node": lambda: [SimulatorNode()],
+    "feature_node": lambda: [FeatureNode()],
+    "estimator_node": lambda: [EstimatorNode()],
+    "formation_node": lambda: [FormationNode()],
+    "vehicles_node": lambda: [VehiclesNode()],
+    "follower_node": follower,
+}
+CLOCK = "/clock"  # which nodes hear that use simulated time
+
+
+def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) -> str:
+    """Return the policy that allows nodes what they declare, and no more.
+
+    Parameters
+    ----------
+    processes
+        By the name of each executable what makes its nodes; ROS has been started.
+
+    Returns
+    -------
+    str
+        XML, of schema version 0.2.0; names are relative to the namespace ``/``, in which the nodes
+        were made.
+    """
+    root = ElementTree.Element("policy", version=VERSION)
+    enclaves = ElementTree.SubElement(root, "enclaves")
+    for executable, make in processes.items():
+        enclave = ElementTree.SubElement(
+            enclaves, "enclave", path=f"/uuv_optical_array/{executable}"
+        )
+        profiles = ElementTree.SubElement(enclave, "profiles")
+        for node in make():
+            _add_profile(profiles, node)
+            node.destroy_node()
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+
+
+def _add_profile(profiles: ElementTree.Element, node: Node) -> None:
+    name, space = node.get_name(), node.get_namespace()
+    profile = ElementTree.SubElement(profiles, "profile", ns=space, node=name)
+    said = node.get_publisher_names_and_types_by_node(name, space)
+    heard = [(CLOCK, []), *node.get_subscriber_names_and_types_by_node(name, space)]
+    served = node.get_service_names_and_types_by_node(name, space)
+    for group, rule, entries in (
+        ("topics", "publish", said),
+        ("topics", "subscribe", heard),
+        ("services", "reply", served),
+    ):
+        parent = ElementTree.SubElement(profile, group, {rule: "ALLOW"})
+        for path in sorted({path for path, _ in entries}):
+            private = path.removeprefix(f"{node.get_fully_qualified_name()}/")
+            entry = ElementTree.SubElement(parent, group[:-1])
+            entry.text = path if private == path else f"~/{private}"
+
+
+def main(args: list[str] | None = None) -> None:
+    """Print the policy."""
+    try:
+        start(args)
+        print(policy(), end="")
+    except ValueError as error:
+        sys.exit(str(error))
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

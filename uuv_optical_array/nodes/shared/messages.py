@@ -5,6 +5,8 @@ has forward (or north), right (or east) and down: what is published in such a fr
 by half a turn about x, and what comes in one is turned back.
 """
 
+import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -52,15 +54,25 @@ def not_finite(message: Any) -> str:
     """Return where in a ROS message a number is not finite; empty where all are."""
     if isinstance(message, PointCloud2):  # of `features_to_message`
         return "" if np.isfinite(np.frombuffer(message.data, dtype="<f8")).all() else "data"
-    for name, kind in message.get_fields_and_field_types().items():
+    for name, nested, several in _fields_of_numbers(message.__class__):
         value = getattr(message, name)
-        if "/" in kind:
-            for part in value if "<" in kind or "[" in kind else [value]:
+        if nested:
+            for part in value if several else [value]:
                 if where := not_finite(part):
                     return f"{name}.{where}"
-        elif ("double" in kind or "float" in kind) and not np.isfinite(value).all():
+        elif not (np.isfinite(value).all() if several else math.isfinite(value)):
             return name
     return ""
+
+
+@cache
+def _fields_of_numbers(message_type: Any) -> list[tuple[str, bool, bool]]:
+    """Return the fields that may hold floats, whether each is of messages, and whether of many."""
+    return [
+        (name, "/" in kind, "<" in kind or "[" in kind)
+        for name, kind in message_type.get_fields_and_field_types().items()
+        if "/" in kind or "double" in kind or "float" in kind
+    ]
 
 
 class StampOrder:

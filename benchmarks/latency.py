@@ -1,0 +1,215 @@
+"""From image in to pose out, beside a bare rclpy relay: ``python benchmarks/latency.py``.
+
+Blocks of images go to the follower's nodes and to a relay that answers each image with a ready-made
+pose, in turn, so that a noisy machine slows both; their medians are compared. The images come from
+the process that hears the answers, in the thread of its executor; follower and relay are in the
+same one, or together in another. `frame time` is the time from answer to answer, in which the age
+of the oldest pose is given; `passed over` are the images that a newer one overtook. The last three
+columns are the time that the steps before the pose take.
+"""
+
+import argparse
+import signal
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from course import exposures, serve, served, write_scene
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+from uuv_optical_array.core.messages import stamp_ns
+from uuv_optical_array.nodes import feature_node
+from uuv_optical_array.nodes.follower_node import follower
+from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
+
+ASKED = {"follower": ("array/image", "relative_pose"), "relay": ("relay/image", "relay/pose")}
+COLUMNS = ("processes", "method", "side", "Hz", "relay", "99 %", "pose", "99 %", "ratio")
+COLUMNS += ("poses", "passed over", "frame time", "oldest", "estimate", "features", "track")
+BLOCK_S = 0.2
+PATIENCE_S = 3.0  # for the answer to the last image of a block
+
+
+class Relay(Node):
+    """Answer an image with a ready-made pose."""
+
+    def __init__(self) -> None:
+        super().__init__("relay")
+        self.pose = PoseWithCovarianceStamped()
+        image, pose = ASKED["relay"]
+        self.poses = self.create_publisher(PoseWithCovarianceStamped, pose, 10)
+        self.create_subscription(Image, image, self.on_image, qos_profile_sensor_data)
+
+    def on_image(self, message: Image) -> None:
+        self.pose.header = message.header
+        self.poses.publish(self.pose)
+
+
+class Asker(Node):
+    """Send images and take the time until their answers."""
+
+    def __init__(self) -> None:
+        super().__init__("asker")
+        self.sent: dict[tuple[str, int], float] = {}
+        self.heard: set[tuple[str, int]] = set()
+        self.times: dict[str, list[tuple[float, float]]] = {name: [] for name in ASKED}
+        self.talkers, self.ears = {}, []
+        for name, (image, pose) in ASKED.items():
+            self.talkers[name] = self.create_publisher(Image, image, QoSProfile(depth=10))
+            self.ears.append(
+                self.create_subscription(
+                    PoseWithCovarianceStamped, pose, self.taker(name), qos_profile_sensor_data
+                )
+            )
+
+    def taker(self, name: str) -> Callable[[Any], None]:
+        def take(message: Any) -> None:
+            heard = time.perf_counter()
+            asked = name, stamp_ns(message.header)
+            self.times[name].append((heard, heard - self.sent[asked]))
+            self.heard.add(asked)
+
+        return take
+
+    def connected(self) -> bool:
+        return all(talker.get_subscription_count() for talker in self.talkers.values()) and all(
+            ear.handle.get_publisher_count() for ear in self.ears
+        )
+
+    def send(self, messages: list[Image], rate_hz: float) -> Iterator[float]:
+        """Send images at a rate, as many blocks to the follower as to the relay.
+
+        Yields until when callbacks are to be served.
+        """
+        length, due = max(2, round(BLOCK_S * rate_hz)), time.perf_counter()
+        for first in range(0, len(messages), length):
+            for name, talker in self.talkers.items():
+                for message in messages[first : first + length]:
+                    due += 1 / rate_hz
+                    yield due
+                    self.sent[name, stamp_ns(message.header)] = time.perf_counter()
+                    talker.publish(message)
+                # The newest is answered last; what is in work would hold up the next block.
+                last = name, stamp_ns(message.header)
+                until = time.perf_counter() + PATIENCE_S
+                while last not in self.heard and (due := time.perf_counter()) < until:
+                    yield due + 0.005
+
+
+def watched(owner: Any, name: str, spent: dict[str, list[float]], stage: str) -> None:
+    """Take the time of each call of an attribute."""
+    call, times = getattr(owner, name), spent.setdefault(stage, [])
+
+    def timed(*given: Any, **named: Any) -> Any:
+        before = time.perf_counter()
+        try:
+            return call(*given, **named)
+        finally:
+            times.append(time.perf_counter() - before)
+
+    setattr(owner, name, timed)
+
+
+def measure(options: argparse.Namespace, apart: bool, method: str, side: int) -> None:
+    """Print a line for each rate."""
+    rng = np.random.default_rng(1)
+    spent: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        scene, path = write_scene(Path(folder), side)
+        arguments = ["-p", f"scene:={path}", "-p", f"estimator_node:method:={method}"]
+        process = served(__file__, arguments) if apart else None
+        start(["--ros-args", *arguments])
+        asker, executor = Asker(), fastest_executor()
+        nodes: list[Any] = [asker]
+        if not apart:
+            original = feature_node.key_parameters
+            watched(feature_node, "key_parameters", spent, "features")
+            feature, estimator, formation = follower()
+            nodes += [Relay(), feature, estimator, formation]
+            watched(estimator, "tracked", spent, "track")
+        for node in nodes:
+            executor.add_node(node)
+        spin(executor, lambda: not asker.connected())
+        if not apart:
+            spin(executor, lambda: not estimator.compiler.done)
+            executor.spin_once(timeout_sec=0.2)  # the compiled fit takes over
+            watched(estimator.estimator, "estimate", spent, "estimate")
+        begun_ns = 10**9
+        for rate_hz in options.rates:
+            count = round(options.seconds * rate_hz)
+            stamps = [begun_ns + round(i * 1e9 / rate_hz) for i in range(count)]
+            begun_ns = stamps[-1] + 10**8
+            messages = exposures(scene, stamps, rng)
+            for times in (*asker.times.values(), *spent.values()):
+                times.clear()
+            for until in asker.send(messages, rate_hz):
+                while (left := until - time.perf_counter()) > 0:
+                    executor.spin_once(timeout_sec=left)
+            report(apart, method, side, rate_hz, count, asker.times, spent)
+        if not apart:
+            feature_node.key_parameters = original
+        rclpy.try_shutdown()
+        if process is not None:
+            process.send_signal(signal.SIGINT)
+            process.wait()
+
+
+def report(
+    apart: bool,
+    method: str,
+    side: int,
+    rate_hz: float,
+    count: int,
+    times: dict[str, list[tuple[float, float]]],
+    spent: dict[str, list[float]],
+) -> None:
+    """Print one line; times in ms."""
+    first = 2 if apart else 1
+    ages = {name: [age * 1e3 for _, age in answers] for name, answers in times.items()}
+    if min(map(len, ages.values())) < 5:
+        print(f"{first:9} {method} {side} {rate_hz:g} Hz: too few answers", flush=True)
+        return
+    (relay, late_relay), (pose, late_pose) = (
+        np.quantile(ages[name], [0.5, 0.99]) for name in ("relay", "follower")
+    )
+    heard = [at * 1e3 for at, _ in times["follower"]]
+    frame_ms = statistics.median(np.diff(heard))
+    figures = [relay, late_relay, pose, late_pose, pose / relay]
+    cells = [f"{first}", method, f"{side}", f"{rate_hz:g}", *(f"{each:.2f}" for each in figures)]
+    poses = len(ages["follower"])
+    cells += [f"{poses}", f"{count - poses}", f"{frame_ms:.2f}"]
+    cells += [f"{max(ages['follower']) / frame_ms:.2f}"]
+    cells += [f"{statistics.median(each) * 1e3:.2f}" for _, each in sorted(spent.items()) if each]
+    print(" ".join(f"{cell:>11}" for cell in cells), flush=True)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--rates", type=float, nargs="+", default=[10, 100, 500])
+    parser.add_argument("--sides", type=int, nargs="+", default=[5, 21])
+    parser.add_argument("--methods", nargs="+", default=["least_squares", "sam_interpolated"])
+    parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
+    parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
+    options = parser.parse_args()
+    print("Times in ms; 'oldest' in frame times.")
+    print(" ".join(f"{name:>11}" for name in COLUMNS))
+    for processes in options.processes:
+        for method in options.methods:
+            for side in options.sides:
+                measure(options, processes == 2, method, side)
+
+
+if __name__ == "__main__":
+    if "--serve" in sys.argv[1:2]:
+        serve(sys.argv[2:], (Relay,))
+    else:
+        main()

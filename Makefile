@@ -16,7 +16,7 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow tradeoff test jazzy format bench peers clean
+.PHONY: help follow tradeoff test jazzy docs format bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
@@ -39,6 +39,16 @@ test: $(INSTALLED)  ## check style and types, and run all tests; those of the no
 jazzy: $(JAZZY)/installed  ## run the tests of the nodes on ROS 2 Jazzy
 	$(JAZZY)/bin/pytest -n logical --maxprocesses 8 --dist worksteal $(ROS_TESTS)
 
+docs: .venv/documents  ## write the reference and build the documentation, into docs/_build
+	$(BIN)/python docs/generate_reference.py
+	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
+	@echo 'open docs/_build/index.html'
+
+.venv/documents: $(INSTALLED)
+	@$(BIN)/pip install -qq --disable-pip-version-check --no-build-isolation -c constraints.txt \
+	  -e '.[docs]'
+	@touch $@
+
 format: $(INSTALLED)  ## bring the code into the house style
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
@@ -51,7 +61,7 @@ peers: $(INSTALLED)  ## compare search and simulation with other libraries; opti
 	@PYTHONPATH=benchmarks $(BIN)/python -m peers $(ARGS)
 
 clean:  ## remove .venv and all that can be made again
-	rm -rf .venv $(JAZZY) .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	rm -rf .venv $(JAZZY) docs/_build .hypothesis .mypy_cache .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 FIT := import ensurepip, platform as p, sys; sys.exit(not ((3, 10) <= sys.version_info < (3, 15) \

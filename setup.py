@@ -56,6 +56,8 @@ setup(
         "bags": BAGS,
         # What `make peers` measures us against; see benchmarks/peers.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
+        # Building the documentation, by `make docs`.
+        "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
         # colcon test runs pytest because this extra names it.
         "test": [
             "hypothesis",

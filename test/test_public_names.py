@@ -1,6 +1,5 @@
 """What ``import uuv_optical_array`` offers, in the code and in the documentation."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,17 +14,8 @@ NAMES = [name for name in uuv_optical_array.__all__ if name != "__version__"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_public_name_is_there_documented_and_in_the_readme(name):
+def test_every_public_name_is_there_and_documented(name):
     assert getattr(uuv_optical_array, name).__doc__
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    [table] = re.findall(r"^\| public name .*?\n\n", readme, re.MULTILINE | re.DOTALL)
-    assert f"| `{name}` |" in table
-
-
-def test_the_readme_names_nothing_else():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    [table] = re.findall(r"^\| public name .*?\n\n", readme, re.MULTILINE | re.DOTALL)
-    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == set(NAMES)
 
 
 def test_the_version_is_that_of_the_package():

@@ -24,7 +24,7 @@ covariances that the estimates claim. --nuisances compares an estimator that tak
 lamp power for known with one that estimates them along, where they are off and where they are not.
 --moving takes each image at a random moment: what flickers, fades or drifts in the scene then does,
 and no estimator knows. --drawn lets what the scene's prior leaves open, such as the lamp's power,
-be off by as much as the prior says. docs/accuracy.md explains every figure."""
+be off by as much as the prior says. docs/results/accuracy.md explains every figure."""
 
 EPILOG = """\
 examples:

@@ -25,7 +25,7 @@ lamp at 0.5 m/s and sees 41 images, in a dive and in a zigzag, in tank water and
 In every run temperature and attenuation are off by constants that nobody knows. Its errors as
 published stand beside those of its method built again (moments), of single images
 (least_squares), of these tracked (tracker), and of a smoother that takes lamp and water for
-constant (docking). docs/baselines.md explains every choice."""
+constant (docking). docs/results/approach.md explains every choice."""
 
 EPILOG = """\
 examples:

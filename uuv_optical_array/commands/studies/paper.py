@@ -24,7 +24,7 @@ examples:
   uuv_array paper --output eren2016.png        the picture where you want it
   uuv_array paper --json                       one JSON object, the curves with it
   uuv_array paper --scene sea.yaml             your own lamp, water and sphere
-Ctrl-C ends it early and reports what there is. docs/paper.md explains every figure."""
+Ctrl-C ends it early and reports what there is. docs/results/paper.md explains every figure."""
 
 NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
 

@@ -19,8 +19,8 @@ DESCRIPTION = """\
 Estimate poses from images of a sea that is not the scene, kind of mismatch by kind: another lamp,
 other water, daylight, broken detectors, shade, images of no lamp at all. The estimator believes the
 scene. An honest one answers what its prior covers and knows how well, and refuses the rest; an
-answer off by more than six of its own standard deviations is false. docs/robustness.md has the
-kinds and what to do about each."""
+answer off by more than six of its own standard deviations is false.
+docs/reference/mismatches.md has the kinds and what to do about each."""
 
 EPILOG = """\
 examples:

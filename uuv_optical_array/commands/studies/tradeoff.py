@@ -36,7 +36,7 @@ Measure error and time per frame of every method (sam, sam_interpolated, least_s
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
 tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
 +-20 deg; times are from an image to its pose. Two CSV files grow in the output folder, and two
-pictures show them. A stopped run goes on where it was. docs/tradeoff.md tells the story."""
+pictures show them. A stopped run goes on where it was. See docs/results/tradeoff.md."""
 
 EPILOG = """\
 examples:

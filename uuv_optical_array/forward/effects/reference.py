@@ -3,18 +3,12 @@
 import inspect
 import itertools
 import math
-import re
 import types
 import typing
 from typing import Any, Literal, NamedTuple
 
 from uuv_optical_array.core.settings import Cells, Grid, Quantity
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
-
-# Names, a year and perhaps equations: "Shinozuka and Jan 1972", "Eren et al. 2016, eq. 5".
-SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
-# The same in parentheses, with whatever else stands there.
-CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
 
 
 class Setting(NamedTuple):
@@ -101,34 +95,3 @@ def middle_settings(name: str) -> dict[str, Any]:
     """Return settings of an effect in the middle of their bounds, the shortest way."""
     settings = declared(name)
     return {key: middle(settings[key]) for key in ways(name)[0]}
-
-
-def effects_table() -> str:
-    """Return the effects in physical order, with law, form and source, as a Markdown table."""
-    rows = ["| effect | law | form | source |", "|---|---|---|---|"]
-    for name, effect in EFFECTS.items():
-        text = inspect.getdoc(effect.function) or ""
-        law = CITATION.sub("", text.splitlines()[0]).rstrip(".").replace("``", "`")
-        sources = [re.sub("[()]", "", found) for found in SOURCE.findall(" ".join(text.split()))]
-        kinds = inspect.signature(effect.function).return_annotation
-        parts = typing.get_args(kinds) or (kinds,)
-        form = ", ".join(part.__name__.lower() for part in parts)
-        rows.append(f"| `{name}` | {law} | {form} | {'; '.join(dict.fromkeys(sources))} |")
-    return "\n".join(rows)
-
-
-def settings_table() -> str:
-    """Return the settings of all effects, with bounds, default and meaning, as a Markdown table."""
-    rows = ["| effect | setting | bounds | default | meaning |", "|---|---|---|---|---|"]
-    for name in EFFECTS:
-        for key, (kind, quantity, default) in declared(name).items():
-            bounds = quantity.bounds()
-            if typing.get_origin(kind) is Literal:
-                bounds = ", ".join(f"`{choice}`" for choice in typing.get_args(kind))
-            shown = ""
-            if default not in (None, inspect.Parameter.empty):
-                shown = (
-                    f"{default:g}" if isinstance(default, int | float) else str(default or "none")
-                )
-            rows.append(f"| `{name}` | `{key}` | {bounds} | {shown} | {quantity.text} |")
-    return "\n".join(rows)

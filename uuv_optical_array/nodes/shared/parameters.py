@@ -1,6 +1,5 @@
-"""Node parameters, declared once: the descriptor, the check and the table of the docs follow."""
+"""Node parameters, declared once: the descriptor, the check and the documentation follow."""
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -143,19 +142,6 @@ class Parameters:
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-
-def markdown_table(declared: Mapping[str, Parameter]) -> str:
-    """Return the parameters of a node as the rows of a Markdown table."""
-    rows = ["| parameter | default | bounds | at run time | meaning |", "|---|---|---|---|---|"]
-    for name, parameter in declared.items():
-        default, quantity = parameter.default, parameter.quantity
-        shown = f"`{json.dumps(default)}`"
-        words = " or ".join(f"`{choice}`" for choice in parameter.choices)
-        bounds = words if isinstance(default, bool | str) else quantity.bounds()
-        changes = "fixed" if parameter.read_only else "can change"
-        rows.append(f"| `{name}` | {shown} | {bounds} | {changes} | {quantity.text} |")
-    return "\n".join(rows)
 
 
 # Of several nodes.

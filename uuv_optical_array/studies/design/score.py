@@ -1,8 +1,8 @@
 """What a design of array and lamp is worth: the paper's criterion, and the Cramer-Rao bound.
 
 Eren et al. (2016) judge a design by whether its signature tells 0.2 m and 10 deg apart 4 to 8 m
-behind the lamp, and by how few detectors that takes. docs/design_study.md says what each score
-means.
+behind the lamp, and by how few detectors that takes. docs/results/design_study.md says what each
+score means.
 """
 
 import math

@@ -311,15 +311,3 @@ def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
                 "leave it out"
             )
     return chosen
-
-
-def kinds_table() -> str:
-    """Return every kind, how far it is off and what to do about it, as a Markdown table."""
-    rows = [
-        "| kind | what differs | times the prior | what to do |",
-        "|---|---|---|---|",
-    ]
-    for kind in KINDS:
-        times = "" if kind.times_prior is None else f"{kind.times_prior:.2g}"
-        rows.append(f"| `{kind.name}` | {kind.what} | {times} | {kind.cure} |")
-    return "\n".join(rows)

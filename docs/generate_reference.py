@@ -1,0 +1,335 @@
+"""Write ``docs/reference/`` from the declarations: ``python docs/generate_reference.py``.
+
+Parameters, topics, commands, scene keys, effects, kinds of mismatch and public names each get a
+page. A new node, command, key or effect appears by itself.
+"""
+
+import argparse
+import ast
+import dataclasses
+import importlib
+import inspect
+import json
+import pkgutil
+import re
+import typing
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import uuv_optical_array
+from uuv_optical_array import nodes
+from uuv_optical_array.commands import build_parser
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.effects.reference import declared
+from uuv_optical_array.forward.scene import PRIORS, Scene
+from uuv_optical_array.studies.robustness.kinds import KINDS
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "docs/reference"
+WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
+# Names, a year and perhaps equations: "Shinozuka and Jan 1972", "Eren et al. 2016, eq. 5".
+SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
+# The same in parentheses, with whatever else stands there.
+CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
+
+
+class Topic(NamedTuple):
+    """A topic as a node declares it."""
+
+    node: str
+    published: bool
+    name: str
+    kind: str
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(
+        "| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in line) + " |"
+        for line in lines
+    )
+
+
+def first_sentence(text: str | None) -> str:
+    """Return the first sentence of a docstring, as Markdown."""
+    line = " ".join((text or "").partition("\n\n")[0].split())
+    return re.split(r"(?<! al)\. ", line)[0].rstrip(".:").replace("``", "`")
+
+
+def node_modules() -> Iterator[tuple[str, Any]]:
+    """Yield the name and the module of each node."""
+    for found in pkgutil.iter_modules(nodes.__path__):
+        if found.name.endswith("_node"):
+            yield found.name, importlib.import_module(f"{nodes.__name__}.{found.name}")
+
+
+def parameters() -> str:
+    """Return the page of the node parameters and of the launch arguments."""
+    parts = [
+        "# Node parameters",
+        "Names carry the unit. `config/follow.yaml` lists every default, commented out, and says "
+        "when to change it; a parameter file changes what it sets and nothing else.",
+    ]
+    for name, module in node_modules():
+        rows = []
+        for key, parameter in module.PARAMETERS.items():
+            words = " or ".join(f"`{choice}`" for choice in parameter.choices)
+            bounded = not isinstance(parameter.default, bool | str)
+            rows.append(
+                (
+                    f"`{key}`",
+                    f"`{json.dumps(parameter.default)}`",
+                    parameter.quantity.bounds() if bounded else words,
+                    "fixed" if parameter.read_only else "can change",
+                    parameter.quantity.text,
+                )
+            )
+        heads = ("parameter", "default", "bounds", "at run time", "meaning")
+        parts += [f"## `{name}`", first_sentence(module.__doc__) + ".", table(heads, rows)]
+    for path in sorted((ROOT / "launch").glob("*.launch.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for statement in tree.body:
+            if isinstance(statement, ast.Assign) and statement.targets[0].id == "ARGUMENTS":
+                rows = [
+                    (f"`{key}`", f"`{default}`" if default else "", text)
+                    for key, (default, text) in ast.literal_eval(statement.value).items()
+                ]
+                parts += [
+                    f"## Arguments of `{path.name}`",
+                    "An argument without a default leaves the parameter as it is.",
+                    table(("argument", "default", "meaning"), rows),
+                ]
+    return "\n\n".join(parts)
+
+
+def topics_of(node: str, module: Any) -> Iterator[Topic]:
+    """Yield what the source of a node publishes and subscribes to."""
+    tree = ast.parse(inspect.getsource(module))
+    # A name may be made from the words that a comprehension runs through.
+    words: dict[int, Sequence[dict[str, str]]] = {}
+    for outer in ast.walk(tree):
+        for loop in getattr(outer, "generators", ()):
+            if isinstance(loop.iter, ast.Tuple):
+                values = [{loop.target.id: word} for word in ast.literal_eval(loop.iter)]
+                words |= {id(inner): values for inner in ast.walk(outer)}
+    for call in ast.walk(tree):
+        name = getattr(getattr(call, "func", None), "id", "")
+        if name in ("publish", "subscribe"):
+            kind, text = (compile(ast.Expression(arg), node, "eval") for arg in call.args[1:3])
+            message = eval(kind, vars(module))
+            package = message.__module__.partition(".")[0]
+            for values in words.get(id(call), [{}]):
+                topic = eval(text, vars(module), values)
+                yield Topic(node, name == "publish", topic, f"{package}/{message.__name__}")
+
+
+def all_topics() -> list[Topic]:
+    """Return every topic of every node."""
+    return [topic for name, module in node_modules() for topic in topics_of(name, module)]
+
+
+def topics() -> str:
+    """Return the page of the topics."""
+    rows = [
+        (f"`{node}`", "publishes" if published else "subscribes", f"`{name}`", kind)
+        for node, published, name, kind in all_topics()
+    ]
+    return "\n\n".join(
+        (
+            "# Topics",
+            "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
+            "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
+            "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
+            "parameter `publish_tf` publish `/tf` on request.",
+            table(("node", "", "topic", "type"), rows),
+        )
+    )
+
+
+def options_table(parser: argparse.ArgumentParser) -> str:
+    """Return the options of a command."""
+    rows = []
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        name = ", ".join(f"`{flag}`" for flag in action.option_strings) or f"`{action.dest}`"
+        values = action.metavar or ("" if action.nargs == 0 else action.dest.upper())
+        if isinstance(values, tuple):
+            values = " ".join(values)
+        words = action.choices or ([values] if action.option_strings and values else [])
+        shown = " or ".join(f"`{word}`" for word in words)
+        text = (action.help or "") % {**vars(action), "prog": parser.prog}
+        rows.append((name, shown, text.replace("<", "&lt;")))
+    return table(("option", "value", "meaning"), rows)
+
+
+def commands() -> str:
+    """Return the page of the commands."""
+    parts = [
+        "# Commands",
+        "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
+        "`.venv/bin/uuv_array COMMAND`. `--help` prints what stands here.",
+    ]
+    (subparsers,) = build_parser()._subparsers._group_actions
+    for name, parser in subparsers.choices.items():
+        described = parser.description.replace("<", "&lt;")
+        parts += [f"## `uuv_array {name}`", described, options_table(parser)]
+        if parser.epilog:
+            parts.append(f"```text\n{parser.epilog}\n```")
+    return "\n\n".join(parts)
+
+
+def limits_of(kind: Any, quantity: Quantity) -> str:
+    """Return the bounds of a declared value, or its choices."""
+    literals = [one for one in (kind, *typing.get_args(kind)) if typing.get_origin(one) is Literal]
+    words = [f"`{word}`" for one in literals for word in typing.get_args(one)]
+    return ", ".join(words) or quantity.bounds()
+
+
+def shown(default: Any) -> str:
+    """Return a default as a cell; empty where there is none."""
+    if default is None or default in (inspect.Parameter.empty, dataclasses.MISSING):
+        return ""
+    return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
+
+
+def scene() -> str:
+    """Return the page of the keys of a scene."""
+    parts = [
+        "# Scene files",
+        "A scene is a YAML file with the groups below and `effects`, whose keys "
+        "[have a page of their own](effects.md). Keys carry their unit. Unknown keys and values "
+        "out of bounds are refused by name; a key without a default must be given, except where "
+        "its meaning says when.",
+    ]
+    for group, settings in typing.get_type_hints(Scene).items():
+        if not dataclasses.is_dataclass(settings):
+            continue
+        hints = typing.get_type_hints(settings, include_extras=True)
+        rows = []
+        for field in dataclasses.fields(settings):
+            kind, quantity = hints[field.name], Quantity("")
+            if typing.get_origin(kind) is typing.Annotated:
+                kind, quantity = typing.get_args(kind)
+            bounds = limits_of(kind, quantity)
+            rows.append((f"`{field.name}`", bounds, shown(field.default), quantity.text))
+        parts += [
+            f"## `{group}`",
+            first_sentence(settings.__doc__) + ".",
+            table(("key", "bounds", "default", "meaning"), rows),
+        ]
+    keys = list(dict.fromkeys(key for values in PRIORS.values() for key in values))
+    parts += [
+        "`known` stands for a set of these values; a key that is given replaces its value.",
+        table(
+            ("`known`", *(f"`{key}`" for key in keys)),
+            [
+                (f"`{name}`", *(f"{values.get(key, 0.0):g}" for key in keys))
+                for name, values in PRIORS.items()
+            ],
+        ),
+        "## Ready scenes",
+        "The files lie in `config/scenes/`; their comments give the source of each value.",
+    ]
+    rows = []
+    for path in sorted((ROOT / "config/scenes").glob("*.yaml")):
+        use = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+        rows.append((f"`{path.stem}`", use))
+    return "\n\n".join((*parts, table(("scene", "use"), rows)))
+
+
+def effects() -> str:
+    """Return the page of the effects."""
+    laws, settings = [], []
+    for name, effect in EFFECTS.items():
+        text = inspect.getdoc(effect.function) or ""
+        law = CITATION.sub("", text.splitlines()[0]).rstrip(".").replace("``", "`")
+        sources = [re.sub("[()]", "", found) for found in SOURCE.findall(" ".join(text.split()))]
+        kinds = inspect.signature(effect.function).return_annotation
+        form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
+        laws.append((f"`{name}`", law, form, "; ".join(dict.fromkeys(sources))))
+        for key, (kind, quantity, default) in declared(name).items():
+            bounds = limits_of(kind, quantity)
+            settings.append((f"`{name}`", f"`{key}`", bounds, shown(default), quantity.text))
+    return "\n\n".join(
+        (
+            "# Effects",
+            "Only the effects that a scene names are simulated, in this physical order. "
+            "[Light and noise](../explanation/light.md) says what the forms are, and which "
+            "settings exclude each other.",
+            table(("effect", "law", "form", "source"), laws),
+            "## Settings",
+            "A setting without a default must be given, except where there are several ways.",
+            table(("effect", "setting", "bounds", "default", "meaning"), settings),
+        )
+    )
+
+
+def mismatches() -> str:
+    """Return the page of the kinds of mismatch."""
+    rows = [
+        (
+            f"`{kind.name}`",
+            kind.what,
+            "" if kind.times_prior is None else f"{kind.times_prior:.2g}",
+            kind.cure,
+        )
+        for kind in KINDS
+    ]
+    return "\n\n".join(
+        (
+            "# Kinds of mismatch",
+            "How the sea can differ from the scene, as `uuv_array robustness` "
+            "[measures it](../results/robustness.md), and what to do about it. The third column "
+            "is in standard deviations of a scene whose prior is `known: calibrated`.",
+            table(("kind", "what differs", "times the prior", "what to do"), rows),
+        )
+    )
+
+
+def api() -> str:
+    """Return the page of the public names."""
+    names = [name for name in uuv_optical_array.__all__ if name != "__version__"]
+    found = {name: getattr(uuv_optical_array, name) for name in names}
+    rows = [(f"`{name}`", first_sentence(thing.__doc__)) for name, thing in found.items()]
+    parts = [
+        "# Python API",
+        "What `import uuv_optical_array` offers. Poses are x, y, z in m and pitch, yaw in rad, of "
+        "the follower in the frame of the lamp; images are counts, row 0 at the top and column 0 "
+        "at the port edge.",
+        table(("public name", "what it is"), rows),
+    ]
+    for name, thing in found.items():
+        kind = "autofunction"
+        if inspect.isclass(thing):
+            kind = "autoexception" if issubclass(thing, Exception) else "autoclass"
+        members = "\n:members:" if kind == "autoclass" else ""
+        home = f"{uuv_optical_array.__name__}.{name}"
+        parts.append(f"## `{name}`\n\n```{{eval-rst}}\n.. {kind}:: {home}")
+        parts[-1] += members.replace("\n", "\n   ") + "\n```"
+    return "\n\n".join(parts)
+
+
+PAGES = {
+    page.__name__: page for page in (parameters, topics, commands, scene, effects, mismatches, api)
+}
+
+
+def text_of(name: str) -> str:
+    """Return the text of a page of the reference."""
+    heading, _, rest = PAGES[name]().partition("\n\n")
+    return f"{heading}\n\n{WRITTEN}\n\n{rest}\n"
+
+
+def main() -> None:
+    """Write every page."""
+    FOLDER.mkdir(exist_ok=True)
+    for name in PAGES:
+        (FOLDER / f"{name}.md").write_text(text_of(name), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""The pages of the reference are what their generator writes, and it sees what is declared."""
+
+import rclpy
+from generated import reference
+
+from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+
+
+def test_every_page_is_what_the_generator_writes():
+    cure = "run python docs/generate_reference.py"
+    pages = {path.stem for path in reference.FOLDER.glob("*.md")}
+    assert pages == set(reference.PAGES), cure
+    for name in pages:
+        text = (reference.FOLDER / f"{name}.md").read_text(encoding="utf-8")
+        assert text == reference.text_of(name), cure
+
+
+def test_topics_of_a_node_are_those_that_ros_knows():
+    """Of the node whose topics are named in a loop."""
+    rclpy.init()
+    try:
+        node = VehiclesNode()
+        known = {
+            (published, topic, kind)
+            for published, ask in (
+                (True, node.get_publisher_names_and_types_by_node),
+                (False, node.get_subscriber_names_and_types_by_node),
+            )
+            for topic, (kind, *_) in ask("vehicles_node", "/")
+            if kind.startswith(("nav_msgs", "geometry_msgs"))
+        }
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert known == {
+        (topic.published, f"/{topic.name}", topic.kind.replace("/", "/msg/"))
+        for topic in reference.all_topics()
+        if topic.node == "vehicles_node"
+    }
+
+
+def test_a_bar_in_a_cell_and_a_missing_default_stay_in_their_cell():
+    assert reference.table(("a", "b"), [("x | y", "")]).splitlines()[-1] == r"| x \| y |  |"
+    assert reference.shown(None) == ""
+    assert reference.shown(0) == "0"
+    assert reference.first_sentence("Law of ``a`` et al. (2016). More.\n\nRest.") == (
+        "Law of `a` et al. (2016)"
+    )

@@ -89,20 +89,25 @@ def parameters() -> str:
             )
         heads = ("parameter", "default", "bounds", "at run time", "meaning")
         parts += [f"## `{name}`", first_sentence(module.__doc__) + ".", table(heads, rows)]
-    for path in sorted((ROOT / "launch").glob("*.launch.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for statement in tree.body:
-            if isinstance(statement, ast.Assign) and statement.targets[0].id == "ARGUMENTS":
-                rows = [
-                    (f"`{key}`", f"`{default}`" if default else "", text)
-                    for key, (default, text) in ast.literal_eval(statement.value).items()
-                ]
-                parts += [
-                    f"## Arguments of `{path.name}`",
-                    "An argument without a default leaves the parameter as it is.",
-                    table(("argument", "default", "meaning"), rows),
-                ]
+    for name, arguments in launch_arguments():
+        rows = [
+            (f"`{key}`", f"`{default}`" if default else "", text)
+            for key, (default, text) in arguments.items()
+        ]
+        parts += [
+            f"## Arguments of `{name}`",
+            "An argument without a default leaves the parameter as it is.",
+            table(("argument", "default", "meaning"), rows),
+        ]
     return "\n\n".join(parts)
+
+
+def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
+    """Yield the name of each launch file and its arguments, each with default and meaning."""
+    for path in sorted((ROOT / "launch").glob("*.launch.py")):
+        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(statement, ast.Assign) and statement.targets[0].id == "ARGUMENTS":
+                yield path.name, ast.literal_eval(statement.value)
 
 
 def topics_of(node: str, module: Any) -> Iterator[Topic]:

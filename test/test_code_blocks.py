@@ -1,0 +1,94 @@
+"""What the documents show in blocks of code would be taken by what it is shown for."""
+
+import dataclasses
+import itertools
+import re
+import shlex
+
+import numpy as np
+import pytest
+import yaml
+from generated import reference
+from test_docs import PAGES, ROOT
+
+from uuv_optical_array import build_table
+from uuv_optical_array.core import compilation
+from uuv_optical_array.core.settings import Span
+from uuv_optical_array.estimation.table import disk
+from uuv_optical_array.forward.scene import load_scene
+
+FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCKS = [
+    pytest.param(language, block, id=f"{page.relative_to(ROOT)}-{number}")
+    for page in PAGES
+    for number, (language, block) in enumerate(FENCED.findall(page.read_text(encoding="utf-8")))
+]
+PARAMETERS = {name: module.PARAMETERS for name, module in reference.node_modules()}
+ARGUMENTS = dict(reference.launch_arguments())
+TOPICS = reference.all_topics()
+
+
+def check_run(node, words):
+    """Check parameters and remapped names of ``ros2 run``."""
+    own = {topic.name for topic in TOPICS if topic.node == node}
+    for flag, word in itertools.pairwise(words):
+        name, _, value = word.partition(":=")
+        if flag == "-p":
+            PARAMETERS[node][name].check(name, yaml.safe_load(value))
+        elif flag == "-r":
+            assert name in own, word
+
+
+def check_shell(block):
+    """Check the commands of ROS; test_docs checks those of the package and of make."""
+    for line in block.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:2] == ["ros2", "run"] and words[3] != "uuv_array":
+            check_run(words[3], words)
+        elif words[:2] == ["ros2", "launch"]:
+            given = {word.partition(":=")[0] for word in words[4:]}
+            assert given <= ARGUMENTS[words[3]].keys(), line
+
+
+def check_yaml(block, folder):
+    """Check a scene, parameters of our nodes, or that others take a topic that is there."""
+    values = yaml.safe_load(block)
+    if "lamp" in values:
+        (folder / "sea.yaml").write_text(block, encoding="utf-8")
+        load_scene(folder / "sea.yaml")
+        return
+    for name, group in values.items():
+        node = name.rpartition("/")[2]
+        for key, value in group.get("ros__parameters", {}).items():
+            if node in PARAMETERS:
+                PARAMETERS[node][key].check(key, value)
+            elif re.fullmatch(r"(pose|odom)\d", key):
+                assert value in {topic.name for topic in TOPICS if topic.published}, value
+
+
+def coarse(scene):
+    """Return a table of few rows for a scene, in place of the one in the cache."""
+    fewer = {
+        key: Span(start, stop, 5)
+        for key, (start, stop, _) in dataclasses.asdict(scene.table).items()
+    }
+    table = dataclasses.replace(scene.table, **fewer)
+    return build_table(dataclasses.replace(scene, table=table))
+
+
+@pytest.mark.parametrize(("language", "block"), BLOCKS)
+def test_a_block_of_code_holds(language, block, tmp_path, monkeypatch):
+    assert language, "say what language it is"
+    if language == "sh":
+        check_shell(block)
+    elif language == "yaml":
+        check_yaml(block, tmp_path)
+    elif language == "python":
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(disk, "cached_table", coarse)
+        monkeypatch.setattr(compilation, "usable", lambda: False)  # a few images are not worth it
+        names = {}
+        exec(block, names)
+        if "pose" in names:
+            error = np.abs(names["estimate"].pose - names["pose"])
+            assert np.all(error < 6 * np.sqrt(names["estimate"].covariance.diagonal()))

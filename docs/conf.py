@@ -12,7 +12,14 @@ extensions = [
     # Either reads the docstrings; rosdoc2 brings Sphinx's own alone.
     "numpydoc" if importlib.util.find_spec("numpydoc") else "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = [
+    "_build",
+    # What rosdoc2 adds: copies of the README and its like, and a page for every module.
+    "__readme_include*",
+    "modules*",
+    "standard*",
+    "uuv_optical_array*",
+]
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["style.css"]

@@ -75,7 +75,7 @@ def parameters() -> str:
     ]
     for name, module in node_modules():
         rows = []
-        for key, parameter in module.PARAMETERS.items():
+        for key, parameter in getattr(module, "PARAMETERS", {}).items():
             words = " or ".join(f"`{choice}`" for choice in parameter.choices)
             bounded = not isinstance(parameter.default, bool | str)
             rows.append(
@@ -88,7 +88,8 @@ def parameters() -> str:
                 )
             )
         heads = ("parameter", "default", "bounds", "at run time", "meaning")
-        parts += [f"## `{name}`", first_sentence(module.__doc__) + ".", table(heads, rows)]
+        own = [table(heads, rows)] if rows else ["Its parameters are those of its parts."]
+        parts += [f"## `{name}`", first_sentence(module.__doc__) + ".", *own]
     for name, arguments in launch_arguments():
         rows = [
             (f"`{key}`", f"`{default}`" if default else "", text)
@@ -105,9 +106,22 @@ def parameters() -> str:
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
     """Yield the name of each launch file and its arguments, each with default and meaning."""
     for path in sorted((ROOT / "launch").glob("*.launch.py")):
+        found: dict[str, tuple[str, str]] = {}
         for statement in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(statement, ast.Assign) and statement.targets[0].id == "ARGUMENTS":
-                yield path.name, ast.literal_eval(statement.value)
+            value = getattr(statement, "value", None)
+            if isinstance(value, ast.Dict) and all(
+                isinstance(item, ast.Tuple) and len(item.elts) == 2 for item in value.values
+            ):
+                found |= ast.literal_eval(value)
+        yield path.name, found
+
+
+def value_of(expression: ast.expr, names: dict[str, Any], *more: dict[str, str]) -> Any:
+    """Return the value of an expression, or its text in brackets where a node works it out."""
+    try:
+        return eval(compile(ast.Expression(expression), "node", "eval"), names, *more)
+    except NameError:
+        return f"<{ast.unparse(expression)}>"
 
 
 def topics_of(node: str, module: Any) -> Iterator[Topic]:
@@ -117,18 +131,18 @@ def topics_of(node: str, module: Any) -> Iterator[Topic]:
     words: dict[int, Sequence[dict[str, str]]] = {}
     for outer in ast.walk(tree):
         for loop in getattr(outer, "generators", ()):
-            if isinstance(loop.iter, ast.Tuple):
+            if isinstance(loop.iter, ast.Tuple) and isinstance(loop.target, ast.Name):
                 values = [{loop.target.id: word} for word in ast.literal_eval(loop.iter)]
                 words |= {id(inner): values for inner in ast.walk(outer)}
     for call in ast.walk(tree):
         name = getattr(getattr(call, "func", None), "id", "")
-        if name in ("publish", "subscribe"):
-            kind, text = (compile(ast.Expression(arg), node, "eval") for arg in call.args[1:3])
-            message = eval(kind, vars(module))
+        if re.fullmatch(r"(publish|subscribe)(_\w+)?", name):
+            message = value_of(call.args[1], vars(module))
             package = message.__module__.partition(".")[0]
             for values in words.get(id(call), [{}]):
-                topic = eval(text, vars(module), values)
-                yield Topic(node, name == "publish", topic, f"{package}/{message.__name__}")
+                topic = value_of(call.args[2], vars(module), values)
+                published = name.startswith("publish")
+                yield Topic(node, published, topic, f"{package}/{message.__name__}")
 
 
 def all_topics() -> list[Topic]:
@@ -148,7 +162,8 @@ def topics() -> str:
             "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
             "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
             "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
-            "parameter `publish_tf` publish `/tf` on request.",
+            "parameter `publish_tf` publish `/tf` on request. A name in brackets follows from "
+            "parameters.",
             table(("node", "", "topic", "type"), rows),
         )
     )

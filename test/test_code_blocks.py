@@ -23,7 +23,7 @@ BLOCKS = [
     for page in PAGES
     for number, (language, block) in enumerate(FENCED.findall(page.read_text(encoding="utf-8")))
 ]
-PARAMETERS = {name: module.PARAMETERS for name, module in reference.node_modules()}
+PARAMETERS = {name: getattr(module, "PARAMETERS", {}) for name, module in reference.node_modules()}
 ARGUMENTS = dict(reference.launch_arguments())
 TOPICS = reference.all_topics()
 

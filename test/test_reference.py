@@ -1,5 +1,7 @@
 """The pages of the reference are what their generator writes, and it sees what is declared."""
 
+import ast
+
 import rclpy
 from generated import reference
 
@@ -21,7 +23,7 @@ def test_topics_of_a_node_are_those_that_ros_knows():
     try:
         node = VehiclesNode()
         known = {
-            (published, topic, kind)
+            (published, topic, kind.replace("/msg/", "/"))
             for published, ask in (
                 (True, node.get_publisher_names_and_types_by_node),
                 (False, node.get_subscriber_names_and_types_by_node),
@@ -32,11 +34,10 @@ def test_topics_of_a_node_are_those_that_ros_knows():
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    assert known == {
-        (topic.published, f"/{topic.name}", topic.kind.replace("/", "/msg/"))
-        for topic in reference.all_topics()
-        if topic.node == "vehicles_node"
-    }
+    read = [topic for topic in reference.all_topics() if topic.node == "vehicles_node"]
+    for published, topic, kind in known:
+        same = [f"/{one.name}" for one in read if (one.published, one.kind) == (published, kind)]
+        assert topic in same or any("<" in name for name in same), topic
 
 
 def test_a_bar_in_a_cell_and_a_missing_default_stay_in_their_cell():
@@ -46,3 +47,11 @@ def test_a_bar_in_a_cell_and_a_missing_default_stay_in_their_cell():
     assert reference.first_sentence("Law of ``a`` et al. (2016). More.\n\nRest.") == (
         "Law of `a` et al. (2016)"
     )
+
+
+def test_a_name_that_a_node_works_out_is_shown_as_it_is_written():
+    told = [ast.parse(text, mode="eval").body for text in ("topic", "f'{LEADER}/odometry'")]
+    assert [reference.value_of(one, {"LEADER": "leader"}) for one in told] == [
+        "<topic>",
+        "leader/odometry",
+    ]

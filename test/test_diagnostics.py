@@ -6,6 +6,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.estimation.estimator import Estimate
+from uuv_optical_array.nodes.estimator_node import figures
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared import diagnostics
 from uuv_optical_array.nodes.shared.messages import image_to_message
@@ -136,6 +138,13 @@ def test_the_hardware_is_named_by_the_namespace(lab, namespace, hardware):
     status, _ = bench.report()
     assert status.hardware_id == hardware
     assert status.name == f"{namespace or ''}/feature_node".lstrip("/")
+
+
+def test_a_figure_that_there_is_not_is_not_shown():
+    estimate = Estimate(np.zeros(5), np.eye(5), 0.1, None, 0.2, misfit=0.5)
+    shown = figures(estimate)
+    assert shown["misfit"] == "0.5"
+    assert "nan" not in shown.values()
 
 
 def test_the_light_is_told_as_a_share_of_full_scale(bench):

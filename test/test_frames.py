@@ -7,6 +7,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamp
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -178,6 +179,20 @@ def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, table_fold
     assert (lamp.position.x, lamp.position.y, lamp.position.z) == (-0.7, 0.1, 0.2)
     assert (bow.position.x, bow.position.y, bow.position.z) == (0.4, 0.0, 0.0)
     assert lamp.orientation == bow.orientation == type(lamp.orientation)(w=1.0)
+
+
+def test_who_listens_late_hears_of_the_fixed_frames_too(lab, scene_file, table_folder):
+    tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    lab.begin({"scene": scene_file, "method": "sam", "table": table_folder, "publish_tf": True})
+    lab.start(estimator_node.EstimatorNode)
+    heard = []
+    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    lab.probe.create_subscription(tf2_msgs.TFMessage, "/tf_static", heard.append, lasting)
+    (transform,) = lab.until(lambda: heard, "the lamp")[0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == (
+        "leader/base_link",
+        "leader/beacon",
+    )
 
 
 def test_below_the_follower_the_leader_hangs_where_it_is_seen(

@@ -426,6 +426,7 @@ def figures(estimate: Estimate) -> dict[str, str]:
         shown["unobservable"] = ", ".join(estimate.unobservable)
     if not math.isnan(estimate.misfit):
         shown["misfit"] = f"{estimate.misfit:.3g}"
+    if not math.isnan(estimate.runner_up_misfit):
         shown["runner_up_misfit"] = f"{estimate.runner_up_misfit:.3g}"
     for name, variance in zip(DOF_NAMES, estimate.covariance.diagonal(), strict=True):
         shown[f"std_{name}"] = f"{math.sqrt(variance):.3f}"

@@ -2,7 +2,8 @@
 
 A tracker that is told each command as it was limited estimates the relative pose and its rate. The
 command is changed by the rate that is missing: one proportional to the error, less the present
-one. So nothing lags at a steady speed or turn of the leader, and there is no integral to wind up.
+one. So nothing lags at a steady speed or turn of the leader or in a steady current, which the
+tracker cannot tell from it, and there is no integral to wind up.
 
 The station is a place behind the lamp, on the beam's axis or beside it. It turns with the leader.
 
@@ -24,7 +25,8 @@ pose that is refused counts as measured. For every command while there is a trac
 So the follower does not go nearer than the minimum while the range errs by no more than
 `RANGE_STDS` of its published standard deviations and the leader does not come nearer by itself,
 but for the latency of the poses and of the vehicle. A range that errs by more than it says cannot
-be known to err.
+be known to err. A command of zero is rest in the water: without light a current carries the
+follower along.
 """
 
 import math

@@ -1,0 +1,124 @@
+"""Station behind a lamp that holds its place over ground, by a follower that a current carries."""
+
+import contextlib
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.control.bluerov2 import BlueRov2
+from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.vehicles import Vehicle, start_behind
+from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.estimation.tracker import Outlier
+
+STD = np.array([0.1, 0.05, 0.05, np.radians(1.0), np.radians(1.0)])  # of the poses
+TICK_S = 0.1
+KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
+Law = Callable[[float, Array | None], Array]  # the present and a pose to the wanted velocity
+
+
+def formation(settings: FormationSettings) -> Law:
+    """Return the formation law; its turns are sent along with its velocity."""
+    controller = FormationController(settings)
+
+    def command(now: float, pose: Array | None) -> Array:
+        if pose is not None:
+            with contextlib.suppress(Outlier):  # as the node does
+                controller.update(now, pose, np.diag(STD**2))
+        answer = controller.command(now)
+        return np.zeros(6) if answer is None else np.concatenate(answer)
+
+    return command
+
+
+def proportional(_: float, pose: Array | None) -> Array:
+    """Return a command without the rate that the tracker finds missing."""
+    assert pose is not None
+    return np.array([*0.4 * (np.array([-6.0, 0, 0]) - pose[:3]), 0, *-0.4 * pose[3:]])
+
+
+def hold(
+    kind: type[Vehicle],
+    law: Law,
+    current: Callable[[float], Array],
+    seconds: float,
+    stand_off_m: float = 6.0,
+    dark_after_s: float = np.inf,
+) -> tuple[Array, Array]:
+    """Return the true poses and the commands, a row a tick; the follower starts on station."""
+    rng, leader = np.random.default_rng(1), Vehicle(np.zeros(3))
+    follower = start_behind(kind(np.zeros(3)), stand_off_m, (0, 0, 0))
+    poses, commands = [], []
+    for now in TICK_S * np.arange(round(seconds / TICK_S)):
+        pose, _ = relative_pose(
+            leader.position, leader.rotation, follower.position, follower.rotation
+        )
+        noisy = pose + STD * rng.standard_normal(5)
+        twist = law(now, noisy if now < dark_after_s else None)
+        follower.sea = Sea(current(now))
+        follower.step(twist[:3], twist[3:], TICK_S)
+        poses.append(pose)
+        commands.append(twist)
+    return np.array(poses), np.array(commands)
+
+
+FLOWS = pytest.mark.parametrize(
+    "flow",
+    [
+        pytest.param(np.array([-0.3, 0, 0]), id="from ahead"),
+        pytest.param(np.array([0, 0.3, 0]), id="from starboard"),
+        pytest.param(np.array([0, 0, -0.3]), id="from above"),
+    ],
+)
+STATION = np.array([-6.0, 0.0, 0.0])
+
+
+@KINDS
+@FLOWS
+def test_a_current_leaves_no_bias(kind: type[Vehicle], flow: Array) -> None:
+    poses, commands = hold(kind, formation(FormationSettings()), lambda _: flow, 45)
+    last = poses[-300:, :3] - STATION
+    assert np.linalg.norm(last.mean(axis=0)) < 0.05
+    assert np.linalg.norm(last, axis=1).mean() < 0.05
+    # What it swims through the water is what the water flows.
+    assert commands[-300:, :3].mean(axis=0) == pytest.approx(-flow, abs=0.02)
+
+
+@FLOWS
+def test_a_proportional_law_would_be_carried_off(flow: Array) -> None:
+    poses, _ = hold(Vehicle, proportional, lambda _: flow, 45)
+    assert (poses[-300:, :3] - STATION).mean(axis=0) == pytest.approx(flow / 0.4, abs=0.03)
+
+
+@KINDS
+def test_a_current_that_is_too_strong_for_a_while_winds_nothing_up(kind: type[Vehicle]) -> None:
+    # 15 s at 1.2 m/s, faster than either goes; then 0.2 m/s.
+    settings = FormationSettings()
+    poses, _ = hold(
+        kind, formation(settings), lambda now: np.array([-1.2 if now < 15 else -0.2, 0, 0]), 60
+    )
+    assert poses[150, 0] < -8.0
+    assert poses[:, 0].max() < -5.5
+    assert np.abs(poses[-100:, :3] - STATION).max() < 0.15
+
+
+@KINDS
+def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehicle]) -> None:
+    settings = FormationSettings(stand_off_m=1.5, min_distance_m=2.0)  # a station out of reach
+    poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, 4.0)
+    assert np.linalg.norm(poses[:, :3], axis=1).min() > settings.min_distance_m
+    assert np.linalg.norm(poses[-1, :3]) < 3.0
+    assert np.isfinite(commands).all()
+
+
+@KINDS
+def test_without_light_it_stops_in_the_water_and_drifts(kind: type[Vehicle]) -> None:
+    settings, flow = FormationSettings(), np.array([-0.3, 0.1, 0.0])
+    stopped_s = 12 + settings.light_timeout_s + settings.stop_time_s + 2 * TICK_S
+    poses, commands = hold(kind, formation(settings), lambda _: flow, 26, dark_after_s=12)
+    times = TICK_S * np.arange(len(commands))
+    assert np.abs(commands[times < 12, 0]).max() > 0.25
+    assert (commands[times > stopped_s] == 0).all()
+    assert (poses[-1, :3] - poses[-21, :3]) / 2.0 == pytest.approx(flow, abs=0.03)

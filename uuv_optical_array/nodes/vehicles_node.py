@@ -38,7 +38,7 @@ from uuv_optical_array.nodes.shared.parameters import (
     parameters_of,
 )
 
-MODELS: dict[str, type[Vehicle]] = {"kinematic": Vehicle, "bluerov2": BlueRov2}
+MODELS: dict[str, type[Vehicle]] = dict(kinematic=Vehicle, bluerov2=BlueRov2)
 
 PARAMETERS = {
     "vehicles": Parameter(

@@ -154,6 +154,10 @@ WARNINGS = {
     "a coarse table answers, the signature table was not built": Reason(
         "Building the table failed, by memory or disk.", "Free some; see the text."
     ),
+    "follower waits": Reason(
+        "The demonstration's follower is alone and starts behind the leader that it finds.",
+        "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
+    ),
     "leader waits": Reason(
         "The demonstration's leader waits for the follower's first command.",
         "It sets off when `estimator_node` has a pose.",

@@ -211,6 +211,20 @@ def test_below_the_follower_the_leader_hangs_where_it_is_seen(
 
 
 @pytest.mark.parametrize(
+    "given",
+    [
+        {"tf_child_frame": "rov_frd"},
+        {"base_frame": "rov_frd", "tf_parent": "base"},
+        {"beacon_frame": "dock_ned", "tf_parent": "base"},
+    ],
+)
+def test_a_pose_between_frames_of_different_axes_is_refused_by_name(lab, scene_file, given):
+    lab.begin({"scene": scene_file, "method": "sam", **given})
+    with pytest.raises(ValueError, match="has not the axes of beacon_frame"):
+        estimator_node.EstimatorNode()
+
+
+@pytest.mark.parametrize(
     ("given", "placed"),
     [
         ({"beacon_frame": "/dock", "leader_frame": "/station"}, ("station", "dock")),

@@ -136,10 +136,10 @@ class EstimatorNode(Node):
         super().__init__("estimator_node", **options)
         self.hand_over = hand_over
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.check(self.parameters["method"])
         self.beacon_frame, self.base_frame, self.child_frame = map(
             self.parameters.frame, ("beacon_frame", "base_frame", "tf_child_frame")
         )
+        self.check(self.parameters["method"])
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
         self.pairs = StampPairs()
@@ -174,12 +174,16 @@ class EstimatorNode(Node):
 
     def check(self, method: str) -> None:
         """Raise ValueError for a method that lacks its input, and for axes that do not agree."""
-        base, beacon = map(self.parameters.frame, ("base_frame", "beacon_frame"))
-        if self.parameters["tf_parent"] == "base" and (signs(base) != signs(beacon)).any():
-            raise ValueError(
-                f"tf_parent: base, but the axes of base_frame {base} and beacon_frame {beacon} "
-                "differ; let both names end in _ned or _frd, or neither"
-            )
+        beacon = self.beacon_frame
+        bodies = {"tf_child_frame": body_beside(beacon, self.child_frame)}
+        if self.parameters["tf_parent"] == "base":
+            bodies["base_frame"] = self.base_frame
+        for name, frame in bodies.items():
+            if (signs(frame) != signs(beacon)).any():
+                raise ValueError(
+                    f"{name}: {frame} has not the axes of beacon_frame {beacon}; let both names "
+                    "end in _ned or _frd, or neither"
+                )
         if method == FIT and not self.parameters["use_image"]:
             raise ValueError(
                 f"method: {FIT} fits the image, but use_image is false; start the node with "

@@ -267,3 +267,14 @@ def test_the_sea_can_change_while_the_node_runs(basin):
     # At 10 m, by waves of 8 s: pi H / T exp(-k d).
     speed = np.pi / 8 * np.exp(-10 * (2 * np.pi / 8) ** 2 / 9.82)
     assert np.max(np.abs(surges)) == pytest.approx(speed, rel=0.02)
+
+
+def test_however_long_the_leader_waited_one_wave_lifts_both(lab):
+    # It goes along y, and the follower starts 0.2 m aside: 0.013 of a radian of the wave.
+    basin = Basin(lab, wave_height_m=1.0, wave_direction_deg=90.0)
+    for _ in range(17):
+        basin.tick()
+    basin.order()
+    lifts = np.array([[over_ground(odometry)[2] for odometry in basin.tick()] for _ in range(40)])
+    assert np.ptp(lifts[:, 0]) > 0.2
+    np.testing.assert_allclose(lifts[:, 0], lifts[:, 1], atol=0.01)

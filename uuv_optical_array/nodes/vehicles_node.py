@@ -165,6 +165,8 @@ class VehiclesNode(Node):
             self.warn_of_waiting()
             if not self.awaited:
                 self.path_s = 0.0
+                for vehicle in self.vehicles.values():
+                    vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
                 self.stir()
         self.diagnostics.answer()
 

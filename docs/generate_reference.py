@@ -83,7 +83,7 @@ def parameters() -> str:
                     f"`{key}`",
                     f"`{json.dumps(parameter.default)}`",
                     parameter.quantity.bounds() if bounded else words,
-                    "fixed" if parameter.read_only else "can change",
+                    "fixed" if parameter.read_only else "adjustable",
                     parameter.quantity.text,
                 )
             )

@@ -9,7 +9,7 @@ from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 
 def test_every_page_is_what_the_generator_writes():
-    cure = "run python docs/generate_reference.py"
+    cure = "run docs/generate_reference.py"
     pages = {path.stem for path in reference.FOLDER.glob("*.md")}
     assert pages == set(reference.PAGES), cure
     for name in pages:

@@ -18,7 +18,7 @@ ARGUMENTS = {
 }
 # Handed on to follow.launch.py.
 COMMON = {
-    "scene": ("", "ready scene's name or a YAML file: lamp, water, array, electronics"),
+    "scene": ("formation", "ready scene's name or a YAML file: lamp, water, array, electronics"),
     "params_file": ("", "your parameters; what they leave out keeps its default"),
     "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
     "use_respawn": (

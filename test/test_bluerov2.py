@@ -102,7 +102,8 @@ def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings() -> None:
 
 
 def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag() -> None:
-    # 0.72 m/s was measured, von Benzon et al.; the autopilot asks for 0.7 m/s at most.
+    # 0.72 m/s was measured, say papers that cite von Benzon et al.; the autopilot asks for 0.7 m/s
+    # at most.
     force = 4 * 30.4 * np.sqrt(0.5)
     top = (-13.7 + np.sqrt(13.7**2 + 4 * 141 * force)) / (2 * 141)
     assert top == pytest.approx(0.73, abs=0.005)

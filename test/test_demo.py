@@ -40,10 +40,12 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     for tenths in range(1, 7):
         # The leader sets off at 0.3 s; what was taken before then comes later.
         surge = 0.5 if tenths >= 3 else 0.0
-        recorder.on_leader(odometry(tenths, surge * (tenths - 3) / 10, surge))
+        leader = odometry(tenths, surge * (tenths - 3) / 10, surge)
+        recorder.on_leader(leader)
         if tenths == 3:
             take(2)
         take(tenths)
+        recorder.on_ahead(leader)
     for part in (
         record.leader_path,
         record.follower_path,

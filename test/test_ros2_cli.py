@@ -42,15 +42,15 @@ def group_is_gone(group):
     return False
 
 
-LAUNCH = ["ros2", "launch", "uuv_optical_array", "follow.launch.py"]
+LAUNCH = ["ros2", "launch", "uuv_optical_array"]
 
 
 @contextlib.contextmanager
-def launched(folder, *arguments):
+def launched(folder, *arguments, file="follow.launch.py"):
     """Launch the file and yield a node beside it; end both, and require that nothing is left."""
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [*LAUNCH, *arguments], stdout=log, stderr=log, start_new_session=True
+            [*LAUNCH, file, *arguments], stdout=log, stderr=log, start_new_session=True
         )
     rclpy.init()
     try:
@@ -119,11 +119,33 @@ def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):
             assert parameters_of(node, name, expected) == expected
 
 
-def launch_that_ends(folder, argument):
+def test_followers_of_a_formation_see_the_lamp_ahead_and_share_no_topic(tmp_path):
+    with launched(tmp_path, "followers:=2", file="formation.launch.py") as node:
+        posed = set()
+        for follower in ("follower_1", "follower_2"):
+            node.create_subscription(
+                PoseWithCovarianceStamped,
+                f"{follower}/relative_pose",
+                lambda message, follower=follower: posed.add(follower),
+                qos_profile_sensor_data,
+            )
+        spin_until(node, lambda: len(posed) == 2)
+        topics = [
+            topic
+            for topic, (kind, *_) in node.get_topic_names_and_types()
+            if kind.startswith(("nav_msgs", "geometry_msgs", "sensor_msgs"))
+        ]
+        counts = {topic: node.count_publishers(topic) for topic in topics}
+        assert counts["/leader/odometry"] == 1
+        assert max(counts.values()) == 1, counts
+        assert not {topic for topic in counts if topic.endswith("follower_1/leader/odometry")}
+
+
+def launch_that_ends(folder, argument, file="follow.launch.py"):
     """Launch with an argument that ends the launch by itself; return what it said."""
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [*LAUNCH, argument], stdout=log, stderr=log, start_new_session=True
+            [*LAUNCH, file, argument], stdout=log, stderr=log, start_new_session=True
         )
     assert process.wait(timeout=PATIENCE_S) == 1
     assert group_is_gone(process.pid)
@@ -138,9 +160,16 @@ def without_viewers():
     return []
 
 
+def test_a_formation_of_none_is_refused_before_a_node_runs(tmp_path):
+    text = launch_that_ends(tmp_path, "followers:=0", "formation.launch.py")
+    assert "followers: 0" in text
+    assert "process started" not in text
+
+
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
+        ("station:=[1,2]", ("station", "[x, y, z]")),
         ("params_file:=/nowhere/p.yaml", ("/nowhere/p.yaml: no such file",)),
         ("scene:=nosuch", ("nosuch", "reference")),
         ("demo:=maybe", ("demo", "maybe", "'true'", "'false'")),

@@ -10,7 +10,8 @@ from rich.live import Live
 from rich.text import Text
 
 from uuv_optical_array.commands import cli
-from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
+from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core import files
 from uuv_optical_array.recording.bag import BagWriter
 
@@ -18,7 +19,9 @@ DESCRIPTION = """\
 A leader waits until its follower sees it, runs straight, turns, and changes depth; the follower
 keeps station behind it by the light of the leader's lamp alone. Simulator, feature, estimator,
 formation and vehicles node run in this one process, on real ROS 2 topics, with the parameters of
-follow.launch.py. At the end a summary is printed and a picture is written."""
+follow.launch.py. At the end a summary is printed and a picture is written. Several followers swim
+in a V, each with nodes of its own in a namespace, as under formation.launch.py, by default in the
+scene formation; the exit code is 1 when two vehicles came too near to each other, too."""
 
 EPILOG = """\
 examples:
@@ -26,6 +29,7 @@ examples:
   uuv_array follow --seed 1 --headless      the same noise each time, and no live line
   uuv_array follow --scene sea.yaml         your own lamp, water and array
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
+  uuv_array follow --followers 3            a V, the third follower lit by the first
 Ctrl-C ends the run early, reports what there is, and makes the exit code 130. While it runs,
 `ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when the follower lost the
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
@@ -56,6 +60,14 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--params-file",
         type=Path,
         help="ROS parameters; what the file leaves out keeps its default (default: none)",
+    )
+    parser.add_argument(
+        "--followers", type=int, default=1, metavar="N", help="how many followers (default: 1)"
+    )
+    parser.add_argument(
+        "--no-chain",
+        action="store_true",
+        help="the third follower is lit by the leader, too, and there are at most three",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
@@ -101,8 +113,11 @@ def run(options: argparse.Namespace) -> int:
         if not options.params_file.is_file():
             raise ValueError(f"--params-file {options.params_file}: no such file")
         ros_args += ["--params-file", str(options.params_file)]
-    if options.scene is not None:
-        ros_args += ["-p", f"scene:={options.scene}"]
+    # One follower takes the station of its parameters.
+    fleet = [] if options.followers == 1 else vee(options.followers, not options.no_chain)
+    scene = options.scene or ("formation" if fleet and options.params_file is None else None)
+    if scene is not None:
+        ros_args += ["-p", f"scene:={scene}"]
     if options.seed is not None:
         ros_args += ["-p", f"simulator_node:seed:={options.seed}"]
     # A line that is drawn over itself is for a terminal.
@@ -114,17 +129,30 @@ def run(options: argparse.Namespace) -> int:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
         with BagWriter(options.record) if options.record else nullcontext() as bag:
-            record, light_timeout_s, interrupted = follow(ros_args, options.duration, on_tick, bag)
-    print(record.summary())
+            records, light_timeout_s, interrupted = follow(
+                ros_args, options.duration, on_tick, fleet, bag
+            )
     if options.record:
         print(f"bag: {options.record}")
-    lost = record.lost(light_timeout_s)
-    if record.estimates:
+    lost = []
+    for number, record in enumerate(records, 1):
+        name = f"follower {number}: " if fleet else ""
+        print(f"{name}{record.summary()}")
+        if reason := record.lost(light_timeout_s):
+            lost.append(f"{name}{reason}")
+    if fleet:
+        paths = [records[0].leader_path, *(record.follower_path for record in records)]
+        least_m = least_distance(paths)
+        print(f"least distance between two vehicles: {least_m:.2f} m")
+        if least_m < MIN_SEPARATION_M:
+            lost.append(f"two vehicles came nearer than {MIN_SEPARATION_M:g} m")
+    if all(record.estimates for record in records):
         from uuv_optical_array.plots.follow import draw_follow
 
-        draw_follow(record, options.output)
+        draw_follow(records, options.output)
         print(f"picture: {options.output}")
-    print(f"lost the leader: {lost}" if lost else "followed the leader to the end")
+    told = "; ".join(lost)
+    print(f"lost the leader: {told}" if lost else "followed the leader to the end")
     if interrupted:
         return cli.INTERRUPTED
     return 1 if lost else 0

@@ -1,6 +1,8 @@
 """What happened in a run: truth and estimates by stamp, and how well they agree."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
@@ -97,3 +99,20 @@ class FollowRecord:
             f"longest time without one {self.longest_dark_s():.2f} s"
         )
         return "\n".join(rows)
+
+
+def position_at(path: Mapping[float, Array], stamps_s: Array) -> Array:
+    """Return the positions on a path at stamps within it, linear between its own, ``(n, 3)``."""
+    known, places = np.array(list(path)), np.array(list(path.values()))
+    return np.stack([np.interp(stamps_s, known, axis) for axis in places.T], axis=1)
+
+
+def least_distance(paths: Sequence[Mapping[float, Array]]) -> float:
+    """Return the least distance between any two of several paths, m; infinite for none at once."""
+    least = np.inf
+    for one, other in combinations(filter(None, paths), 2):
+        stamps = np.array([stamp for stamp in one if min(other) <= stamp <= max(other)])
+        if len(stamps):
+            apart = position_at(one, stamps) - position_at(other, stamps)
+            least = min(least, float(np.linalg.norm(apart, axis=1).min()))
+    return least

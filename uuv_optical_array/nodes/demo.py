@@ -1,7 +1,9 @@
 """All nodes of the demonstration in one process, and the record of what they published."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -9,12 +11,15 @@ from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
+from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
-from uuv_optical_array.core.geometry import relative_pose
+from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -33,20 +38,37 @@ from uuv_optical_array.recording.bag import BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
 DISCOVERY_S = 1.0  # in which the nodes of another run are found
+MAX_GAP_S = 0.5  # longest gap in an odometry that the record interpolates
 
 
 class RecorderNode(Node):
-    """Keep what the other nodes publish, from the moment when the leader sets off."""
+    """Keep what the nodes of one follower publish, from the moment when the leader sets off.
+
+    Parameters
+    ----------
+    record
+        Where it is kept.
+    side
+        Detectors on each side of the array.
+    leader
+        Topic of the odometry of the leader of all, who need not be the one that is followed.
+    options
+        Of `Node`.
+    """
 
     TOPICS = ("leader/odometry", "follower/odometry", "array/image", "relative_pose", "cmd_vel")
 
-    def __init__(self, record: FollowRecord, side: int) -> None:
-        super().__init__("recorder_node")
+    def __init__(
+        self, record: FollowRecord, side: int, leader: str = "leader/odometry", **options: Any
+    ) -> None:
+        super().__init__("recorder_node", **options)
         self.record, self.side = record, side
         self.started_ns: int | None = None
-        self.leaders: dict[float, Odometry] = {}
+        self.ahead = Trajectory(MAX_GAP_S)
+        self.waiting: dict[float, tuple[int, Array, Array]] = {}
         for message_type, topic, callback in (
-            (Odometry, "leader/odometry", self.on_leader),
+            (Odometry, leader, self.on_leader),
+            (Odometry, "leader/odometry", self.on_ahead),
             (Odometry, "follower/odometry", self.on_follower),
             (Image, "array/image", self.on_image),
             (PoseWithCovarianceStamped, "relative_pose", self.on_pose),
@@ -65,24 +87,29 @@ class RecorderNode(Node):
         if self.started_ns is None and message.twist.twist != Twist():
             self.started_ns = stamp_ns(message.header)
         if (stamp := self.seconds(message)) is not None:
-            self.leaders[stamp] = message
             self.record.leader_path[stamp] = odometry_pose(message)[0]
 
+    def on_ahead(self, message: Odometry) -> None:
+        """Note where the followed vehicle is, and the true poses behind it that waited for that."""
+        self.ahead.add(stamp_ns(message.header), *odometry_pose(message))
+        for stamp, (nanoseconds, position, quaternion) in list(self.waiting.items()):
+            try:
+                place, rotation = self.ahead.at(nanoseconds)
+            except TooEarly:
+                return
+            except LookupError:
+                del self.waiting[stamp]
+                continue
+            del self.waiting[stamp]
+            own = Rotation.from_quat(quaternion).as_matrix()
+            self.record.truth[stamp], _ = relative_pose(place, rotation, position, own)
+
     def on_follower(self, message: Odometry) -> None:
-        """Keep the follower's position and, where the leader's is known, the true pose."""
-        if (stamp := self.seconds(message)) is None:
-            return
-        position, quaternion = odometry_pose(message)
-        self.record.follower_path[stamp] = position
-        leader = self.leaders.pop(stamp, None)
-        if leader is not None:
-            leader_position, leader_quaternion = odometry_pose(leader)
-            self.record.truth[stamp], _ = relative_pose(
-                leader_position,
-                Rotation.from_quat(leader_quaternion).as_matrix(),
-                position,
-                Rotation.from_quat(quaternion).as_matrix(),
-            )
+        """Keep the follower's position; its true pose follows once the vehicle ahead is known."""
+        if (stamp := self.seconds(message)) is not None:
+            position, quaternion = odometry_pose(message)
+            self.record.follower_path[stamp] = position
+            self.waiting[stamp] = stamp_ns(message.header), position, quaternion
 
     def on_image(self, message: Image) -> None:
         """Keep the image."""
@@ -95,13 +122,18 @@ class RecorderNode(Node):
             self.record.estimates[stamp] = pose_from_message(message)
 
 
-def refuse_company() -> None:
-    """Raise ValueError where another run is on the network, before a node of ours publishes."""
+def refuse_company(spaces: Sequence[str]) -> None:
+    """Raise ValueError where another run is on the network, before a node of ours publishes.
+
+    `spaces` are the namespaces of the followers.
+    """
     lookout = rclpy.create_node("lookout")
+    names = [f"{space}/{topic}" for space in spaces for topic in RecorderNode.TOPICS]
+    topics = [lookout.resolve_topic_name(name.lstrip("/")) for name in [*names, "leader/odometry"]]
     try:
         deadline = time.monotonic() + DISCOVERY_S
         while time.monotonic() < deadline:
-            for topic in map(lookout.resolve_topic_name, RecorderNode.TOPICS):
+            for topic in topics:
                 others = publishers(lookout, topic)
                 if others and UNKNOWN not in others:
                     raise ValueError(
@@ -113,12 +145,51 @@ def refuse_company() -> None:
         lookout.destroy_node()
 
 
+def options_of(follower: Follower) -> dict[str, Any]:
+    """Return the options of the nodes of one follower of a fleet."""
+    return {
+        "namespace": follower.namespace,
+        "cli_args": ["--ros-args", "-r", f"leader/odometry:=/{follower.lamp_odometry}"],
+        "parameter_overrides": [
+            Parameter("vehicles", value="follower"),
+            Parameter("station_m", value=list(follower.station_m)),
+        ],
+    }
+
+
+def table_is_coming(estimator: EstimatorNode) -> bool:
+    """Return whether a coarse table answers until the whole one is built."""
+    builder = estimator.builder
+    return bool(builder.shortcoming(estimator.table)) and not builder.failure
+
+
+def follower_nodes(
+    leader: str | None, options: dict[str, Any]
+) -> tuple[RecorderNode, EstimatorNode, FormationNode, list[Node]]:
+    """Return recorder, estimator and formation node of a follower, and all but its vehicle.
+
+    `leader` is the topic of the leader's odometry where a fleet has one, else None.
+    """
+    formation, simulator = FormationNode(**options), SimulatorNode(**options)
+    record = FollowRecord(tuple(formation.parameters["station_m"]))
+    side = simulator.model.array.side
+    recorder = RecorderNode(record, side, leader or "leader/odometry", **options)
+    estimator = EstimatorNode(**options)
+    return (
+        recorder,
+        estimator,
+        formation,
+        [recorder, formation, simulator, FeatureNode(**options), estimator],
+    )
+
+
 def follow(
     ros_args: list[str],
     duration_s: float,
     on_tick: Callable[[FollowRecord, float], None],
+    fleet: Sequence[Follower] = (),
     bag: BagWriter | None = None,
-) -> tuple[FollowRecord, float, bool]:
+) -> tuple[list[FollowRecord], float, bool]:
     """Run the demonstration in real time.
 
     Parameters
@@ -128,14 +199,16 @@ def follow(
     duration_s
         Length of the run, s, from the moment when the leader sets off.
     on_tick
-        Called five times a second with the record so far and the elapsed time, s.
+        Called five times a second with the first follower's record so far and the elapsed time, s.
+    fleet
+        The followers, each in its namespace; empty for one in none, with the parameters' station.
     bag
         An open one, which gets what the nodes publish.
 
     Returns
     -------
-    record : FollowRecord
-        What was published, until the end or until it was interrupted.
+    records : list of FollowRecord
+        What was published, until the end or until it was interrupted, for each follower.
     light_timeout_s
         How long the formation control bears to be without a pose, s.
     interrupted : bool
@@ -149,40 +222,52 @@ def follow(
     """
     start(["--ros-args", *ros_args])
     try:
-        refuse_company()
-        formation, simulator = FormationNode(), SimulatorNode()
-        record = FollowRecord(tuple(formation.parameters["station_m"]))
-        recorder = RecorderNode(record, simulator.model.array.side)
-        executor = SingleThreadedExecutor()
-        for node in (
-            recorder,
-            formation,
-            simulator,
-            FeatureNode(),
-            EstimatorNode(),
-            VehiclesNode(),
-        ):
-            executor.add_node(node)
+        refuse_company([follower.namespace for follower in fleet] or [""])
+        executor, interrupted = SingleThreadedExecutor(), False
+        leader = "/leader/odometry" if fleet else None
+        options = [options_of(follower) for follower in fleet] or [{}]
+        recorders = []
+        for of_one in options:
+            recorder, estimator, formation, nodes = follower_nodes(leader, of_one)
+            recorders.append(recorder)
+            for node in nodes:
+                executor.add_node(node)
+            # The next one finds the table in the cache.
+            interrupted |= spin(executor, partial(table_is_coming, estimator))
+        if fleet:
+            alone = {"vehicles": "leader", "followers": len(fleet)}
+            options.append(
+                {"parameter_overrides": [Parameter(name, value=alone[name]) for name in alone]}
+            )
+        # Vehicles come last, so that none moves while others wait for a table.
+        for of_one in options:
+            executor.add_node(VehiclesNode(**of_one))
         if bag is not None:
-            executor.add_node(BagRecorderNode(bag))
-        clock = recorder.get_clock()
+            for of_one in options[: len(recorders)]:
+                executor.add_node(BagRecorderNode(bag, **of_one))
+        first, records = recorders[0], [recorder.record for recorder in recorders]
+        clock = first.get_clock()
         ready_ns = clock.now().nanoseconds
 
         def elapsed_s(since_ns: int | None) -> float:
             return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
 
         def goes_on() -> bool:
-            for topic in map(recorder.resolve_topic_name, RecorderNode.TOPICS):
-                text = several_publishers(recorder, topic)
-                if text and UNKNOWN not in text:
-                    raise ValueError(text)
-            if recorder.started_ns is None:
+            if first.started_ns is None:
                 return elapsed_s(ready_ns) < START_S
-            return elapsed_s(recorder.started_ns) < duration_s
+            return elapsed_s(first.started_ns) < duration_s
 
-        recorder.create_timer(0.2, lambda: on_tick(record, elapsed_s(recorder.started_ns)))
-        interrupted = spin(executor, goes_on)
-        return record, formation.parameters["light_timeout_s"], interrupted
+        def tick() -> None:
+            for recorder in recorders:
+                for topic in map(recorder.resolve_topic_name, RecorderNode.TOPICS):
+                    text = several_publishers(recorder, topic)
+                    if text and UNKNOWN not in text:
+                        raise ValueError(text)
+            on_tick(first.record, elapsed_s(first.started_ns))
+
+        first.create_timer(0.2, tick)
+        interrupted = interrupted or spin(executor, goes_on)
+        return records, formation.parameters["light_timeout_s"], interrupted
     except ParameterException as error:
         raise ValueError(str(error)) from None
     finally:

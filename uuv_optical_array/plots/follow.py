@@ -1,35 +1,41 @@
 """The picture of a run."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 
-LEADER, FOLLOWER = "#e08a00", "#1f6fb4"
+LEADER = "#e08a00"
+FOLLOWERS = ("#1f6fb4", "#2f9e61", "#b03a8c", "#7a5230", "#5b6bd6")
 MOMENTS = 6
 
 
-def _paths(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
-    leader = np.array(list(record.leader_path.values()))
-    follower = np.array(list(record.follower_path.values()))
+def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]) -> None:
+    paths = [records[0].leader_path, *(record.follower_path for record in records)]
+    together = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
     above, side = figure.subplots(1, 2)
     for axes, vertical, title in (
         (above, 1, "from above"),
         (side, 2, "from the side, not to scale"),
     ):
-        for moment in moments:
-            pair = np.array([record.follower_path[moment], record.leader_path[moment]])
-            axes.plot(pair[:, 0], pair[:, vertical], color="0.75", lw=0.8, zorder=0)
-        axes.plot(leader[:, 0], leader[:, vertical], color=LEADER, label="leader")
-        axes.plot(follower[:, 0], follower[:, vertical], color=FOLLOWER, label="follower")
-        axes.plot(*leader[-1, [0, vertical]], "o", color=LEADER)
-        axes.plot(*follower[-1, [0, vertical]], "o", color=FOLLOWER)
+        leader_then = position_at(paths[0], together)
+        for number, path in enumerate(paths):
+            line = np.array(list(path.values()))
+            name = f"follower {number}" if len(records) > 1 else "follower"
+            colour = FOLLOWERS[(number - 1) % len(FOLLOWERS)] if number else LEADER
+            axes.plot(
+                line[:, 0], line[:, vertical], color=colour, label=name if number else "leader"
+            )
+            axes.plot(*line[-1, [0, vertical]], "o", color=colour)
+            for pair in np.stack([position_at(path, together), leader_then], axis=1):
+                axes.plot(pair[:, 0], pair[:, vertical], color="0.75", lw=0.8, zorder=0)
         axes.set(title=title, xlabel="x (m)", ylabel="y, port (m)" if vertical == 1 else "z (m)")
         axes.grid(alpha=0.3)
     above.set_aspect("equal", adjustable="datalim")
@@ -39,22 +45,26 @@ def _paths(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
     side.set_ylim(min(low, -2.5), max(high, 2.5))
 
 
-def _errors(figure: Figure, record: FollowRecord) -> None:
-    stamps, errors = record.errors()
-    errors = errors * IN_DEGREES
-    at_station, station = record.station_errors()
-    station = station * IN_DEGREES
+def _errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
     for i, axes in enumerate(figure.subplots(1, 5)):
         axes.axhspan(-SPECIFICATION[i], SPECIFICATION[i], color="#7fbf7f", alpha=0.25, lw=0)
-        axes.plot(stamps, errors[:, i], ".", ms=2.5, color=FOLLOWER, label="estimate - truth")
-        axes.plot(at_station, station[:, i], color="0.2", lw=1, label="true - station")
+        limit = 3 * SPECIFICATION[i]
+        for number, record in enumerate(records):
+            stamps, errors = record.errors()
+            at_station, off_station = record.station_errors()
+            shown, station = errors[:, i] * IN_DEGREES[i], off_station[:, i] * IN_DEGREES[i]
+            colour = FOLLOWERS[number % len(FOLLOWERS)]
+            axes.plot(stamps, shown, ".", ms=2.5, color=colour, label="estimate - truth")
+            line = "0.2" if len(records) == 1 else colour
+            axes.plot(at_station, station, color=line, lw=1, label="true - station")
+            limit = max(limit, 1.1 * np.abs([*shown, *station]).max())
         title = f"{DOF_NAMES[i]} ({DOF_UNITS[i]}, band +-{SPECIFICATION[i]:g})"
         axes.set(title=title, xlabel="time (s)")
-        limit = max(3 * SPECIFICATION[i], 1.1 * np.abs([*errors[:, i], *station[:, i]]).max())
         axes.set_ylim(-limit, limit)
         axes.grid(alpha=0.3)
         if i == 0:
-            axes.legend(loc="upper right", fontsize=7, markerscale=3)
+            handles, labels = axes.get_legend_handles_labels()
+            axes.legend(handles[:2], labels[:2], loc="upper right", fontsize=7, markerscale=3)
 
 
 def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
@@ -69,13 +79,13 @@ def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
         axes.set_visible(False)
 
 
-def draw_follow(record: FollowRecord, path: Path) -> None:
-    """Draw a run: both paths, the five errors over time, the array's image at a few moments.
+def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
+    """Draw a run: the paths, the five errors over time, the first array's image at a few moments.
 
     Parameters
     ----------
-    record
-        The run.
+    records
+        The run as each follower saw it, at least one.
     path
         PNG file, written whole or not at all.
 
@@ -84,19 +94,21 @@ def draw_follow(record: FollowRecord, path: Path) -> None:
     ValueError
         For a run without a single pose: there is nothing to draw.
     """
-    both = [
-        stamp for stamp in record.images if stamp in record.truth and stamp in record.follower_path
-    ]
-    if not both or not len(record.errors()[0]):
+    first = records[0]
+    both = [stamp for stamp in first.images if stamp in first.truth]
+    if not both or not all(len(record.errors()[0]) for record in records):
         raise ValueError("picture: no pose in this run, so nothing to draw")
     picks = np.unique(np.linspace(0, len(both) - 1, MOMENTS).round().astype(int))
     moments = [both[pick] for pick in picks]
     figure = Figure(figsize=(15, 11), layout="constrained")
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 3.2, 3])
     top, middle, bottom = parts
-    _paths(top, record, moments)
-    _errors(middle, record)
-    _images(bottom, record, moments)
-    figure.suptitle("A follower keeps station behind a leader by light alone", fontsize=14)
-    bottom.suptitle("images of the array, and the true x, y, z, pitch and yaw", fontsize=10)
+    _paths(top, records, moments)
+    _errors(middle, records)
+    _images(bottom, first, moments)
+    several = len(records) > 1
+    who = "Followers keep station" if several else "A follower keeps station"
+    figure.suptitle(f"{who} behind a leader by light alone", fontsize=14)
+    whose = " of the first follower" if several else ""
+    bottom.suptitle(f"images of the array{whose}, and the true x, y, z, pitch and yaw", fontsize=10)
     save(figure, path)

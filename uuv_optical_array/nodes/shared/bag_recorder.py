@@ -23,10 +23,10 @@ DEPTH = 100  # reliable and deep: what is recorded should lack nothing
 
 
 class BagRecorderNode(Node):
-    """Write each message of `TOPICS` as DDS has it, at the time when it came."""
+    """Write each message of `TOPICS` as it came, and when; options as of `Node`."""
 
-    def __init__(self, bag: BagWriter) -> None:
-        super().__init__("bag_recorder_node")
+    def __init__(self, bag: BagWriter, **options: Any) -> None:
+        super().__init__("bag_recorder_node", **options)
         self.bag = bag
         for topic, kind in TOPICS.items():
             name = self.resolve_topic_name(topic)

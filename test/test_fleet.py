@@ -1,0 +1,88 @@
+"""Formations: a V whose stations keep apart, and what is refused where they do not."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uuv_optical_array.control.fleet import (
+    MIN_SEPARATION_M,
+    STATION_ERROR_M,
+    Follower,
+    check_separation,
+    vee,
+)
+from uuv_optical_array.control.follow_record import least_distance
+
+
+def places(fleet: list[Follower]) -> list[np.ndarray]:
+    """Return where leader and followers are when each is on its station."""
+    found = [np.zeros(3)]
+    for follower in fleet:
+        found.append(found[follower.ahead] + follower.station_m)
+    return found
+
+
+@given(st.integers(1, 12))
+def test_a_v_is_two_arms_each_behind_the_leader_and_as_wide_as_it_is_long(count: int) -> None:
+    fleet = vee(count)
+    port, starboard = places(fleet)[1::2], places(fleet)[2::2]
+    for arm, side in ((port, 1), (starboard, -1)):
+        assert np.array(arm).reshape(-1, 3) == pytest.approx(
+            np.outer(np.arange(1, len(arm) + 1), [-5.5, side * 1.0, 0.0])
+        )
+    assert [follower.number for follower in fleet] == list(range(1, count + 1))
+
+
+def test_topics_of_a_chain_are_those_of_the_follower_ahead() -> None:
+    first, _, third = vee(3)
+    assert (first.namespace, first.lamp_odometry) == ("follower_1", "leader/odometry")
+    assert third.lamp_odometry == "follower_1/follower/odometry"
+    assert {follower.lamp_odometry for follower in vee(3, chain=False)} == {"leader/odometry"}
+
+
+@given(
+    st.integers(2, 12),
+    st.booleans(),
+    st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=12, max_size=12),
+)
+def test_followers_within_the_error_of_their_stations_keep_the_distance(
+    count: int, chain: bool, errors: list[tuple[float, float, float]]
+) -> None:
+    fleet = vee(count, chain or count > 3)
+    found = [np.zeros(3)]
+    for follower, error in zip(fleet, errors, strict=False):
+        off = np.array(error) / max(float(np.linalg.norm(error)), 1.0) * STATION_ERROR_M
+        found.append(found[follower.ahead] + follower.station_m + off)
+    for one, other in combinations(found, 2):
+        assert math.dist(one, other) >= MIN_SEPARATION_M - 1e-9
+
+
+def test_stations_that_are_too_near_are_refused_by_name() -> None:
+    near = [Follower(1, (-5.5, 1.0, 0.0)), Follower(2, (-5.5, -0.99, 0.0))]
+    words = r"follower_1 and follower_2 are 1\.99 m apart; place them at least 2 m apart"
+    with pytest.raises(ValueError, match=words):
+        check_separation(near)
+    # One lit by the other errs by itself alone.
+    check_separation([near[0], Follower(2, (-1.5, 0.0, 0.0), 1)])
+    with pytest.raises(ValueError, match=r"1\.49 m apart; place them at least 1\.5 m"):
+        check_separation([near[0], Follower(2, (-1.49, 0.0, 0.0), 1)])
+    with pytest.raises(ValueError, match=r"the leader and follower_1 are 1\.40 m"):
+        check_separation([Follower(1, (-1.4, 0.0, 0.0))])
+
+
+@pytest.mark.parametrize(("count", "chain"), [(0, True), (-1, False), (4, False)])
+def test_a_number_that_makes_no_v_is_refused(count: int, chain: bool) -> None:
+    with pytest.raises(ValueError, match=rf"followers: {count} .*is out of bounds"):
+        vee(count, chain)
+
+
+def test_the_least_distance_is_that_of_paths_at_one_time() -> None:
+    # They cross each other's path, one second after the other, and are nearest at 1.5 s.
+    one = {t: np.array([t, 0.0, 0.0]) for t in (0.0, 1.0, 1.5, 2.0, 3.0)}
+    other = {t: np.array([2.0, t - 1.0, 0.0]) for t in (0.5, 2.5, 3.5)}
+    assert least_distance([one, other, {}]) == pytest.approx(math.sqrt(0.5))
+    assert least_distance([one]) == math.inf

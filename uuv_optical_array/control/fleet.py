@@ -2,9 +2,13 @@
 
 A follower sees the lamp ahead of it and nothing else: the formation law keeps its distance to that
 lamp, and no law keeps two followers apart that do not see each other. They stay apart because their
-stations are: every pair of stations is `MIN_SEPARATION_M` and `STATION_ERROR_M` for each follower
-between them apart. That holds in straight and steady motion, while no follower is farther off its
-station than `STATION_ERROR_M`. It does not hold for one that lost its light and stopped.
+stations are: by `MIN_SEPARATION_M` and by what every follower between them may be off its station.
+That is no guarantee. It holds while no follower is farther off than that, which is so in the
+demonstration's turns once all are on station, and it does not hold for one that lost its light and
+stopped.
+
+A station swings sideways by its distance to the leader times the leader's turn rate. A second link
+of a chain is as far behind as the law's fastest sway can follow, so there is no third.
 """
 
 import math
@@ -17,10 +21,14 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Place
 
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
-STATION_ERROR_M = 0.5  # how far a follower may be off its station
-ARM_M: Place = (-5.5, 1.0, 0.0)  # from a vehicle to the next one on the port arm of a V
+# How far a follower may be off its station: one that sees the leader, and one that sees another.
+STATION_ERROR_M = 0.5
+CHAINED_ERROR_M = 1.5
+FIRST_M: Place = (-5.5, 1.0, 0.0)  # of the first follower on the port arm of a V
+SECOND_M: Place = (-5.5, 1.5, 0.0)  # of the second, seen from the first
 TAIL_M: Place = (-7.5, 0.0, 0.0)  # of a third follower that sees the leader
-MAX_WITHOUT_CHAIN = 3
+MOST = 4  # followers in a V
+MOST_BY_LEADER = 3
 
 
 @dataclass(frozen=True)
@@ -58,29 +66,29 @@ def vee(followers: int, chain: bool = True) -> list[Follower]:
     Parameters
     ----------
     followers
-        How many, >= 1.
+        How many, from 1 to `MOST`.
     chain
-        Whether the third and later followers are lit from the follower ahead on their arm. Without,
-        all are lit by the leader: up to three, the third in the middle.
+        Whether the third and the fourth are lit from the follower ahead on their arm. Without, all
+        are lit by the leader: up to three, the third in the middle.
 
     Raises
     ------
     ValueError
-        For too few, or more than the leader alone can light.
+        For a number out of bounds.
     """
-    if followers < 1:
-        raise ValueError(f"followers: {followers} is out of bounds; it must be at least 1")
-    if not chain and followers > MAX_WITHOUT_CHAIN:
+    most = MOST if chain else MOST_BY_LEADER
+    if not 1 <= followers <= most:
+        way = "a chain" if chain else "no chain"
         raise ValueError(
-            f"followers: {followers} without a chain is out of bounds; the leader's lamp lights "
-            f"{MAX_WITHOUT_CHAIN}"
+            f"followers: {followers} is out of bounds; with {way} it must be from 1 to {most}"
         )
-    x, y, z = ARM_M
-    fleet = [
-        Follower(i, (x, y if i % 2 else -y, z), max(i - 2, 0)) for i in range(1, followers + 1)
-    ]
-    if not chain and followers == MAX_WITHOUT_CHAIN:
-        fleet[-1] = Follower(MAX_WITHOUT_CHAIN, TAIL_M)
+    fleet = []
+    for number in range(1, followers + 1):
+        x, y, z = FIRST_M if number <= 2 else SECOND_M
+        station = x, y if number % 2 else -y, z
+        fleet.append(Follower(number, station, max(number - 2, 0)))
+    if not chain:
+        fleet[2:] = [Follower(follower.number, TAIL_M) for follower in fleet[2:]]
     check_separation(fleet)
     return fleet
 
@@ -93,15 +101,16 @@ def check_separation(fleet: list[Follower]) -> None:
     fleet
         Each follower after the one ahead of it.
     """
-    chains: dict[int, list[int]] = {0: []}
+    errors: dict[int, dict[int, float]] = {0: {}}
     places: dict[int, Array] = {0: np.zeros(3)}
     for follower in fleet:
-        chains[follower.number] = [*chains[follower.ahead], follower.number]
+        own = CHAINED_ERROR_M if follower.ahead else STATION_ERROR_M
+        errors[follower.number] = {**errors[follower.ahead], follower.number: own}
         places[follower.number] = places[follower.ahead] + follower.station_m
     for one, other in combinations(places, 2):
         # What two have in common moves both alike.
-        between = set(chains[one]) ^ set(chains[other])
-        needed = MIN_SEPARATION_M + STATION_ERROR_M * len(between)
+        between = dict(errors[one].items() ^ errors[other].items())
+        needed = MIN_SEPARATION_M + sum(between.values())
         distance = math.dist(places[one], places[other])
         if distance < needed:
             raise ValueError(

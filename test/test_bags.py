@@ -8,6 +8,7 @@ from bags import image_message, write_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.recording.bag import BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
 
@@ -15,6 +16,7 @@ pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
 )
 IMAGES, SIDE = 30, 300  # 180 kB each: six to a chunk
+ARRAY, FIVE = ArraySettings("planar", SIDE), ArraySettings("planar", 5)
 
 
 def image(i):
@@ -36,7 +38,7 @@ def whole(sent, tmp_path_factory):
 
 
 def read(path):
-    found = read_recording(path, SIDE, poses_needed=False)
+    found = read_recording(path, ARRAY, poses_needed=False)
     return found.images[:, 0, 0].astype(int).tolist(), dict(found.refused)
 
 
@@ -84,7 +86,7 @@ def test_of_packed_chunks_the_whole_ones_are_read(tmp_path):
     bag = write_bag(tmp_path / "packed", sent, "MCAP", packed=True)
     file = bag / "packed.mcap"
     file.write_bytes(file.read_bytes()[: 180_000 * 11])
-    found = read_recording(bag, SIDE, poses_needed=False)
+    found = read_recording(bag, ARRAY, poses_needed=False)
     assert len(found.images) == 6
 
 
@@ -106,7 +108,7 @@ def test_of_a_database_that_is_cut_off_all_that_is_whole_is_read(tmp_path, share
     file = write_bag(tmp_path / "drive", sent) / "drive.db3"
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
-    found = read_recording(file, 5, poses_needed=False)
+    found = read_recording(file, FIVE, poses_needed=False)
     numbers = found.images[:, 0, 0]
     np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
     # Pages of messages lie between those of the index, and are reached by one that is written late.

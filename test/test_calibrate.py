@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.commands import calibrate
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
@@ -32,6 +33,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 BEACON = [-0.7, 0.1, 0.2]
+ARRAY = ArraySettings("planar", 5)
 SECONDS, RATE_HZ = 30, 10  # of the drive
 LEADER, FOLLOWER, IMAGE = "/leader/odometry", "/follower/odometry", "/array/image"
 # The sea of the bag; the fit starts from the scene `follow`.
@@ -169,7 +171,7 @@ def bag(recorded, tmp_path_factory):
 
 
 def test_a_bag_gives_every_image_at_the_pose_it_was_taken_at(either_bag, sea_file):
-    found = read_recording(either_bag, 5, beacon_position_m=BEACON)
+    found = read_recording(either_bag, ARRAY, beacon_position_m=BEACON)
     assert len(found.images) == SECONDS * RATE_HZ
     assert not found.refused
     seconds = 1.05 + 0.1 * np.arange(len(found.images))
@@ -251,7 +253,7 @@ def test_a_namespaced_stack_in_ned_axes_is_read_by_its_topics(recorded, tmp_path
         messages.append(("/rov" + topic, bytes(data)))
     bag = write_bag(tmp_path / "ned", messages, version=8)
     topics = Topics("rov/array/image", "/rov/leader/odometry", "rov/follower/odometry/")
-    found = read_recording(bag, 5, topics, BEACON, "frd")
+    found = read_recording(bag, ARRAY, topics, BEACON, "frd")
     assert len(found.images) > 20
     expected = [relative_at(t * 1e-9)[0] for t in found.stamps_ns]
     np.testing.assert_allclose(found.poses, expected, atol=1e-9)
@@ -326,7 +328,9 @@ def test_what_cannot_be_used_is_left_out_and_counted(recorded, tmp_path):
 
     messages = list(changed(changed(recorded[:150], LEADER, spoil), IMAGE, blind))
     total = sum(topic == IMAGE for topic, _ in messages)
-    found = read_recording(write_bag(tmp_path / "spoilt", messages), 5, beacon_position_m=BEACON)
+    found = read_recording(
+        write_bag(tmp_path / "spoilt", messages), ARRAY, beacon_position_m=BEACON
+    )
     told = dict(found.refused)
     assert told.pop(f"{LEADER}: not finite") == 4
     assert told.pop(f"{IMAGE}: wrong encoding: 'mono8', not mono16") == 1

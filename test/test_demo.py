@@ -12,6 +12,7 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.demo import RecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
@@ -26,7 +27,7 @@ def odometry(tenths, x, surge):
 def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     lab.begin()
     record = FollowRecord((-6.0, 0.0, 0.0))
-    recorder = RecorderNode(record, 2)
+    recorder = RecorderNode(record, ArraySettings("planar", 2))
     lab.nodes.append(recorder)
 
     def take(tenths):

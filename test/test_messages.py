@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
@@ -30,6 +31,7 @@ from uuv_optical_array.nodes.shared.messages import (
 )
 
 SIDE = 5
+ARRAY = ArraySettings("planar", SIDE)
 COUNTS = np.arange(SIDE * SIDE, dtype=float).reshape(SIDE, SIDE) * 2621
 NAMES = ["peak", "column", "row", "skewness_horizontal", "skewness_vertical"]
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -49,7 +51,7 @@ def test_an_image_survives_the_message_and_lies_in_it_row_by_row(counts):
     assert (message.encoding, message.height, message.width) == ("mono16", SIDE, SIDE)
     assert (message.step, message.is_bigendian) == (2 * SIDE, 0)
     assert struct.unpack("<25H", bytes(message.data)) == tuple(counts.ravel())
-    np.testing.assert_array_equal(image_from_message(message, SIDE), counts)
+    np.testing.assert_array_equal(image_from_message(message, ARRAY), counts)
 
 
 @pytest.mark.parametrize(("order", "is_bigendian"), [(">", 1), ("<", 0)])
@@ -60,7 +62,7 @@ def test_an_image_of_any_byte_order_and_padding_is_read(order, is_bigendian, pad
     rows = [struct.pack(f"{order}5H", *row.astype(int)) + b"\xff" * padding for row in COUNTS]
     message.data, message.step = b"".join(rows), 2 * SIDE + padding
     message.is_bigendian, message.encoding = is_bigendian, encoding
-    np.testing.assert_array_equal(image_from_message(message, SIDE), COUNTS)
+    np.testing.assert_array_equal(image_from_message(message, ARRAY), COUNTS)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,7 @@ def test_an_image_that_is_not_the_arrays_is_refused(changes, kind, words):
     for name, value in changes.items():
         setattr(message, name, value)
     with pytest.raises(Refused, match=f"^{kind}: .*{words}"):
-        image_from_message(message, SIDE)
+        image_from_message(message, ARRAY)
 
 
 @given(arrays(float, 5, elements=finite))

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.shared.bag_recorder import TOPICS, BagRecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.recording.bag import BagWriter, opened
@@ -39,7 +40,7 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
             track.pose.pose.position.x, track.pose.pose.orientation.w = -float(i), 1.0
             tracks.publish(track)
         lab.until(lambda: len(written) == 6, "all messages")
-    found = read_recording(tmp_path / "run", 3, poses_needed=False)
+    found = read_recording(tmp_path / "run", ArraySettings("planar", 3), poses_needed=False)
     assert found.images[:, 0, 0].tolist() == [1000, 2000, 3000]
     assert found.stamps_ns.tolist() == [10**9, 2 * 10**9, 3 * 10**9]
     with opened(tmp_path / "run") as (reader, _):

@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import calibrate, cli, estimate, follow, render, table
+from uuv_optical_array.commands import calibrate, cli, commission, estimate, follow, render, table
 from uuv_optical_array.commands.studies import (
     accuracy,
     advise,
@@ -19,6 +19,7 @@ COMMANDS = (
     follow,
     render,
     calibrate,
+    commission,
     estimate,
     table,
     limits,

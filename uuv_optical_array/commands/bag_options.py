@@ -49,7 +49,7 @@ def read_bag(options: argparse.Namespace, scene: Scene, poses_needed: bool = Tru
     (max_gap_s,) = cli.numbers_of(options, NUMBERS)
     return read_recording(
         files.user_path(options.bag),
-        scene.array.detectors_per_side,
+        scene.array,
         Topics(options.image_topic, options.leader_topic, options.follower_topic),
         [check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position],
         options.odometry_axes,

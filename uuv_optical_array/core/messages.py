@@ -1,6 +1,7 @@
 """What a message from outside must be, whoever deserialised it: ROS, or the reader of a bag."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,8 +20,53 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def image_from_message(message: Any, side: int) -> Array:
-    """Unpack a mono16 image of ``(side, side)`` counts, whatever its padding and byte order."""
+class Readout(Protocol):
+    """How the images of an array are read: `ArraySettings` of a scene."""
+
+    @property
+    def detectors_per_side(self) -> int:
+        """Rows and columns."""
+
+    @property
+    def wiring(self) -> Sequence[int] | None:
+        """For each detector the place of its reading, in reading order; ``None``: its own."""
+
+
+def in_place(pixels: Array, wiring: Sequence[int] | None) -> Array:
+    """Return the image of an array from the readings as they are wired, both ``(side, side)``."""
+    return pixels if wiring is None else pixels.ravel()[list(wiring)].reshape(pixels.shape)
+
+
+def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
+    """Return the readings as an array sends them that is wired so: `in_place` undoes it."""
+    if wiring is None:
+        return image
+    pixels = np.empty_like(image)
+    pixels.ravel()[list(wiring)] = image.ravel()
+    return pixels
+
+
+def image_from_message(message: Any, array: Readout) -> Array:
+    """Unpack a mono16 image of counts, whatever its padding and byte order.
+
+    Parameters
+    ----------
+    message
+        A ``sensor_msgs/Image``.
+    array
+        The array that sends it.
+
+    Returns
+    -------
+    Array
+        Shape ``(side, side)``, each reading at the place of its detector.
+
+    Raises
+    ------
+    Refused
+        For another encoding or size, or a message that is cut off.
+    """
+    side = array.detectors_per_side
     if message.encoding not in ("mono16", "16UC1"):
         raise Refused(f"wrong encoding: {message.encoding!r}, not mono16")
     if (message.height, message.width) != (side, side):
@@ -34,7 +80,7 @@ def image_from_message(message: Any, side: int) -> Array:
             f"truncated: {len(message.data)} bytes of data, but {side} rows of {message.step}"
         )
     pixels = np.frombuffer(message.data, dtype=">u2" if message.is_bigendian else "<u2")
-    return pixels.reshape(side, -1)[:, :side].astype(float)
+    return in_place(pixels.reshape(side, -1)[:, :side].astype(float), array.wiring)
 
 
 def checked_pose(pose: Any) -> tuple[Array, Array]:

@@ -48,6 +48,8 @@ class Quantity:
 Cells: TypeAlias = Sequence[Sequence[int]]
 # A place in space, x, y and z; the bounds are those of each.
 Place: TypeAlias = tuple[float, float, float]
+# The whole numbers from 0 on, each once, in some order.
+Order: TypeAlias = Sequence[int]
 # A number for each detector, ``[row][column]``; the bounds are those of all.
 Grid: TypeAlias = Sequence[Sequence[float]]
 
@@ -108,6 +110,21 @@ def _place(value: Any, quantity: Quantity, name: str) -> Place:
     return x, y, z
 
 
+def _order(value: Any, quantity: Quantity, name: str) -> list[int]:
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"{name}: {reprlib.repr(value)} is no list of whole numbers; give one")
+    order = [int(_number(x, quantity, f"{name}[{i}]", whole=True)) for i, x in enumerate(value)]
+    seen: set[int] = set()
+    for i, place in enumerate(order):
+        if place >= len(order) or place in seen:
+            what = "given twice" if place in seen else "too large"
+            raise ValueError(
+                f"{name}[{i}]: {place} is {what}; give each number from 0 to {len(order) - 1} once"
+            )
+        seen.add(place)
+    return order
+
+
 def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
     rows = value if isinstance(value, list | tuple) else []
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
@@ -129,7 +146,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
     Parameters
     ----------
     hint
-        ``float``, ``int``, ``Span``, `Place`, `Cells`, `Grid`, ``Literal[...]`` or ``T | None``,
+        ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
+        ``T | None``,
         each bare or ``Annotated`` with a `Quantity`.
     value
         The value as read.
@@ -164,6 +182,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
         return _cells(value, quantity, name)
     if hint == Place:
         return _place(value, quantity, name)
+    if hint == Order:
+        return _order(value, quantity, name)
     if hint == Grid:
         return _grid(value, quantity, name)
     if hint is Span:

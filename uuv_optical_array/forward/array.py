@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Order, Quantity
 
 Shape: TypeAlias = Literal["planar", "curved"]
 
@@ -22,8 +22,22 @@ class ArraySettings:
     width_m: Annotated[float, Quantity("outermost detector to outermost", "m", 0.01, 10)] = 0.4
     bow_m: Annotated[float, Quantity("base_link forward to the array's frame", "m", -50, 50)] = 0.4
     radius_m: Annotated[float | None, Quantity("sphere, curved only", "m", 0.01, 100)] = None
+    wiring: Annotated[
+        Order | None,
+        Quantity(
+            "for each detector, in reading order, the place of its reading in the message's image",
+            "",
+            0,
+            501**2,
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
+        if self.wiring is not None and len(self.wiring) != self.detectors_per_side**2:
+            raise ValueError(
+                f"wiring: {len(self.wiring)} places, but the array has "
+                f"{self.detectors_per_side**2} detectors; find them with uuv_array commission"
+            )
         if self.shape == "planar":
             if self.radius_m is not None:
                 raise ValueError(f"radius_m: {self.radius_m:g} m, but a planar array has none")

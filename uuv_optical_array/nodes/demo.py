@@ -20,6 +20,7 @@ from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -48,8 +49,8 @@ class RecorderNode(Node):
     ----------
     record
         Where it is kept.
-    side
-        Detectors on each side of the array.
+    array
+        Of the follower's scene.
     leader
         Topic of the odometry of the leader of all, who need not be the one that is followed.
     options
@@ -59,10 +60,14 @@ class RecorderNode(Node):
     TOPICS = ("leader/odometry", "follower/odometry", "array/image", "relative_pose", "cmd_vel")
 
     def __init__(
-        self, record: FollowRecord, side: int, leader: str = "leader/odometry", **options: Any
+        self,
+        record: FollowRecord,
+        array: ArraySettings,
+        leader: str = "leader/odometry",
+        **options: Any,
     ) -> None:
         super().__init__("recorder_node", **options)
-        self.record, self.side = record, side
+        self.record, self.array = record, array
         self.started_ns: int | None = None
         self.ahead = Trajectory(MAX_GAP_S)
         self.waiting: dict[float, tuple[int, Array, Array]] = {}
@@ -114,7 +119,7 @@ class RecorderNode(Node):
     def on_image(self, message: Image) -> None:
         """Keep the image."""
         if (stamp := self.seconds(message)) is not None:
-            self.record.images[stamp] = image_from_message(message, self.side)
+            self.record.images[stamp] = image_from_message(message, self.array)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Keep the estimate."""
@@ -172,8 +177,8 @@ def follower_nodes(
     """
     formation, simulator = FormationNode(**options), SimulatorNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]))
-    side = simulator.model.array.side
-    recorder = RecorderNode(record, side, leader or "leader/odometry", **options)
+    array = simulator.scene.array
+    recorder = RecorderNode(record, array, leader or "leader/odometry", **options)
     estimator = EstimatorNode(**options)
     return (
         recorder,

@@ -311,7 +311,7 @@ class EstimatorNode(Node):
         try:
             parameters, readings = features_from_message(features), None
             if parameters is not None and image is not None:
-                readings = image_from_message(image, self.scene.array.detectors_per_side)
+                readings = image_from_message(image, self.scene.array)
                 check_image(parameters, readings, self.scene)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))

@@ -69,7 +69,7 @@ class FeatureNode(Node):
         """Publish the key parameters of one image."""
         try:
             self.order.check(message.header)
-            image = image_from_message(message, self.scene.array.detectors_per_side)
+            image = image_from_message(message, self.scene.array)
             check_full_scale(image, self.scene)
         except (NoPose, Refused) as reason:
             self.diagnostics.refuse(str(reason))

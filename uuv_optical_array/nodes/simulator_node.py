@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.messages import as_wired
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -66,7 +67,7 @@ class SimulatorNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
-        scene = load_scene(self.parameters["scene"])
+        self.scene = scene = load_scene(self.parameters["scene"])
         if "adc" not in scene.effects:
             raise ValueError(
                 f"scene {scene.name}: array/image is mono16, so the scene needs "
@@ -150,7 +151,7 @@ class SimulatorNode(Node):
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.place_array(follower, frame)
-        self.images.publish(image_to_message(image, header))
+        self.images.publish(image_to_message(as_wired(image, self.scene.array.wiring), header))
         self.diagnostics.answer(
             stamp_ns(header), peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}"
         )

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.core.messages import Refused, image_from_message, odometry_pose, stamp_ns
+from uuv_optical_array.core.messages import (
+    Readout,
+    Refused,
+    image_from_message,
+    odometry_pose,
+    stamp_ns,
+)
 from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, opened
 
 Axes: TypeAlias = Literal["flu", "frd"]
@@ -116,7 +122,7 @@ def _connections(reader: Any, name: str, msgtype: str, option: str) -> list[Any]
 
 def read_recording(
     path: Path,
-    side: int,
+    array: Readout,
     topics: Topics | None = None,
     beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
     axes: Axes = "flu",
@@ -133,8 +139,8 @@ def read_recording(
     ----------
     path
         Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
-    side
-        Detectors in a row, which each image must have.
+    array
+        Which each image must be of.
     topics
         Where images and odometries are.
     beacon_position_m
@@ -184,7 +190,7 @@ def read_recording(
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:
-                    value: Any = image_from_message(message, side)
+                    value: Any = image_from_message(message, array)
                 else:
                     value = odometry_pose(message, axes)
             except Refused as reason:

@@ -154,7 +154,7 @@ def angles_deg(
         Where a signature has no direction, or the scene cannot have such an array.
     """
     array = dataclasses.replace(
-        scene.array.with_shape(conditions.shape), detectors_per_side=conditions.side
+        scene.array.with_shape(conditions.shape), detectors_per_side=conditions.side, wiring=None
     )
     model = ForwardModel(choice.scene(dataclasses.replace(scene, array=array)))
     moved = np.atleast_1d(np.asarray(steps, dtype=float))

@@ -50,7 +50,9 @@ class Group:
     def scene(self, scene: Scene) -> Scene:
         """Return the scene with this array, and with a table of the study's volume."""
         array = dataclasses.replace(
-            scene.array.with_shape(self.shape), detectors_per_side=self.detectors_per_side
+            scene.array.with_shape(self.shape),
+            detectors_per_side=self.detectors_per_side,
+            wiring=None,
         )
         table = volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)

@@ -1,0 +1,124 @@
+"""``uuv_array commission`` live and on a bag, and the nodes of an array that is wired so."""
+
+import importlib.util
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+from bags import image_message, write_bag
+from builtin_interfaces.msg import Time
+from command_line import PROGRAM, run
+from conftest import PATIENCE_S
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+from test_wiring import torch_run
+
+from uuv_optical_array.core.messages import as_wired
+from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.nodes.feature_node import FeatureNode
+from uuv_optical_array.nodes.shared.messages import (
+    features_from_message,
+    image_to_message,
+)
+from uuv_optical_array.nodes.simulator_node import SimulatorNode
+
+WIRED = [int(place) for place in np.random.default_rng(9).permutation(25)]
+bags = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+
+
+@pytest.fixture
+def sent():
+    """Stamps and images of both sweeps, as an array sends them that is wired anyhow."""
+    return [(s, as_wired(i, WIRED)) for s, i in torch_run(5, np.random.default_rng(6))]
+
+
+@bags
+def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys):
+    bag = write_bag(tmp_path / "torch", [image_message(*each) for each in sent], "MCAP")
+    output = tmp_path / "sea.yaml"
+    run("commission", "--bag", bag, "-o", output)
+    told = capsys.readouterr().out
+    assert "readings are of other detectors" in told
+    assert load_scene(output).array.wiring == WIRED
+    # Again, from a scene that has a wiring already: the same.
+    run("commission", "--bag", bag, "--scene", output, "-o", output)
+    assert load_scene(output).array.wiring == WIRED
+
+
+@bags
+def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
+    frames = torch_run(5, np.random.default_rng(6))
+    bag = write_bag(tmp_path / "torch", [image_message(*each) for each in frames], "MCAP")
+    run("commission", "--bag", bag, "-o", tmp_path / "sea.yaml")
+    assert "wiring: as it should be" in capsys.readouterr().out
+    assert load_scene(tmp_path / "sea.yaml").array.wiring is None
+
+
+@bags
+def test_a_bag_that_ends_early_writes_nothing(sent, tmp_path):
+    messages = [image_message(*each) for each in sent[: len(sent) // 2]]
+    bag = write_bag(tmp_path / "torch", messages, "MCAP")
+    line = run("commission", "--bag", bag, "-o", tmp_path / "sea.yaml", code=1)
+    assert "ends before both sweeps" in line
+    assert not (tmp_path / "sea.yaml").exists()
+
+
+def test_live_images_are_taken_until_both_sweeps_are_seen(lab, sent, tmp_path):
+    lab.begin()
+    images = lab.talk(Image, "bow/array/image")
+    output = tmp_path / "sea.yaml"
+    words = ("commission", "--topic", "bow/array/image", "-o", output)
+    process = subprocess.Popen(
+        [*PROGRAM, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        lab.until(images.get_subscription_count, "the command to listen")
+        for stamp, image in sent:
+            seconds, rest = divmod(stamp, 10**9)
+            header = Header(stamp=Time(sec=seconds, nanosec=rest))
+            images.publish(image_to_message(image, header))
+            # The command takes sensor data, of which a burst would be lost.
+            lab.executor.spin_once(timeout_sec=0.005)
+        out, error = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert process.returncode == 0, out + error
+    assert load_scene(output).array.wiring == WIRED
+    assert "sweep 1 of 2" in out
+
+
+def test_the_nodes_of_a_wired_array_see_what_those_of_a_right_one_see(lab, tmp_path):
+    """The simulator sends readings as they are wired; the feature node sets them right."""
+    settings = load_scene("follow").settings()
+    settings["array"]["wiring"] = WIRED
+    path = tmp_path / "wired.yaml"
+    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+    lab.begin({"scene": str(path), "simulator_node:seed": 5})
+    for node in (SimulatorNode, FeatureNode):
+        lab.start(node)
+    talkers = [lab.talk(Odometry, f"{name}/odometry") for name in ("leader", "follower")]
+    images, features = lab.listen(Image, "array/image"), lab.listen(PointCloud2, "array/features")
+    lab.connect()
+    stamp = Time(sec=7)
+    for talker, x in zip(talkers, (0.0, -6.0), strict=True):
+        message = Odometry(header=Header(stamp=stamp, frame_id="odom"))
+        message.pose.pose.position.x, message.pose.pose.position.y = x, 0.1 * x
+        message.pose.pose.orientation.w = 1.0
+        talker.publish(message)
+    del settings["array"]["wiring"]
+    scene = scene_from_settings(settings, "right")
+    pose = np.array([-6.0, -0.6, 0.0, 0.0, 0.0])
+    image = ForwardModel(scene).expose(pose, np.random.default_rng(5), 0.0, time_s=7.0)
+    sent = lab.answer(images, stamp)
+    pixels = np.frombuffer(bytes(sent.data), "<u2")
+    np.testing.assert_array_equal(pixels[WIRED], image.ravel())
+    assert (pixels != image.ravel()).any()
+    found = features_from_message(lab.answer(features, stamp))
+    expected = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

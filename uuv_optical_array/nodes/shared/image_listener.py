@@ -1,0 +1,53 @@
+"""Images of a topic handed to a function, until enough were seen."""
+
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import Readout, Refused
+from uuv_optical_array.nodes.shared.messages import StampOrder, image_from_message, stamp_ns
+from uuv_optical_array.nodes.shared.node import spin, start, subscribe
+
+
+def listen(
+    topic: str, array: Readout, take: Callable[[int, Array], None], wanted: Callable[[], bool]
+) -> None:
+    """Hand over each image of a topic while they are wanted, until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    topic
+        Of ``sensor_msgs/Image``.
+    array
+        The array that sends it.
+    take
+        Takes stamp, ns, and counts, shape ``(side, side)``; its errors end the listening.
+    wanted
+        Whether there should be more.
+
+    Raises
+    ------
+    Refused
+        For an image that is not of the array.
+    """
+    start(None)
+    try:
+        node, order = Node("image_listener"), StampOrder()
+
+        def on_image(message: Image) -> None:
+            try:
+                order.check(message.header)
+            except Refused:
+                return
+            take(stamp_ns(message.header), image_from_message(message, array))
+
+        subscribe(node, Image, topic, on_image)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        spin(executor, wanted)
+    finally:
+        rclpy.try_shutdown()

@@ -3,9 +3,9 @@
 Blocks of images go to the follower's nodes and to a relay that answers each image with a ready-made
 pose, in turn, so that a noisy machine slows both; their medians are compared. The images come from
 the process that hears the answers, in the thread of its executor; follower and relay are in the
-same one, or together in another. `frame time` is the time from answer to answer, in which the age
-of the oldest pose is given; `passed over` are the images that a newer one overtook. The last three
-columns are the time that the steps before the pose take.
+same one, or together in another. `frame time` is the time from answer to answer while images come,
+and `late` the age of which one pose of a hundred is older, in frame times; `passed over` are images
+that got no pose. The last three columns are the time that the steps before the pose take.
 """
 
 import argparse
@@ -33,7 +33,7 @@ from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
 
 ASKED = {"follower": ("array/image", "relative_pose"), "relay": ("relay/image", "relay/pose")}
 COLUMNS = ("processes", "method", "side", "Hz", "relay", "99 %", "pose", "99 %", "ratio")
-COLUMNS += ("poses", "passed over", "frame time", "oldest", "estimate", "features", "track")
+COLUMNS += ("poses", "passed over", "frame time", "late", "estimate", "features", "track")
 BLOCK_S = 0.2
 PATIENCE_S = 3.0  # for the answer to the last image of a block
 
@@ -60,7 +60,7 @@ class Asker(Node):
         super().__init__("asker")
         self.sent: dict[tuple[str, int], float] = {}
         self.heard: set[tuple[str, int]] = set()
-        self.times: dict[str, list[tuple[float, float]]] = {name: [] for name in ASKED}
+        self.times: dict[str, list[float]] = {name: [] for name in ASKED}
         self.talkers, self.ears = {}, []
         for name, (image, pose) in ASKED.items():
             self.talkers[name] = self.create_publisher(Image, image, QoSProfile(depth=10))
@@ -74,7 +74,7 @@ class Asker(Node):
         def take(message: Any) -> None:
             heard = time.perf_counter()
             asked = name, stamp_ns(message.header)
-            self.times[name].append((heard, heard - self.sent[asked]))
+            self.times[name].append(heard - self.sent[asked])
             self.heard.add(asked)
 
         return take
@@ -168,25 +168,24 @@ def report(
     side: int,
     rate_hz: float,
     count: int,
-    times: dict[str, list[tuple[float, float]]],
+    times: dict[str, list[float]],
     spent: dict[str, list[float]],
 ) -> None:
     """Print one line; times in ms."""
     first = 2 if apart else 1
-    ages = {name: [age * 1e3 for _, age in answers] for name, answers in times.items()}
+    ages = {name: [age * 1e3 for age in answers] for name, answers in times.items()}
     if min(map(len, ages.values())) < 5:
         print(f"{first:9} {method} {side} {rate_hz:g} Hz: too few answers", flush=True)
         return
     (relay, late_relay), (pose, late_pose) = (
         np.quantile(ages[name], [0.5, 0.99]) for name in ("relay", "follower")
     )
-    heard = [at * 1e3 for at, _ in times["follower"]]
-    frame_ms = statistics.median(np.diff(heard))
     figures = [relay, late_relay, pose, late_pose, pose / relay]
     cells = [f"{first}", method, f"{side}", f"{rate_hz:g}", *(f"{each:.2f}" for each in figures)]
     poses = len(ages["follower"])
+    frame_ms = 1e3 / rate_hz * count / poses
     cells += [f"{poses}", f"{count - poses}", f"{frame_ms:.2f}"]
-    cells += [f"{max(ages['follower']) / frame_ms:.2f}"]
+    cells += [f"{late_pose / frame_ms:.2f}"]
     cells += [f"{statistics.median(each) * 1e3:.2f}" for _, each in sorted(spent.items()) if each]
     print(" ".join(f"{cell:>11}" for cell in cells), flush=True)
 
@@ -200,7 +199,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
     parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
     options = parser.parse_args()
-    print("Times in ms; 'oldest' in frame times.")
+    print("Times in ms; 'late' in frame times.")
     print(" ".join(f"{name:>11}" for name in COLUMNS))
     for processes in options.processes:
         for method in options.methods:

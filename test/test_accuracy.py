@@ -5,6 +5,7 @@ import json
 from types import SimpleNamespace
 
 import command_line
+import matplotlib.image
 import numpy as np
 import pytest
 import yaml
@@ -15,7 +16,6 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
 from uuv_optical_array.studies import accuracy
-from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FRAMES = 2000
@@ -200,20 +200,28 @@ def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
         assert phrase in text
 
 
-def test_nuisances_estimated_along_keep_the_covariance_honest(capsys, scene_file):
-    run("--scene", scene_file, "--nuisances", "--poses", 30, "--json")
+def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, tmp_path):
+    picture = tmp_path / "known.png"
+    words = ("--scene", scene_file, "--known", "--poses", 60, "--output", picture)
+    run(*words, "--json")
     answer = json.loads(capsys.readouterr().out)
-    assert (answer["scene"], answer["poses"]) == ("small", 30)
-    rows = {(row["off"], row["nuisances"]): row for row in answer["nuisances"]}
-    assert len(rows) == 2 * len(accuracy.OFF)
-    for off in accuracy.OFF:
-        known, estimated = rows[off, "known"], rows[off, "estimated"]
-        assert set(known["rms_error"]) == set(known["rms_bound"]) == set(by_column([0.0] * 5))
-        assert estimated["nees_mean"] < 10
-        if off != "nothing":
-            assert known["nees_mean"] > 3 * estimated["nees_mean"]
-    known, estimated = rows["nothing", "known"], rows["nothing", "estimated"]
-    assert estimated["rms_bound"]["x_m"] > 1.2 * known["rms_bound"]["x_m"]
+    assert (answer["scene"], answer["poses"], answer["picture"]) == ("small", 60, str(picture))
+    rows = answer["known"]
+    assert [row["known"] for row in rows] == ["exactly", "calibrated", "as_bought"]
+    bounds = [row["rms_bound"]["x_m"] for row in rows]
+    assert bounds[0] < 0.8 * bounds[1] < 0.8 * bounds[2]
+    for row in rows:
+        # Of 60 chi-square numbers with five degrees of freedom, five standard errors.
+        assert abs(row["nees_mean"] - 5) < 5 * np.sqrt(10 / 60)
+    assert matplotlib.image.imread(picture).shape[2] == 4
+
+
+def test_known_as_text_has_errors_and_bounds_of_each_sea(capsys, scene_file, tmp_path):
+    run("--scene", scene_file, "--known", "--poses", 3, "--output", tmp_path / "known.png")
+    lines = capsys.readouterr().out.splitlines()
+    for name in ("exactly", "calibrated", "as_bought"):
+        at = next(i for i, line in enumerate(lines) if line.startswith(name))
+        assert lines[at + 1].split()[0] == "bound"
 
 
 def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(capsys, tmp_path):
@@ -254,18 +262,12 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
     assert 0.85 < drawn["ratio_to_bound"]["x"] < 1.15
 
 
-def test_nuisances_as_text_has_a_row_for_each_case(capsys, scene_file):
-    run("--scene", scene_file, "--nuisances", "--poses", 3)
-    lines = capsys.readouterr().out.splitlines()
-    assert sum(line.startswith(tuple(accuracy.OFF)) for line in lines) == 2 * len(accuracy.OFF) + 2
-
-
 def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(accuracy, "frame_errors", interrupted)
-    for words in ((), ("--nuisances",)):
+    for words in ((), ("--known",)):
         run("--scene", scene_file, *words, code=130)
         assert "interrupted" in capsys.readouterr().out
 
@@ -277,9 +279,9 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
         (("--seed", -1), ("--seed", "-1", "from 0")),
         (("--candidates", 0), ("--candidates", "0", "from 1")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
-        (("--nuisances", "--method", "sam"), ("--nuisances", "sam", "use least_squares")),
-        (("--nuisances", "--moving"), ("--nuisances", "--moving", "leave one")),
-        (("--nuisances", "--drawn"), ("--nuisances", "--drawn", "leave one")),
+        (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
+        (("--known", "--moving"), ("--known", "--moving", "leave one")),
+        (("--known", "--drawn"), ("--known", "--drawn", "leave one")),
         (("--drawn",), ("--drawn", "reference", "prior")),
         (("--moving",), ("--moving", "reference", "lamp_drift, lamp_flicker, plume")),
     ],

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -13,7 +13,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PriorSettings, Scene
+from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
 from uuv_optical_array.studies.shared.frame_errors import (
     SIGMAS,
     FrameErrors,
@@ -24,16 +24,6 @@ from uuv_optical_array.studies.shared.pose_errors import by_column
 from uuv_optical_array.studies.shared.working_volume import DAY_S, lit_poses
 
 BAND = 0.95
-# What the estimator that estimates nuisances along knows of them.
-PRIOR = PriorSettings(lamp_power_std=0.05, k_std_per_m=0.015)
-# What is off by how much: the attenuation in 1/m and the lamp's power as a share.
-OFF = {
-    "nothing": (0.0, 0.0),
-    "power +5 %": (0.0, 0.05),
-    "K +0.015 /m": (0.015, 0.0),
-    "K +0.015 /m, power +5 %": (0.015, 0.05),
-    "K +0.015 /m, power -5 %": (0.015, -0.05),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,21 +152,21 @@ def exposed(
     return model.read(light, rng)
 
 
-def compare_nuisances(
+def compare_known(
     scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
-) -> Iterator[tuple[str, str, Accuracy]]:
-    """Measure every case of `OFF`, with K and the lamp's power known and estimated along.
+) -> Iterator[tuple[Known, Accuracy]]:
+    """Measure a scene in seas drawn from each of `PRIORS`: the price of what is not known.
 
     An interrupt ends it with what it has; before the first frame it passes on.
 
     Parameters
     ----------
     scene
-        The scene.
+        The scene; its own prior is not used.
     count
-        How many poses, >= 1, the same in every case.
+        How many poses, >= 1, the same in every sea.
     seed
-        Of poses and noise.
+        Of poses, seas and noise.
     candidates
         As in `Estimator`.
     progress
@@ -184,38 +174,30 @@ def compare_nuisances(
 
     Yields
     ------
-    str
-        What is off, of `OFF`.
-    str
-        Whether nuisances are ``known`` or ``estimated``.
+    Known
+        How well the scene is known.
     Accuracy
         The last one perhaps of fewer frames.
     """
     table = cached_table(scene)
-    estimators = {
-        name: Estimator(with_prior(table, prior), "least_squares", candidates=candidates)
-        for name, prior in (("known", PriorSettings()), ("estimated", PRIOR))
-    }
-    model = ForwardModel(scene)
-    poses = lit_poses(model, count, np.random.default_rng(seed))
+    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
     begun = False
-    for off, (k_off_per_m, power_off) in OFF.items():
-        off_by = {"lamp.power": np.array(np.log1p(power_off))}
-        if k_off_per_m:
-            off_by["attenuation.k_per_m"] = np.array(k_off_per_m)
-        # The same noise in every case.
-        images = model.expose(poses, np.random.default_rng((seed, 1)), 0.0, off_by)
-        for nuisances, estimator in estimators.items():
-            try:
-                found = measure(estimator, poses, images, progress)
-            except KeyboardInterrupt:
-                if not begun:
-                    raise
-                return
-            begun = True
-            yield off, nuisances, found
-            if len(found.errors) < count:
-                return
+    for known in get_args(Known):
+        believed = with_prior(table, PriorSettings(known, **PRIORS[known]))
+        model = ForwardModel(believed.scene)
+        # The same noise in every sea.
+        images = exposed(model, poses, seed, True, False, np.random.default_rng((seed, 2)))
+        estimator = Estimator(believed, "least_squares", candidates=candidates)
+        try:
+            found = measure(estimator, poses, images, progress)
+        except KeyboardInterrupt:
+            if not begun:
+                raise
+            return
+        begun = True
+        yield known, found
+        if len(found.errors) < count:
+            return
 
 
 def as_object(found: Accuracy) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,14 @@ from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.studies.accuracy import as_object, compare_nuisances, exposed, measure
+from uuv_optical_array.studies.accuracy import as_object, compare_known, exposed, measure
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
-covariances that the estimates claim. --nuisances compares an estimator that takes attenuation and
-lamp power for known with one that estimates them along, where they are off and where they are not.
+covariances that the estimates claim. --known measures what it costs to know less of the sea: seas
+are drawn from each of the priors exactly, calibrated and as_bought; a picture shows the errors.
 --moving takes each image at a random moment: what flickers, fades or drifts in the scene then does,
 and no estimator knows. --drawn lets what the scene's prior leaves open, such as the lamp's power,
 be off by as much as the prior says. docs/results/accuracy.md explains every figure."""
@@ -32,21 +33,19 @@ examples:
   uuv_array accuracy --scene follow --json     the default scene, as one JSON object
   uuv_array accuracy --method sam              the paper's method
   uuv_array accuracy --shape planar            the same scene with a planar array
-  uuv_array accuracy --nuisances               what estimating K and the lamp's power buys
+  uuv_array accuracy --scene follow --known    what it costs to know less of the sea
   uuv_array accuracy --scene harbour --drawn   K and the lamp's power as uncertain as its prior says
   uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
 NUMBERS = {
-    "poses": cli.Number(
-        Quantity("how many random poses; 4000 with --nuisances", "", 1, 1e7), 20_000
-    ),
+    "poses": cli.Number(Quantity("how many random poses; 4000 with --known", "", 1, 1e7), 20_000),
     "seed": cli.Number(cli.SEED, 1),
     "candidates": cli.Number(
         Quantity("table entries from which least_squares starts", "", 1, 1000), 4
     ),
 }
-NUISANCE_POSES = 4_000
+KNOWN_POSES = 4_000
 
 
 def add_parser(subparsers: cli.Subparsers) -> None:
@@ -67,7 +66,13 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     cli.add_numbers(parser, NUMBERS)
     parser.set_defaults(poses=None)
     parser.add_argument(
-        "--nuisances", action="store_true", help="compare, with K and lamp power known or estimated"
+        "--known", action="store_true", help="compare the priors of a sea known well and less well"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("known.png"),
+        help="picture, with --known (default: known.png)",
     )
     parser.add_argument(
         "--drawn",
@@ -118,27 +123,25 @@ one frame: median {median_ms:.2f} ms, 99th percentile {slow_ms:.2f} ms; the medi
 
 
 def comparison(rows: list[dict[str, Any]]) -> str:
-    """Return cases of `compare_nuisances` as a table."""
-    line = "{:<25}{:<11}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
-    heads = ("off", "nuisances", *DOF_NAMES, "NEES", "beyond", "no pose")
+    """Return cases of `compare_known` as a table."""
+    line = "{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
+    heads = ("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")
     lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "").rstrip()]
     for row in rows:
-        start = (row["off"], row["nuisances"])
         errors, bounds = (map(_fixed, row[key].values()) for key in ("rms_error", "rms_bound"))
-        if row["off"] == "nothing":
-            lines.append(line.format("nothing: the bound", start[1], *bounds, "", "", "").rstrip())
         nees, beyond, without = row["nees_mean"], row["beyond_6_sigma"], row["without_pose"]
-        lines.append(line.format(*start, *errors, f"{nees:.2f}", beyond, without))
+        lines.append(line.format(row["known"], "error", *errors, f"{nees:.2f}", beyond, without))
+        lines.append(line.format("", "bound", *bounds, "", "", "").rstrip())
     return "\n".join(lines)
 
 
 def check_truth(options: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
-    if options.nuisances and options.method != "least_squares":
-        raise ValueError(f"--nuisances: {options.method} estimates none; use least_squares")
-    if options.nuisances and (options.moving or options.drawn):
+    if options.known and options.method != "least_squares":
+        raise ValueError(f"--known: {options.method} estimates no constants; use least_squares")
+    if options.known and (options.moving or options.drawn):
         option = "--moving" if options.moving else "--drawn"
-        raise ValueError(f"--nuisances: takes no {option}; leave one of them out")
+        raise ValueError(f"--known: takes no {option}; leave one of them out")
     if options.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
         raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
@@ -149,7 +152,7 @@ def check_truth(options: argparse.Namespace, scene: Scene) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the study and print it."""
     if options.poses is None:
-        options.poses = NUISANCE_POSES if options.nuisances else NUMBERS["poses"].default
+        options.poses = KNOWN_POSES if options.known else NUMBERS["poses"].default
     count, seed, candidates = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     scene = scene.with_shape(options.shape or scene.array.shape)
@@ -163,13 +166,15 @@ def run(options: argparse.Namespace) -> int:
         "moving": options.moving,
     }
     try:
-        if options.nuisances:
-            cases = compare_nuisances(scene, count, seed, candidates, cli.bar)
-            rows = [
-                {"off": off, "nuisances": nuisances, **as_object(found)}
-                for off, nuisances, found in cases
-            ]
-            answer, text = {"poses": count, "nuisances": rows}, comparison(rows)
+        if options.known:
+            picture = cli.file_to_write(options.output, "--output")
+            cases = compare_known(scene, count, seed, candidates, cli.bar)
+            rows = [{"known": known, **as_object(found)} for known, found in cases]
+            answer = {"poses": count, "known": rows, "picture": str(picture)}
+            text = f"{comparison(rows)}\n\npicture: {picture}"
+            from uuv_optical_array.plots.known import draw_known  # matplotlib takes a second
+
+            draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:
             estimator = Estimator(cached_table(scene), options.method, candidates=candidates)
             rng, model = np.random.default_rng(seed), ForwardModel(scene)

@@ -52,6 +52,27 @@ def test_what_a_command_imports_later_is_interrupted_in_a_line_too():
     assert pressed("uuv_array", "rclpy.exceptions", "follow") == (130, "interrupted\n")
 
 
+def test_ctrl_c_that_comes_twice_does_not_kill_a_node_that_ends():
+    # From the terminal and from launch.
+    code = """
+import atexit, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from uuv_optical_array import programs
+from uuv_optical_array.nodes.shared import node
+def press_twice(executor):
+    executor.create_task(os.kill, os.getpid(), signal.SIGINT)
+    atexit.register(os.kill, os.getpid(), signal.SIGINT)
+    return spin(executor)
+spin, node.spin = node.spin, press_twice
+programs.vehicles_node()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, timeout=PATIENCE_S, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, b"")
+    assert b"Traceback" not in done.stderr
+
+
 def test_without_ctrl_c_a_program_runs():
     code, text = pressed("vehicles_node", "none", "--ros-args", "-p", "rate_hz:=0.0")
     assert code == 1

@@ -20,15 +20,15 @@ def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
 
     def program() -> None:
         usual = signal.getsignal(signal.SIGINT)
-        if usual != signal.SIG_IGN:  # as it is for what a shell starts in the background
-            signal.signal(signal.SIGINT, end)
+        ours = usual if usual == signal.SIG_IGN else end  # a shell's background ignores it
+        signal.signal(signal.SIGINT, ours)
         main = import_module(f"uuv_optical_array.{module}").main
         signal.signal(signal.SIGINT, usual)
         try:
             main()
         finally:
-            # Nothing is left to do but what Python does at its end.
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            # Ctrl-C reaches a launched node twice, from the terminal and from launch.
+            signal.signal(signal.SIGINT, ours)
 
     return program
 

@@ -6,6 +6,7 @@ package_name = "uuv_optical_array"
 share = f"share/{package_name}"
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
 BAGS = ["rosbags>=0.10"]
+HARDWARE = ["cobs", "pyserial"]
 
 setup(
     name=package_name,
@@ -54,6 +55,8 @@ setup(
         "cluster": CLUSTER,
         # Reading recorded bags, for uuv_array calibrate; rosdep has no key for it.
         "bags": BAGS,
+        # An array on a serial line or a socket, as examples/serial_array_node.py reads it.
+        "hardware": HARDWARE,
         # What `make peers` measures us against; see benchmarks/peers.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # Building the documentation, by `make docs`.
@@ -70,6 +73,7 @@ setup(
             "ruff",
             *BAGS,
             *CLUSTER,
+            *HARDWARE,
         ],
     },
     entry_points={

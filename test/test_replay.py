@@ -9,6 +9,7 @@ from asker import place_of
 from bags import image_message, odometry_message, write_bag
 from builtin_interfaces.msg import Time
 from command_line import run
+from conftest import write_scene
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
@@ -18,8 +19,11 @@ from std_msgs.msg import Header
 from uuv_optical_array.commands import estimate
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table.disk import save_table
+from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
@@ -95,13 +99,17 @@ def test_every_image_is_answered_in_order_from_two_processes_as_by_the_estimator
             assert off @ np.linalg.solve(frame.estimate.covariance, off) < 40
 
 
-def test_the_nodes_say_the_same_of_the_same_images(lab, scene_file, scene, drive, estimator):
-    """Poses and tracks, and of which images there are none."""
+def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp_path):
+    """Poses and tracks in a scene that learns, and of which images there are none."""
     _, stamps, images = drive
     count = 16
+    path = write_scene(tmp_path, "unsure", [("prior", "lamp_power_std", 0.1)])
+    scene = load_scene(path)
+    save_table(table := build_table(scene), tmp_path / "table")
+    estimator = Estimator(table)
     tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
     expected = list(replay(images[:count], stamps[:count], estimator, tracker))
-    lab.begin({"scene": scene_file, "estimator_node:method": METHOD})
+    lab.begin({"scene": str(path), "estimator_node:table": str(tmp_path / "table")})
     lab.start(FeatureNode)
     lab.start(EstimatorNode)
     sender = lab.talk(Image, "array/image")

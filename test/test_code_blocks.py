@@ -24,6 +24,11 @@ BLOCKS = [
     for number, (language, block) in enumerate(FENCED.findall(page.read_text(encoding="utf-8")))
 ]
 PARAMETERS = {name: getattr(module, "PARAMETERS", {}) for name, module in reference.node_modules()}
+PARAMETERS["follower_node"] = {
+    name: parameter
+    for node in ("feature_node", "estimator_node", "formation_node")
+    for name, parameter in PARAMETERS[node].items()
+}
 ARGUMENTS = dict(reference.launch_arguments())
 TOPICS = reference.all_topics()
 

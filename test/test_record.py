@@ -76,7 +76,7 @@ def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp
                 raise Enough
 
         with pytest.raises(Enough):
-            follow(parameters, 60.0, tick, bag)
+            follow(parameters, 60.0, tick, bag=bag)
     with opened(tmp_path / "run") as (reader, _):
         assert set(reader.topics) == {f"/{topic}" for topic in TOPICS}
         assert {info.msgcount > 0 for info in reader.topics.values()} == {True}

@@ -11,7 +11,7 @@ from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
-WARN, STALE = DiagnosticStatus.WARN, DiagnosticStatus.STALE
+WARN = DiagnosticStatus.WARN
 
 
 def stranger(lab, message_type, topic):
@@ -39,14 +39,14 @@ def test_the_diagnostics_name_both_until_one_is_gone(lab, node_type, message_typ
         lab.talk(message_type, topic)
     lab.until(lambda: node.count_publishers(topic) == 1, "the first publisher")
     node.diagnostics.warn("")  # of a leader that waits
-    lab.report(node, STALE)
+    lab.report(node, WARN, "no input")
     second = stranger(lab, message_type, topic)
     words = f"several publishers: {topic} of", "/far/stranger", other, "ROS_DOMAIN_ID"
     lab.report(node, WARN, *words)
     lab.executor.remove_node(second)
     lab.nodes.remove(second)
     second.destroy_node()
-    lab.report(node, STALE)
+    lab.report(node, WARN, "no input")
 
 
 def test_one_publisher_each_is_no_reason_to_warn(lab):
@@ -55,4 +55,4 @@ def test_one_publisher_each_is_no_reason_to_warn(lab):
     lab.talk(Image, "array/image")
     lab.listen(PointCloud2, "array/features")
     lab.connect()
-    lab.report(node, STALE)
+    lab.report(node, WARN, "no input")

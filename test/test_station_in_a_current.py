@@ -44,12 +44,12 @@ def hold(
     law: Law,
     current: Callable[[float], Array],
     seconds: float,
-    stand_off_m: float = 6.0,
+    x_m: float = -6.0,
     dark_after_s: float = np.inf,
 ) -> tuple[Array, Array]:
     """Return the true poses and the commands, a row a tick; the follower starts on station."""
     rng, leader = np.random.default_rng(1), Vehicle(np.zeros(3))
-    follower = start_behind(kind(np.zeros(3)), stand_off_m, (0, 0, 0))
+    follower = start_behind(kind(np.zeros(3)), (x_m, 0, 0), (0, 0, 0))
     poses, commands = [], []
     for now in TICK_S * np.arange(round(seconds / TICK_S)):
         pose, _ = relative_pose(
@@ -106,7 +106,7 @@ def test_a_current_that_is_too_strong_for_a_while_winds_nothing_up(kind: type[Ve
 
 @KINDS
 def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehicle]) -> None:
-    settings = FormationSettings(stand_off_m=1.5, min_distance_m=2.0)  # a station out of reach
+    settings = FormationSettings((-1.5, 0.0, 0.0), min_distance_m=2.0)  # a station out of reach
     poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, 4.0)
     assert np.linalg.norm(poses[:, :3], axis=1).min() > settings.min_distance_m
     assert np.linalg.norm(poses[-1, :3]) < 3.0

@@ -121,13 +121,15 @@ def _messages(types: Any, frame: Frame, estimator: Estimator) -> Iterator[tuple[
         pose = posed(found.pose, found.covariance)
         yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, pose)
     if track is not None:
-        twist, spread = body_twist(track.pose, track.rate, track.joint_covariance[5:, 5:], 0.0)
+        common = estimator.aim_covariance(track.pose, 0.0)
+        joint = track.joint_covariance + np.pad(common, (0, 5))
+        twist, spread = body_twist(track.pose, track.rate, joint, 0.0)
         linear, angular = (
             make("geometry_msgs/Vector3", *map(float, part)) for part in (twist[:3], twist[3:])
         )
         moving = make("geometry_msgs/Twist", linear, angular)
         moves = make("geometry_msgs/TwistWithCovariance", moving, spread.ravel())
-        pose = posed(track.pose, track.covariance + estimator.aim_covariance(track.pose, 0.0))
+        pose = posed(track.pose, joint[:5, :5])
         yield (
             "/relative_odometry",
             make("nav_msgs/Odometry", header, FOLLOWER_FRAME, pose, moves),

@@ -12,9 +12,11 @@ states of the filter that are never corrected, only considered (S. F. Schmidt, *
 Systems* 3, 1966, 293), so that the track follows the motion and does not grow sharp. Readings say
 what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
-(`joint_coordinates`), and linearised once more where the track says the pose is: a frame alone lies
-so far from it that what is left of the bend would make the track overconfident.
-They are learnt from one frame in a while only (`LEARN_EVERY_S`).
+(`joint_coordinates`), and linearised once more midway between where the track was and where the frame
+takes it: of a light that bends evenly that is the secant, while slopes at either end pull what is
+learnt to one side. Constants are learnt from one frame in a while only (`LEARN_EVERY_S`), and no more
+once one that bends the light is known `LEAST_SHARE` as well as before any frame: linear readings say
+more than the images do, and what they say too much adds up.
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
 stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
@@ -40,6 +42,7 @@ from uuv_optical_array.estimation.joint_coordinates import AsTheyAre, JointCoord
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.motion import OwnMotion, RandomMotion, in_beacon
 from uuv_optical_array.estimation.root_filter import Belief, Reading, correct, triangular
+from uuv_optical_array.forward.scene import AMBIENT, GRADIENTS
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
@@ -52,9 +55,11 @@ UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of whic
 MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # Constants are learnt from one frame in so long, s. Slopes are those of noisy poses, and what they
 # differ by from frame to frame looks like motion, from which more would be learnt than is there.
-LEARN_EVERY_S = 0.5
+LEARN_EVERY_S = 2.0
 # Most of a shaded pose's variance that lasts: the rest lets the track follow.
 MOST_LASTING = 0.9
+# Of a constant's standard deviation, below which nothing is learnt until the constants have drifted.
+LEAST_SHARE = 0.5
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49
 
@@ -207,6 +212,9 @@ class Tracker:
         self._of_shades = slice(self._of_gains.stop, self._of_gains.stop + shades)
         self._size = MOVING + len(self._lasting)
         self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
+        # Of the constants in which the light is not linear, the least standard deviations.
+        bends = [name not in (AMBIENT, *GRADIENTS) for name in c.names]
+        self._least = np.where(bends, LEAST_SHARE * np.array(c.stds), 0.0)
         self._linear = [*range(5), *range(MOVING, MOVING + len(c.names))]
         self.configure(settings, random_motion)
 
@@ -483,7 +491,8 @@ class Tracker:
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
-        learns = due and frame.readings is not None
+        stds = np.linalg.norm(np.hstack(ahead[1:])[self._of_constants], axis=1)
+        learns = due and frame.readings is not None and bool((stds >= self._least).all())
         belief, distance = self._corrected(ahead, frame, learns)
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
         return _State(frame, belief, learnt_ns, state.frames + 1, distance)
@@ -528,13 +537,14 @@ class Tracker:
         _, slopes = coordinates.place(at)
         reading = self._reading(before, readings, at, slopes)
         after, distance = correct(before, reading, learnt)
-        at = after.mean[entries]
-        place, slopes = coordinates.place(at)
         # What is beyond the gate is no frame of this track, wherever it is linearised.
         if relinearise and distance <= self._gate:
+            step = coordinates.difference(after.mean[entries], before.mean[entries])
+            midway = before.mean[entries] + 0.5 * step
+            place, slopes = coordinates.place(midway)
             again = _checked_readings(relinearise(place), self._constants)
-            after, _ = correct(before, self._reading(before, again, at, slopes), learnt)
-            place, slopes = coordinates.place(after.mean[entries])
+            after, _ = correct(before, self._reading(before, again, midway, slopes), learnt)
+        place, slopes = coordinates.place(after.mean[entries])
         return _turned(after, entries, slopes, place), distance
 
     def _reading(

@@ -107,7 +107,7 @@ def test_a_current_that_is_too_strong_for_a_while_winds_nothing_up(kind: type[Ve
 @KINDS
 def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehicle]) -> None:
     settings = FormationSettings((-1.5, 0.0, 0.0), min_distance_m=2.0)  # a station out of reach
-    poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, 4.0)
+    poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, -4.0)
     assert np.linalg.norm(poses[:, :3], axis=1).min() > settings.min_distance_m
     assert np.linalg.norm(poses[-1, :3]) < 3.0
     assert np.isfinite(commands).all()

@@ -12,11 +12,11 @@ states of the filter that are never corrected, only considered (S. F. Schmidt, *
 Systems* 3, 1966, 293), so that the track follows the motion and does not grow sharp. Readings say
 what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
-(`joint_coordinates`), and linearised once more midway between where the track was and where the frame
-takes it: of a light that bends evenly that is the secant, while slopes at either end pull what is
-learnt to one side. Constants are learnt from one frame in a while only (`LEARN_EVERY_S`), and no more
-once one that bends the light is known `LEAST_SHARE` as well as before any frame: linear readings say
-more than the images do, and what they say too much adds up.
+(`joint_coordinates`), and linearised once more midway between where the track was and where the
+frame takes it: of a light that bends evenly that is the secant, while slopes at either end pull what
+is learnt to one side. Constants are learnt from one frame in a while only (`LEARN_EVERY_S`), and no
+more once one that bends the light is known `LEAST_SHARE` as well as before any frame: linear readings
+say more than the images do, and what they say too much adds up.
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
 stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
@@ -58,7 +58,7 @@ MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 LEARN_EVERY_S = 2.0
 # Most of a shaded pose's variance that lasts: the rest lets the track follow.
 MOST_LASTING = 0.9
-# Of a constant's standard deviation, below which nothing is learnt until the constants have drifted.
+# Of a constant's standard deviation before any frame: below it nothing is learnt until it drifts.
 LEAST_SHARE = 0.5
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.
 MOST_LEARNT = 49

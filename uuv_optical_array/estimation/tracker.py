@@ -13,10 +13,10 @@ Systems* 3, 1966, 293), so that the track follows the motion and does not grow s
 what all frames have in common, the scene's unknown constants and the detectors' gain errors, which
 are learnt while the vehicles move. They are corrected in coordinates in which images stay linear
 (`joint_coordinates`), and linearised once more midway between where the track was and where the
-frame takes it: of a light that bends evenly that is the secant, while slopes at either end pull what
-is learnt to one side. Constants are learnt from one frame in a while only (`LEARN_EVERY_S`), and no
-more once one that bends the light is known `LEAST_SHARE` as well as before any frame: linear readings
-say more than the images do, and what they say too much adds up.
+frame takes it: of a light that bends evenly that is the secant, while slopes at either end pull
+what is learnt to one side. Constants are learnt from one frame in a while only (`LEARN_EVERY_S`),
+and no more once one that bends the light is known well (`LEAST_SHARE`): linear readings say more
+than the images do, and what they say too much adds up.
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
 stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with

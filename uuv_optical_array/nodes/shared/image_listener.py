@@ -5,12 +5,13 @@ from collections.abc import Callable
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import Readout, Refused
 from uuv_optical_array.nodes.shared.messages import StampOrder, image_from_message, stamp_ns
-from uuv_optical_array.nodes.shared.node import spin, start, subscribe
+from uuv_optical_array.nodes.shared.node import spin, start
 
 
 def listen(
@@ -45,7 +46,7 @@ def listen(
                 return
             take(stamp_ns(message.header), image_from_message(message, array))
 
-        subscribe(node, Image, topic, on_image)
+        node.create_subscription(Image, topic, on_image, qos_profile_sensor_data)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         spin(executor, wanted)

@@ -184,4 +184,4 @@ def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
     fast = compilation.compiled(image_with_slopes)
     found = fast(model.optics(tuple(offsets), compiled=True), *given_values)
     scale = np.abs(plain).max(axis=1, keepdims=True)
-    assert (np.abs(found - plain) <= 1e-12 * scale + 1e-300).all()
+    assert (np.abs(found - plain) <= 1e-12 * scale + 1e-12).all()

@@ -38,7 +38,7 @@ from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
-DISCOVERY_S = 1.0  # in which the nodes of another run are found
+DISCOVERY_S = 2.0  # in which the nodes of another run are found
 MAX_GAP_S = 0.5  # longest gap in an odometry that the record interpolates
 
 

@@ -277,8 +277,8 @@ def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):
 
 def test_errors_are_as_large_as_the_standard_errors_say():
     rng = np.random.default_rng(11)
-    misfit = check_consistency(sea(), load_scene("reference"), 200, 25, rng)
-    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (200 * 600)))
+    misfit = check_consistency(sea(), load_scene("reference"), 80, 25, rng)
+    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (80 * 600)))
 
 
 def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_limits():

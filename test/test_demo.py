@@ -63,7 +63,9 @@ def test_a_run_beside_another_is_refused_and_says_how_to_separate_them(lab, tmp_
     lab.begin()
     lab.talk(TwistStamped, "cmd_vel")  # of a pilot, or of another demonstration
     error = refused(tmp_path, "--duration", "60")
-    assert "another run is on this network: /cmd_vel of /probe;" in error
+    # By the lookout, or where discovery is slow by the run itself.
+    assert "/cmd_vel of" in error
+    assert "/probe;" in error
     assert "ROS_DOMAIN_ID" in error
 
 

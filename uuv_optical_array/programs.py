@@ -27,8 +27,9 @@ def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
         try:
             main()
         finally:
-            # Ctrl-C reaches a launched node twice, from the terminal and from launch.
-            signal.signal(signal.SIGINT, ours)
+            # Ctrl-C reaches a launched node twice, from the terminal and from launch, and a handler
+            # of ours would not outlive the interpreter, which takes its time to end.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return program
 

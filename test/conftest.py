@@ -119,7 +119,8 @@ def of_a_kind(name):
     told = getattr(Diagnostics, name)
 
     def tell(self, reason):
-        assert not reason or kind_of(reason), f"in no list of reasons: {reason}"
+        ours = type(self._node).__module__.startswith("uuv_optical_array.")  # no example
+        assert not (ours and reason) or kind_of(reason), f"in no list of reasons: {reason}"
         told(self, reason)
 
     return tell

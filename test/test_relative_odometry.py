@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from asker import Asker, figures, place_of
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
@@ -97,8 +97,12 @@ def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):
 
 
 def test_the_diagnostics_say_how_far_inside_of_the_table_a_pose_is(mover, scene):
+    told = mover.lab.listen(DiagnosticArray, "/diagnostics")
+    mover.node.diagnostics._timer.cancel()  # so that one status is of the frame, whenever it came
     mover.run(1)
-    values = dict(figures(mover.lab.report(mover.node, DiagnosticStatus.OK)))
+    mover.node.diagnostics.publish()
+    mover.lab.until(lambda: told, "a status")
+    values = dict(figures(told[-1].status[0]))
     spans = scene.settings()["table"]
     x_low, x_high, _ = spans["x_m"]
     low, high, _ = spans["yaw_deg"]

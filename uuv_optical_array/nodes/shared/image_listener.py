@@ -5,13 +5,15 @@ from collections.abc import Callable
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import Readout, Refused
 from uuv_optical_array.nodes.shared.messages import StampOrder, image_from_message, stamp_ns
 from uuv_optical_array.nodes.shared.node import spin, start
+
+WAITING = 1000  # images that are kept while others are looked at
 
 
 def listen(
@@ -46,7 +48,8 @@ def listen(
                 return
             take(stamp_ns(message.header), image_from_message(message, array))
 
-        node.create_subscription(Image, topic, on_image, qos_profile_sensor_data)
+        qos = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(Image, topic, on_image, qos)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         spin(executor, wanted)

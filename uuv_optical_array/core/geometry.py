@@ -211,13 +211,13 @@ def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
     return reduction @ np.asarray(covariance, float) @ reduction.T
 
 
-@law
 def wrapped(state: Array, angle: int = YAW) -> Array:
     """Bring one angle of a state, rad, to [-pi, pi], in place, and return the state."""
     state[angle] = math.remainder(state[angle], 2 * math.pi)
     return state
 
 
+@law
 def turned_components(
     x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
 ) -> tuple[Any, Any, Any, Any, Any]:

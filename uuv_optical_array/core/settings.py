@@ -147,8 +147,7 @@ def check(hint: Any, value: Any, name: str) -> Any:
     ----------
     hint
         ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
-        ``T | None``,
-        each bare or ``Annotated`` with a `Quantity`.
+        ``T | None``, each bare or ``Annotated`` with a `Quantity`.
     value
         The value as read.
     name

@@ -87,6 +87,17 @@ def test_every_frame_is_answered_before_and_after_the_table_takes_over(
     assert asker.seconds_answered() == [1, 2, 3]
 
 
+def test_a_coarse_table_takes_an_angle_wider_by_its_cells(gate, lab, fine_file, tables, signatures):
+    asker = Asker(lab, fine_file)
+    nearest = answer(tables[0], signatures[0]).angle_rad
+    wider = 8 / 6  # nine points of the scene's grid along x, seven of the coarse one
+    assert lab.set(asker.node, "max_angle_rad", 1.01 * nearest / wider).successful
+    assert_is(asker.ask(signatures[0], 1), answer(tables[0], signatures[0]))
+    assert lab.set(asker.node, "max_angle_rad", 0.99 * nearest / wider).successful
+    asker.clouds.publish(asker.message(signatures[0], 2))
+    lab.report(asker.node, WARN, "no match", "the nearest signature")
+
+
 def test_a_table_in_the_cache_answers_from_the_first_frame_on(
     lab, fine_file, tables, signatures, monkeypatch
 ):

@@ -25,7 +25,11 @@ from uuv_optical_array.estimation.estimator import (
 from uuv_optical_array.estimation.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
-from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.table.signature_table import (
+    SignatureTable,
+    grid_axes,
+    widening,
+)
 from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
 from uuv_optical_array.estimation.tracking import enter
 from uuv_optical_array.forward.model import ForwardModel
@@ -234,6 +238,9 @@ class EstimatorNode(Node):
         """Return an estimator with settings; until the fit is compiled, one that does without."""
         if settings.method == FIT and not self.compiler.done:
             settings = replace(settings, method=MEANWHILE)
+        # Between the rows of a coarse table an honest signature is farther from the nearest.
+        angle = settings.max_angle_rad * widening(table, self.scene)
+        settings = replace(settings, max_angle_rad=min(angle, math.pi))
         compiled = self.compiler.done and not self.compiler.failure
         return Estimator(table, **asdict(settings), compiled=compiled)
 

@@ -168,6 +168,15 @@ def coarse_scene(scene: Scene) -> Scene:
     return replace(scene, table=TableSettings(**coarse))
 
 
+def widening(table: SignatureTable, scene: Scene) -> float:
+    """Return how many times wider a table's cells are than those of a scene's grid, >= 1.
+
+    By as much the spectral angle from an honest signature to the nearest row grows.
+    """
+    axes = zip(grid_axes(scene.table), grid_axes(table.scene.table), strict=True)
+    return max(1.0, *((len(own) - 1) / max(len(other) - 1, 1) for own, other in axes))
+
+
 def signatures(
     model: ForwardModel, poses: Array, min_peak_counts: float, compiled: bool = False
 ) -> tuple[NDArray[np.bool_], Array]:

@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from uuv_optical_array import Estimator, ForwardModel, build_table, load_scene
-from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.table.signature_table import GridPoses, grid_axes, signatures
 from uuv_optical_array.forward.scene import PriorSettings, Scene, scene_from_settings
 from uuv_optical_array.studies.shared.working_volume import lit_poses

@@ -12,7 +12,7 @@ from generated import reference
 from test_docs import PAGES, ROOT
 
 from uuv_optical_array import build_table
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.table import disk
 from uuv_optical_array.forward.scene import load_scene

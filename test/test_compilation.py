@@ -8,13 +8,13 @@ import time
 import pytest
 
 from uuv_optical_array.control.trajectory import unit_quaternion
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 
 pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
 
 WAIT_AND_COMPILE = """
 import sys
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.least_squares.coordinates import quarter_turn
 function = compilation.compiled(quarter_turn)
 print("ready", flush=True)
@@ -22,7 +22,7 @@ sys.stdin.readline()
 compilation.prepare(function, 0.1, 0.2)
 print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
 """
-FOLDER = "from uuv_optical_array.core import compilation; print(compilation.cache_folder())"
+FOLDER = "from uuv_optical_array.core.numerics import compilation; print(compilation.cache_folder())"
 
 
 def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):

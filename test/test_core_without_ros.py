@@ -10,7 +10,7 @@ import pytest
 from conftest import PATIENCE_S
 
 import uuv_optical_array
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 
 PACKAGE = Path(uuv_optical_array.__file__).resolve().parent
 ROS = re.compile(r"(rclpy|launch|ament|tf2|tf_transformations)|\w*_(msgs|interfaces)$")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage, signal, stats
 
-from uuv_optical_array.core.elementwise import sandwich
+from uuv_optical_array.core.numerics.elementwise import sandwich
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array

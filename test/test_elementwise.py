@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy import cos, exp, maximum, minimum, sin
 from scipy.special import erfcx, log_ndtr
 
-from uuv_optical_array.core import compilation
-from uuv_optical_array.core.elementwise import (
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import (
     any_of,
     at_place,
     borrowed,
@@ -47,7 +47,7 @@ def as_given(function, fast):
 @pytest.fixture(scope="module")
 def mathematics():
     return pytest.importorskip(
-        "uuv_optical_array.core.compiled_math", reason="Numba is not installed"
+        "uuv_optical_array.core.numerics.compiled_math", reason="Numba is not installed"
     )
 
 
@@ -294,7 +294,7 @@ def test_a_law_of_transmission_dims_the_light_and_adds_its_slopes(fast, differen
 def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on():
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from uuv_optical_array.core import compilation\n"
+        "from uuv_optical_array.core.numerics import compilation\n"
         "from uuv_optical_array.forward.model import ForwardModel\n"
         "from uuv_optical_array.forward.scene import load_scene\n"
         "model = ForwardModel(load_scene('reference'))\n"
@@ -314,8 +314,8 @@ def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
     """The folder for it lies below a file."""
     (tmp_path / "file").write_text("")
     code = (
-        "from uuv_optical_array.core import compilation\n"
-        "from uuv_optical_array.core.linear_algebra import cholesky\n"
+        "from uuv_optical_array.core.numerics import compilation\n"
+        "from uuv_optical_array.core.numerics.linear_algebra import cholesky\n"
         "import numpy as np\n"
         "matrix = np.array([[4.0, 0.0], [2.0, 10.0]])\n"
         "done = compilation.compiled(cholesky)(matrix)\n"

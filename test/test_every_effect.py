@@ -15,9 +15,9 @@ from drawn_effects import any_scenes, poses, scenes, settings_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.core import compilation
-from uuv_optical_array.core.elementwise import room
 from uuv_optical_array.core.geometry import lamp_slopes
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import room
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, MOVING

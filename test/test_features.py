@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.features import (
     FEATURE_NAMES,
     key_parameters,

@@ -167,7 +167,7 @@ def run(program, **environment):
 
 COMPILED = """
 import threading
-from uuv_optical_array.core.compilation import compiled
+from uuv_optical_array.core.numerics.compilation import compiled
 from uuv_optical_array.estimation.least_squares.frame import estimate_frame
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler

@@ -9,8 +9,8 @@ import second_forward
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.core.elementwise import room
 from uuv_optical_array.core.geometry import lamp_in_body
+from uuv_optical_array.core.numerics.elementwise import room
 from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.light import (
     COSINE,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from uuv_optical_array.core import compilation
-from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 
 pytestmark = pytest.mark.filterwarnings("error")
 numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")

@@ -11,7 +11,7 @@ from uuv_optical_array.calibration.likelihood import (
     Place,
 )
 from uuv_optical_array.calibration.parameters import bounds, directions, is_logarithm
-from uuv_optical_array.core.gauss_newton import minimiser
+from uuv_optical_array.core.numerics.gauss_newton import minimiser
 
 MOST_STEPS = 60
 ARRIVED = 1e-5  # decrement of the negative log-likelihood from which a step is the last

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from uuv_optical_array.commands import cli
 from uuv_optical_array.core import memory
-from uuv_optical_array.core.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.core.numerics.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.table.store import TableStore

@@ -1,1 +1,1 @@
-"""What every other folder builds on: geometry, settings, files, chunks of work."""
+"""What every other folder builds on: geometry, settings, files, numerical methods."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy import arctan2, cos, hypot, sin
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core.elementwise import law
+from uuv_optical_array.core.numerics.elementwise import law
 
 DOF_NAMES = ("x", "y", "z", "pitch", "yaw")
 X, Y, Z, PITCH, YAW = range(5)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
-from uuv_optical_array.core import compilation
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import (
     DOF_NAMES,
@@ -24,6 +23,7 @@ from uuv_optical_array.core.geometry import (
     turned_on_mount,
     wrapped,
 )
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.features import key_parameters

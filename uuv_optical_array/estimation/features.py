@@ -7,9 +7,9 @@ import numpy as np
 from numpy import floor, maximum, minimum, sqrt
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.compilation import by_number
-from uuv_optical_array.core.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.compilation import by_number
+from uuv_optical_array.core.numerics.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import SignatureSettings
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy import log, maximum, minimum, sqrt
 from scipy.special import erfcx, log_ndtr, ndtr
 
-from uuv_optical_array.core.elementwise import choose, each, law, when
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.elementwise import choose, each, law, when
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing

@@ -11,7 +11,7 @@ from typing import Any
 from numpy import exp, maximum, minimum, sqrt
 from scipy.special import log_ndtr
 
-from uuv_optical_array.core.elementwise import choose, law
+from uuv_optical_array.core.numerics.elementwise import choose, law
 from uuv_optical_array.forward.optics import ReadingNoise
 
 FITTED = 5  # numbers of the pose; every other unknown has a prior, whose square counts too

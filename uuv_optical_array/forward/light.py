@@ -1,6 +1,7 @@
 """The ideal light of the lamp at a detector, in clear water and without electronics.
 
-Every function here takes numbers or arrays alike, in m, rad and counts: see `core.elementwise`.
+Every function here takes numbers or arrays alike, in m, rad and counts: see
+`core.numerics.elementwise`.
 """
 
 import math
@@ -9,7 +10,7 @@ from typing import Annotated, Any
 
 from numpy import exp, maximum, minimum, sqrt
 
-from uuv_optical_array.core.elementwise import choose, law
+from uuv_optical_array.core.numerics.elementwise import choose, law
 from uuv_optical_array.core.settings import Quantity
 
 # A lamp is no point: nearer than its own size the inverse square does not hold.

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core import compilation
-from uuv_optical_array.core.elementwise import room, stack
 from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import room, stack
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects import forms

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from numpy import exp, maximum
 
-from uuv_optical_array.core.elementwise import choose, each, law, room, sandwich, transmit
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.elementwise import choose, each, law, room, sandwich, transmit
 from uuv_optical_array.forward.light import (
     ALONG,
     COSINE,

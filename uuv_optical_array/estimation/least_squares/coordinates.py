@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
-from uuv_optical_array.core.elementwise import choose, law, stack
 from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
+from uuv_optical_array.core.numerics.elementwise import choose, law, stack
 from uuv_optical_array.forward.light import off_axis
 from uuv_optical_array.forward.model import ForwardModel
 

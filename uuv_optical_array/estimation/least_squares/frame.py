@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.elementwise import borrowed, zeros
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
-from uuv_optical_array.core.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.features import write_parameters
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
 from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments, integrate

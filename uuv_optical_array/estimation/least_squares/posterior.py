@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.elementwise import borrowed, law, zeros
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
-from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.core.numerics.elementwise import borrowed, law, zeros
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.coordinates import to_lamp
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,

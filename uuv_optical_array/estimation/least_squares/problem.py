@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import sqrt
 
-from uuv_optical_array.core.elementwise import each, room, total, zeros
-from uuv_optical_array.core.gauss_newton import minimiser
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.core.numerics.elementwise import each, room, total, zeros
+from uuv_optical_array.core.numerics.gauss_newton import minimiser
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.coordinates import (
     Frame,
     frame_of,

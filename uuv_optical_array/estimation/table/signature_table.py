@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core import compilation, manifest, memory
-from uuv_optical_array.core.elementwise import transmit
+from uuv_optical_array.core import manifest, memory
 from uuv_optical_array.core.geometry import Array, lamp_in_body
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import transmit
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.features import key_parameters, lifted, write_parameters
 from uuv_optical_array.estimation.spectral_angle import SpectralIndex

@@ -18,8 +18,9 @@ class Transmission:
     ----------
     law
         ``law(range_m, half_square, cosine, a, b, c)`` of numbers or arrays, marked by
-        `core.elementwise.law`: the factor of the light, the slopes of its logarithm by range,
-        1/m, half the squared off-axis angle, 1/rad^2, and cosine of incidence, and that by `a`.
+        `core.numerics.elementwise.law`: the factor of the light, the slopes of its logarithm by
+        range, 1/m, half the squared off-axis angle, 1/rad^2, and cosine of incidence, and that by
+        `a`.
     settings
         Its ``a, b, c``.
     nuisance

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy import exp, expm1, minimum
 
-from uuv_optical_array.core.elementwise import law
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.elementwise import law
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import Background, Blur, Transmission

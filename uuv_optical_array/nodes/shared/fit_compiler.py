@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from uuv_optical_array.core import compilation
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import compile_fit, compiled_parts, is_compiled
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 

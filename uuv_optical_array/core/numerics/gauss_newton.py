@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.core.elementwise import any_of, choose, choose_state, not_
+from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_state, not_
 
 DAMPING = 1e-3  # at the start
 FREE = 1e-1  # a step damped more is short wherever it is taken, so it proves nothing

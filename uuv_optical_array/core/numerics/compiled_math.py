@@ -15,7 +15,7 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from scipy import special
 
-from uuv_optical_array.core import elementwise, scalars
+from uuv_optical_array.core.numerics import elementwise, scalars
 
 # sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
 SINE = (

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.core import elementwise
+from uuv_optical_array.core.numerics import elementwise
 
 
 def when(condition: Any, index: Any) -> Any:

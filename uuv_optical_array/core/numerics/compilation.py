@@ -19,7 +19,8 @@ from pathlib import Path
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
-from uuv_optical_array.core import files, scalars
+from uuv_optical_array.core import files
+from uuv_optical_array.core.numerics import scalars
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
@@ -212,7 +213,7 @@ def cache_folder() -> Path | None:
     It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache.
     """
     digest = hashlib.sha256()
-    package = Path(__file__).parents[1]
+    package = Path(importlib.import_module(files.PACKAGE).__path__[0])
     for source in sorted(path for folder in SOURCES for path in (package / folder).rglob("*.py")):
         digest.update(source.read_bytes())
     given = os.environ.get("NUMBA_CACHE_DIR")

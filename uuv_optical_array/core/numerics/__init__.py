@@ -1,0 +1,1 @@
+"""Numerical methods that know nothing of light, and the compiler of hot functions."""

@@ -1,6 +1,6 @@
 """What each way to drive tells a calibration: ``python benchmarks/calibration_drives.py``.
 
-It prints the table of docs/calibration.md.
+It prints the table of docs/tutorials/calibration.md.
 """
 
 import dataclasses

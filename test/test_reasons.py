@@ -23,7 +23,9 @@ NO_VALUES = {"", "features", "image", "table"}
 
 @pytest.fixture
 def page():
-    return (files.shared_file("config").parent / "docs/operations.md").read_text(encoding="utf-8")
+    return (files.shared_file("config").parent / "docs/how_to/operations.md").read_text(
+        encoding="utf-8"
+    )
 
 
 def parameters_of(path):

@@ -1,7 +1,7 @@
 """Lamp, water, background and gains, fitted to images at known poses by maximum likelihood.
 
 Power and mean gain are one product, so the geometric mean of the gains is 1: the gauge. What the
-images do not tell is named and stays where it was. Design: docs/calibration.md.
+images do not tell is named and stays where it was. Design: docs/tutorials/calibration.md.
 """
 
 from collections.abc import Callable, Collection

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 # What a row takes in a node, at its peak: the parameters, the matched vectors as such and at length
-# one, the k-d tree, and its place in the grid. docs/tables.md has the measurement.
+# one, the k-d tree, and its place in the grid. docs/how_to/tables.md has the measurement.
 BYTES_A_ROW = 40 + 48 + 48 + 40 + 8
 NODE_BYTES = 250_000_000  # the node without a table
 KEPT_BYTES = 1 << 24  # glibc takes no more than twice that

@@ -1,7 +1,7 @@
 """Write ``docs/reference/`` from the declarations: ``python docs/generate_reference.py``.
 
-Parameters, topics, commands, scene keys, effects, kinds of mismatch and public names each get a
-page. A new node, command, key or effect appears by itself.
+Parameters, topics, diagnostics, commands, scene keys, effects, kinds of mismatch and public names
+each get a page. A new node, command, key or effect appears by itself.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.effects.reference import declared
 from uuv_optical_array.forward.scene import PRIORS, Scene
+from uuv_optical_array.nodes.shared import reasons
 from uuv_optical_array.studies.robustness.kinds import KINDS
 
 ROOT = Path(__file__).parents[1]
@@ -66,7 +67,7 @@ def node_modules() -> Iterator[tuple[str, Any]]:
             yield found.name, importlib.import_module(f"{nodes.__name__}.{found.name}")
 
 
-def parameters() -> str:
+def parameters() -> list[str]:
     """Return the page of the node parameters and of the launch arguments."""
     parts = [
         "# Node parameters",
@@ -100,7 +101,7 @@ def parameters() -> str:
             "An argument without a default leaves the parameter as it is.",
             table(("argument", "default", "meaning"), rows),
         ]
-    return "\n\n".join(parts)
+    return parts
 
 
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
@@ -150,23 +151,39 @@ def all_topics() -> list[Topic]:
     return [topic for name, module in node_modules() for topic in topics_of(name, module)]
 
 
-def topics() -> str:
+def topics() -> list[str]:
     """Return the page of the topics."""
     rows = [
         (f"`{node}`", "publishes" if published else "subscribes", f"`{name}`", kind)
         for node, published, name, kind in all_topics()
     ]
-    return "\n\n".join(
-        (
-            "# Topics",
-            "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
-            "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
-            "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
-            "parameter `publish_tf` publish `/tf` on request. A name in brackets follows from "
-            "parameters.",
-            table(("node", "", "topic", "type"), rows),
-        )
-    )
+    return [
+        "# Topics",
+        "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
+        "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
+        "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
+        "parameter `publish_tf` publish `/tf` on request. A name in brackets follows from "
+        "parameters.",
+        table(("node", "", "topic", "type"), rows),
+    ]
+
+
+def diagnostics() -> list[str]:
+    """Return the page of the texts that nodes show."""
+    parts = [
+        "# Diagnostics",
+        "Every text that a node can show on `/diagnostics`. [Operations](../how_to/operations.md) "
+        "says where to begin, and what the values beside the texts mean. What a topic's name and "
+        "a comma come before is of that topic's messages.",
+    ]
+    for heading, kinds in (
+        ("Refused messages", reasons.REFUSALS),
+        ("Warnings that last", reasons.WARNINGS),
+        ("Errors", reasons.ERRORS),
+    ):
+        rows = [(f"`{kind}`", reason.cause, reason.cure) for kind, reason in kinds.items()]
+        parts += [f"## {heading}", table(("text begins with", "cause", "cure"), rows)]
+    return parts
 
 
 def options_table(parser: argparse.ArgumentParser) -> str:
@@ -186,7 +203,7 @@ def options_table(parser: argparse.ArgumentParser) -> str:
     return table(("option", "value", "meaning"), rows)
 
 
-def commands() -> str:
+def commands() -> list[str]:
     """Return the page of the commands."""
     parts = [
         "# Commands",
@@ -199,7 +216,7 @@ def commands() -> str:
         parts += [f"## `uuv_array {name}`", described, options_table(parser)]
         if parser.epilog:
             parts.append(f"```text\n{parser.epilog}\n```")
-    return "\n\n".join(parts)
+    return parts
 
 
 def limits_of(kind: Any, quantity: Quantity) -> str:
@@ -216,7 +233,7 @@ def shown(default: Any) -> str:
     return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
 
 
-def scene() -> str:
+def scene() -> list[str]:
     """Return the page of the keys of a scene."""
     parts = [
         "# Scene files",
@@ -258,10 +275,10 @@ def scene() -> str:
     for path in sorted((ROOT / "config/scenes").glob("*.yaml")):
         use = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
         rows.append((f"`{path.stem}`", use))
-    return "\n\n".join((*parts, table(("scene", "use"), rows)))
+    return [*parts, table(("scene", "use"), rows)]
 
 
-def effects() -> str:
+def effects() -> list[str]:
     """Return the page of the effects."""
     laws, settings = [], []
     for name, effect in EFFECTS.items():
@@ -274,21 +291,19 @@ def effects() -> str:
         for key, (kind, quantity, default) in declared(name).items():
             bounds = limits_of(kind, quantity)
             settings.append((f"`{name}`", f"`{key}`", bounds, shown(default), quantity.text))
-    return "\n\n".join(
-        (
-            "# Effects",
-            "Only the effects that a scene names are simulated, in this physical order. "
-            "[Light and noise](../explanation/light.md) says what the forms are, and which "
-            "settings exclude each other.",
-            table(("effect", "law", "form", "source"), laws),
-            "## Settings",
-            "A setting without a default must be given, except where there are several ways.",
-            table(("effect", "setting", "bounds", "default", "meaning"), settings),
-        )
-    )
+    return [
+        "# Effects",
+        "Only the effects that a scene names are simulated, in this physical order. "
+        "[Light and noise](../explanation/light.md) says what the forms are, and which "
+        "settings exclude each other.",
+        table(("effect", "law", "form", "source"), laws),
+        "## Settings",
+        "A setting without a default must be given, except where there are several ways.",
+        table(("effect", "setting", "bounds", "default", "meaning"), settings),
+    ]
 
 
-def mismatches() -> str:
+def mismatches() -> list[str]:
     """Return the page of the kinds of mismatch."""
     rows = [
         (
@@ -299,18 +314,16 @@ def mismatches() -> str:
         )
         for kind in KINDS
     ]
-    return "\n\n".join(
-        (
-            "# Kinds of mismatch",
-            "How the sea can differ from the scene, as `uuv_array robustness` "
-            "[measures it](../results/robustness.md), and what to do about it. The third column "
-            "is in standard deviations of a scene whose prior is `known: calibrated`.",
-            table(("kind", "what differs", "times the prior", "what to do"), rows),
-        )
-    )
+    return [
+        "# Kinds of mismatch",
+        "How the sea can differ from the scene, as `uuv_array robustness` "
+        "[measures it](../results/robustness.md), and what to do about it. The third column "
+        "is in standard deviations of a scene whose prior is `known: calibrated`.",
+        table(("kind", "what differs", "times the prior", "what to do"), rows),
+    ]
 
 
-def api() -> str:
+def api() -> list[str]:
     """Return the page of the public names."""
     names = [name for name in uuv_optical_array.__all__ if name != "__version__"]
     found = {name: getattr(uuv_optical_array, name) for name in names}
@@ -330,18 +343,19 @@ def api() -> str:
         home = f"{uuv_optical_array.__name__}.{name}"
         parts.append(f"## `{name}`\n\n```{{eval-rst}}\n.. {kind}:: {home}")
         parts[-1] += members.replace("\n", "\n   ") + "\n```"
-    return "\n\n".join(parts)
+    return parts
 
 
 PAGES = {
-    page.__name__: page for page in (parameters, topics, commands, scene, effects, mismatches, api)
+    page.__name__: page
+    for page in (parameters, topics, diagnostics, commands, scene, effects, mismatches, api)
 }
 
 
 def text_of(name: str) -> str:
     """Return the text of a page of the reference."""
-    heading, _, rest = PAGES[name]().partition("\n\n")
-    return f"{heading}\n\n{WRITTEN}\n\n{rest}\n"
+    heading, *parts = PAGES[name]()
+    return "\n\n".join((heading, WRITTEN, *parts)) + "\n"
 
 
 def main() -> None:

@@ -184,10 +184,3 @@ def kind_of(text: str) -> str:
         if kind in REASONS:
             return kind
     return ""
-
-
-def markdown_table(reasons: dict[str, Reason]) -> str:
-    """Return reasons as the rows of a Markdown table."""
-    rows = ["| text begins with | cause | cure |", "|---|---|---|"]
-    rows += [f"| `{kind}` | {reason.cause} | {reason.cure} |" for kind, reason in reasons.items()]
-    return "\n".join(rows)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import yaml
 from generated import reference
-from test_docs import PAGES, ROOT
+from test_docs import PACKAGE, PAGES, ROOT, without_blocks
 
 from uuv_optical_array import build_table
+from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.table import disk
@@ -24,9 +25,10 @@ BLOCKS = [
     for number, (language, block) in enumerate(FENCED.findall(page.read_text(encoding="utf-8")))
 ]
 PARAMETERS = {name: getattr(module, "PARAMETERS", {}) for name, module in reference.node_modules()}
+PARTS = {"follower_node": ("feature_node", "estimator_node", "formation_node")}
 PARAMETERS["follower_node"] = {
     name: parameter
-    for node in ("feature_node", "estimator_node", "formation_node")
+    for node in PARTS["follower_node"]
     for name, parameter in PARAMETERS[node].items()
 }
 ARGUMENTS = dict(reference.launch_arguments())
@@ -35,22 +37,25 @@ TOPICS = reference.all_topics()
 
 def check_run(node, words):
     """Check parameters and remapped names of ``ros2 run``."""
-    own = {topic.name for topic in TOPICS if topic.node == node}
+    own = {topic.name for topic in TOPICS if topic.node in PARTS.get(node, (node,))}
     for flag, word in itertools.pairwise(words):
         name, _, value = word.partition(":=")
         if flag == "-p":
             PARAMETERS[node][name].check(name, yaml.safe_load(value))
         elif flag == "-r":
-            assert name in own, word
+            assert name in own | {"__ns", "__node"}, word
 
 
 def check_shell(block):
-    """Check the commands of ROS; test_docs checks those of the package and of make."""
+    """Check the package's nodes, launch files and commands; test_docs checks make's targets."""
     for line in block.replace("\\\n", " ").splitlines():
         words = shlex.split(line, comments=True)
-        if words[:2] == ["ros2", "run"] and words[3] != "uuv_array":
+        names = [word.rpartition("/")[2] for word in words]
+        if "uuv_array" in names[:4]:
+            build_parser().parse_args(words[names.index("uuv_array") + 1 :])
+        elif words[:3] == ["ros2", "run", PACKAGE.name]:
             check_run(words[3], words)
-        elif words[:2] == ["ros2", "launch"]:
+        elif words[:3] == ["ros2", "launch", PACKAGE.name]:
             given = {word.partition(":=")[0] for word in words[4:]}
             assert given <= ARGUMENTS[words[3]].keys(), line
 
@@ -79,6 +84,13 @@ def coarse(scene):
     }
     table = dataclasses.replace(scene.table, **fewer)
     return build_table(dataclasses.replace(scene, table=table))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_block_of_code_is_passed_over(page):
+    """A block that is indented has no language, by which it could be checked."""
+    lines = without_blocks(page.read_text(encoding="utf-8")).splitlines()
+    assert [line for line in lines if line.startswith("    ")] == []
 
 
 @pytest.mark.parametrize(("language", "block"), BLOCKS)

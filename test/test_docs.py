@@ -17,9 +17,8 @@ FOREIGN = {"--memory-limit"}
 
 
 def without_blocks(text):
-    """Return the prose of a page: no fenced block, no indented one."""
-    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
-    return re.sub(r"^ {4}.*$", "", text, flags=re.MULTILINE)
+    """Return the prose of a page."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def code(page):
@@ -27,7 +26,6 @@ def code(page):
     text = page.read_text(encoding="utf-8")
     fenced = re.findall(r"^```\w*\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
     blocks = "\n".join(fenced).replace("\\\n", " ").splitlines()
-    blocks += re.findall(r"^ {4}(.*)$", text, flags=re.MULTILINE)
     spans = re.findall(r"`([^`]+)`", without_blocks(text))
     return [line.partition(" #")[0] for line in blocks] + [" ".join(s.split()) for s in spans]
 

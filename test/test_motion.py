@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tracks import START_NS, turned, van_loan
 
-from uuv_optical_array.estimation.motion import MAX_TWIST, OwnMotion, RandomMotion, in_beacon
+from uuv_optical_array.estimation.tracking.motion import (
+    MAX_TWIST,
+    OwnMotion,
+    RandomMotion,
+    in_beacon,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 

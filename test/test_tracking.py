@@ -32,7 +32,7 @@ from tracks import (
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.estimation.tracker import (
+from uuv_optical_array.estimation.tracking.tracker import (
     RATE_STD,
     Outlier,
     StampRefused,

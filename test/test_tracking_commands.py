@@ -30,8 +30,13 @@ from tracks import (
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
-from uuv_optical_array.estimation.motion import RandomMotion
-from uuv_optical_array.estimation.tracker import RATE_STD, Outlier, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.motion import RandomMotion
+from uuv_optical_array.estimation.tracking.tracker import (
+    RATE_STD,
+    Outlier,
+    Tracker,
+    TrackerSettings,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -10,7 +10,7 @@ from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracker import (
+from uuv_optical_array.estimation.tracking.tracker import (
     LEARN_EVERY_S,
     RATE_STD,
     UNKNOWN_POSE,

@@ -19,7 +19,7 @@ from tracks import (
 )
 
 from uuv_optical_array.core.geometry import X, Y, Z
-from uuv_optical_array.estimation.tracker import (
+from uuv_optical_array.estimation.tracking.tracker import (
     MANOEUVRE,
     MANOEUVRE_S,
     RATE_STD,

@@ -5,7 +5,7 @@ import pytest
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
 from uuv_optical_array.estimation.constants import Constants
-from uuv_optical_array.estimation.tracker import Outlier, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Outlier, Tracker, TrackerSettings
 
 LASTS_S = 3.0
 

@@ -38,8 +38,8 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
-from uuv_optical_array.estimation.motion import RandomMotion
-from uuv_optical_array.estimation.tracker import (
+from uuv_optical_array.estimation.tracking.motion import RandomMotion
+from uuv_optical_array.estimation.tracking.tracker import (
     GateProbability,
     Outlier,
     StampRefused,

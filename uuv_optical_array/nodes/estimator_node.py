@@ -23,15 +23,15 @@ from uuv_optical_array.estimation.estimator import (
     NoPose,
 )
 from uuv_optical_array.estimation.plausibility import FrozenFrames, check_image
-from uuv_optical_array.estimation.scene_changes import scene_changes
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import (
     SignatureTable,
     grid_axes,
     widening,
 )
-from uuv_optical_array.estimation.tracker import Track, Tracker, TrackerSettings
-from uuv_optical_array.estimation.tracking import enter
+from uuv_optical_array.estimation.tracking.enter import enter
+from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
+from uuv_optical_array.estimation.tracking.tracker import Track, Tracker, TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

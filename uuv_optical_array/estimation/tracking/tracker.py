@@ -38,10 +38,10 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import Constants, Learnt, drift
-from uuv_optical_array.estimation.joint_coordinates import AsTheyAre, JointCoordinates
 from uuv_optical_array.estimation.linearised import LinearisedReadings
-from uuv_optical_array.estimation.motion import OwnMotion, RandomMotion, in_beacon
-from uuv_optical_array.estimation.root_filter import Belief, Reading, correct, triangular
+from uuv_optical_array.estimation.tracking.joint_coordinates import AsTheyAre, JointCoordinates
+from uuv_optical_array.estimation.tracking.motion import OwnMotion, RandomMotion, in_beacon
+from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, triangular
 from uuv_optical_array.forward.scene import AMBIENT, GRADIENTS
 
 # What is beyond any sea but not beyond double precision, m and rad.

@@ -1,0 +1,1 @@
+"""One track through many frames."""

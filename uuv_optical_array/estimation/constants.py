@@ -4,6 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.coordinates import Frame, frame_of
 from uuv_optical_array.forward.model import ForwardModel
 
@@ -78,10 +82,22 @@ class Learnt(NamedTuple):
     std: float
 
 
-def drift(held_s: float, step_s: float) -> float:
-    """Return what is left after a step of what was known of a constant, in (0, 1].
+def drift(hold_s: ArrayLike, step_s: float) -> Array:
+    """Return what is left after a step of what was known of constants, in (0, 1].
 
     Constants drift as an Ornstein-Uhlenbeck process, whose mean goes to 0 and whose variance goes
     to that of the prior and never beyond.
+
+    Parameters
+    ----------
+    hold_s
+        Time in which each drifts to a new value, s, > 0, any shape.
+    step_s
+        Length of the step, s; one before the start counts as 0.
+
+    Returns
+    -------
+    Array
+        In the shape of `hold_s`.
     """
-    return math.exp(-max(step_s, 0.0) / held_s)
+    return np.exp(-max(step_s, 0.0) / np.asarray(hold_s, dtype=float))

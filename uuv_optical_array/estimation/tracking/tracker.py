@@ -205,12 +205,11 @@ class Tracker:
         self._spoilt = c.detectors if c.gain_std > 0 and not learnt else 0
         self._of_constants = slice(MOVING, MOVING + len(c.names))
         self._of_gains = slice(MOVING + len(c.names), MOVING + len(c.names) + learnt)
-        # Standard deviations of all that lasts, before any frame.
-        self._shades = range(5 if c.shade_lasts_s > 0 else 0)
-        shades = len(self._shades)
-        self._lasting = np.concatenate([c.stds, np.full(learnt, c.gain_std), np.ones(shades)])
+        shades = 5 if c.shade_lasts_s > 0 else 0
         self._of_shades = slice(self._of_gains.stop, self._of_gains.stop + shades)
-        self._size = MOVING + len(self._lasting)
+        self._size = self._of_shades.stop
+        # Standard deviations of all that lasts, before any frame.
+        self._lasting = np.concatenate([c.stds, np.full(learnt, c.gain_std), np.ones(shades)])
         self._coordinates = JointCoordinates(c.frame, c.names) if c.frame else AsTheyAre()
         # Of the constants in which the light is not linear, the least standard deviations.
         bends = [name not in (AMBIENT, *GRADIENTS) for name in c.names]
@@ -230,6 +229,8 @@ class Tracker:
         self._own_share = math.sqrt(1 - s.common_share)
         self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
         self._buffer_ns, self._reset_ns = round(s.buffer_s * 1e9), round(s.reset_after_s * 1e9)
+        self._hold_s = np.full(self._size, s.constants_hold_s)
+        self._hold_s[self._of_shades] = self._constants.shade_lasts_s
 
     def reset(self) -> None:
         """Forget the track; the commands and what was learnt of the constants stay."""
@@ -283,8 +284,8 @@ class Tracker:
             `covariance` are used, and the constants stay as they are.
         relinearise
             Returns the same likelihood near another place, as `LinearisedReadings.at` has it; the
-            track asks for it where it knows pose and constants better than the image alone.
-            ``None``: `readings` have to do.
+            track asks for it midway between where it was and where `readings` take it. ``None``:
+            `readings` have to do.
         lasting
             Probability that something shades the frame, in [0, 1], where `constants` name shades;
             not asked of a frame with `readings`.
@@ -430,14 +431,14 @@ class Tracker:
         """Return a new track, which keeps what was learnt of the constants."""
         mean, root, shared = self._held(before, frame.stamp_ns)
         mean[POSE] = frame.pose
-        start = self._own(frame)
+        own, lasts = self._errors(frame)
         if frame.readings is not None:
-            mean[POSE], start = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
-        anew = block_diag(start, self._random_motion.start, root[MOVING:])
-        if frame.readings is None:
-            anew[POSE, MOVING:] = self._lasts(frame) @ root[self._of_shades]
+            mean[POSE], own = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
+        anew = block_diag(own, self._random_motion.start, root[MOVING:])
         belief = Belief(mean, anew, shared)
-        if frame.readings is not None:
+        if frame.readings is None:
+            anew[POSE, MOVING:] = lasts @ root[self._of_shades]
+        else:
             belief, _ = self._corrected(belief, frame, True)
         return _State(frame, belief, frame.stamp_ns)
 
@@ -456,9 +457,7 @@ class Tracker:
     def _drifted(self, belief: Belief, step_s: float) -> Belief:
         """Let what lasts drift."""
         held = drift(self._settings.constants_hold_s, step_s)
-        kept = np.full(len(self._lasting), held)
-        if self._shades:
-            kept[-len(self._shades) :] = drift(self._constants.shade_lasts_s, step_s)
+        kept = drift(self._hold_s[MOVING:], step_s)
         mean, root = belief.mean.copy(), belief.root.copy()
         mean[MOVING:] *= kept
         root[MOVING:] *= kept[:, None]
@@ -467,7 +466,7 @@ class Tracker:
         shared = belief.shared.copy()
         shared[MOVING:] *= kept[:, None]
         # The numbers that spoil the readings drift, too: what came of the old ones is left behind.
-        lost = math.sqrt(1 - held**2)
+        lost = np.sqrt(1 - held**2)
         return Belief(mean, np.hstack([root, fresh, lost * shared]), held * shared)
 
     def _ahead(self, state: _State, stamp_ns: int, manoeuvring: bool = False) -> Belief:
@@ -491,21 +490,26 @@ class Tracker:
     def _fuse(self, state: _State, frame: _Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
-        stds = np.linalg.norm(np.hstack(ahead[1:])[self._of_constants], axis=1)
-        learns = due and frame.readings is not None and bool((stds >= self._least).all())
+        learns = due and frame.readings is not None and self._worth_learning(ahead)
         belief, distance = self._corrected(ahead, frame, learns)
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
         return _State(frame, belief, learnt_ns, state.frames + 1, distance)
 
-    def _own(self, frame: _Frame) -> Array:
-        """Return the root of what is new in the errors of a frame's pose."""
-        lasting = MOST_LASTING * frame.lasting if len(self._shades) else 0.0
-        return self._own_share * math.sqrt(1 - lasting) * frame.root
+    def _worth_learning(self, belief: Belief) -> bool:
+        """Say whether no constant that bends the light is known well."""
+        stds = np.linalg.norm(np.hstack(belief[1:])[self._of_constants], axis=1)
+        return bool((stds >= self._least).all())
 
-    def _lasts(self, frame: _Frame) -> Array:
-        """Return the errors of a frame's pose by what shades do to it, shape ``(5, 0 or 5)``."""
-        share = MOST_LASTING * frame.lasting
-        return self._own_share * math.sqrt(share) * frame.root[:, self._shades]
+    def _errors(self, frame: _Frame) -> tuple[Array, Array]:
+        """Return roots of what is new in a pose's errors, and of what shades leave there.
+
+        The first has the shape ``(5, 5)``; the second, by the states of the shades, ``(5, 0)`` or
+        ``(5, 5)``.
+        """
+        shades = self._of_shades.stop - self._of_shades.start
+        share = MOST_LASTING * frame.lasting if shades else 0.0
+        root = self._own_share * frame.root
+        return math.sqrt(1 - share) * root, math.sqrt(share) * root[:, :shades]
 
     def _corrected(self, belief: Belief, frame: _Frame, learns: bool) -> tuple[Belief, float]:
         """Return a belief corrected by a frame, and the distance of the frame from it."""
@@ -515,10 +519,11 @@ class Tracker:
                 belief, frame.readings, frame.relinearise, learnt
             )
             return belief._replace(mean=wrapped(belief.mean)), distance
+        own, lasts = self._errors(frame)
         slopes = np.eye(5, self._size)
-        slopes[:, self._of_shades] = self._lasts(frame)
+        slopes[:, self._of_shades] = lasts
         off = wrapped(frame.pose - belief.mean[POSE])
-        reading = Reading(off, slopes, self._own(frame), np.zeros(0))
+        reading = Reading(off, slopes, own, np.zeros(0))
         belief, distance = correct(belief, reading, learnt)
         return belief._replace(mean=wrapped(belief.mean)), distance
 

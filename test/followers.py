@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 TICK_S = 0.05

@@ -20,7 +20,8 @@ from std_msgs.msg import Header
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.disk import load_table, save_table
-from uuv_optical_array.estimation.tracking.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode

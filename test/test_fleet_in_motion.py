@@ -18,7 +18,7 @@ from uuv_optical_array.control.fleet import (
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 TICK_S = 0.1
 # About the bound on a frame's pose in the scene `formation`, 1 m beside the beam.

@@ -12,7 +12,8 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.tracking.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.messages import image_to_message

@@ -17,7 +17,7 @@ from uuv_optical_array.control.formation import (
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 
 def after_half_a_second(pose: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 FASTEST = np.array([1.0, 0.6, 0.6, 0.0, *np.radians([10, 10])])
 

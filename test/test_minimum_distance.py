@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import leader_twist
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 MARGIN_M = 3 * np.sqrt(PUBLISHED[0, 0])  # dead astern, three standard deviations of the range
 

@@ -11,7 +11,7 @@ from uuv_optical_array.control.formation import FormationController, FormationSe
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.estimation.tracking.tracker import Outlier
+from uuv_optical_array.estimation.tracking.track import Outlier
 
 STD = np.array([0.1, 0.05, 0.05, np.radians(1.0), np.radians(1.0)])  # of the poses
 TICK_S = 0.1

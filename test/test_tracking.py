@@ -32,13 +32,9 @@ from tracks import (
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
 from uuv_optical_array.core.settings import check_all
-from uuv_optical_array.estimation.tracking.tracker import (
-    RATE_STD,
-    Outlier,
-    StampRefused,
-    Tracker,
-    TrackerSettings,
-)
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier, StampRefused
+from uuv_optical_array.estimation.tracking.tracker import RATE_STD, Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -10,13 +10,13 @@ from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion
 
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import (
     LEARN_EVERY_S,
     RATE_STD,
     UNKNOWN_POSE,
-    Outlier,
     Tracker,
-    TrackerSettings,
 )
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -7,7 +7,9 @@ import pytest
 from tracks import START_NS, STATION
 
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.tracking.tracker import Outlier, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -19,14 +19,9 @@ from tracks import (
 )
 
 from uuv_optical_array.core.geometry import X, Y, Z
-from uuv_optical_array.estimation.tracking.tracker import (
-    MANOEUVRE,
-    MANOEUVRE_S,
-    RATE_STD,
-    Outlier,
-    Tracker,
-    TrackerSettings,
-)
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier
+from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE, MANOEUVRE_S, RATE_STD, Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -9,7 +9,8 @@ import pytest
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.least_squares.coordinates import frame_of
 from uuv_optical_array.estimation.linearised import linearised_readings
-from uuv_optical_array.estimation.tracking.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -5,7 +5,9 @@ import pytest
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
 from uuv_optical_array.estimation.constants import Constants
-from uuv_optical_array.estimation.tracking.tracker import Outlier, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 LASTS_S = 3.0
 

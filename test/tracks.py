@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from uuv_optical_array.estimation.tracking.tracker import TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 
 START_NS = 1_700_000_000_123_456_789  # a wall clock: float64 seconds would lose 100 ns
 TENTH_NS = 100_000_000

@@ -18,7 +18,8 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
 from uuv_optical_array.estimation.table.disk import cached_table
-from uuv_optical_array.estimation.tracking.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording

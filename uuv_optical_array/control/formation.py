@@ -39,13 +39,9 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.motion import RandomMotion
-from uuv_optical_array.estimation.tracking.tracker import (
-    GateProbability,
-    Outlier,
-    StampRefused,
-    Tracker,
-    TrackerSettings,
-)
+from uuv_optical_array.estimation.tracking.settings import GateProbability, TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Outlier, StampRefused
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 # Random walk of the leader's twist per root second: a vehicle turns and speeds up, hardly drifts.
 LEADER_WALK = np.array([0.02, 0.008, 0.008, 0.012, 0.012])  # m/s, rad/s

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,13 +72,6 @@ def constants_of(model: ForwardModel) -> Constants:
         frame_of(model),
         prior.shade_lasts_s if prior.shade_probability else 0.0,
     )
-
-
-class Learnt(NamedTuple):
-    """What is known of a constant by now: mean and standard deviation of its offset."""
-
-    mean: float
-    std: float
 
 
 def drift(hold_s: ArrayLike, step_s: float) -> Array:

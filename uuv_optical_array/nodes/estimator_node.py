@@ -31,7 +31,9 @@ from uuv_optical_array.estimation.table.signature_table import (
 )
 from uuv_optical_array.estimation.tracking.enter import enter
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
-from uuv_optical_array.estimation.tracking.tracker import Track, Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

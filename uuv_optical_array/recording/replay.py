@@ -18,7 +18,8 @@ from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.features import FeatureSettings, key_parameters, no_pattern
 from uuv_optical_array.estimation.plausibility import FrozenFrames, check_full_scale
 from uuv_optical_array.estimation.tracking.enter import enter
-from uuv_optical_array.estimation.tracking.tracker import Track, Tracker
+from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 
 CHUNK_FRAMES = 64  # estimated by one process at a time

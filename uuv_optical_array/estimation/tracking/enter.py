@@ -2,7 +2,8 @@
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
-from uuv_optical_array.estimation.tracking.tracker import Track, Tracker
+from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 
 def enter(

@@ -15,7 +15,8 @@ from uuv_optical_array.estimation.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.table.disk import cached_table
-from uuv_optical_array.estimation.tracking.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.eren2017.approach import (

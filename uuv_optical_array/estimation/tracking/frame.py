@@ -1,0 +1,78 @@
+"""A frame for the tracker, and what is refused."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, wrapped
+from uuv_optical_array.estimation.constants import Constants
+from uuv_optical_array.estimation.linearised import LinearisedReadings
+
+# What is beyond any sea but not beyond double precision, m and rad.
+MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
+
+Relinearise = Callable[[Array], LinearisedReadings]
+
+
+class Frame(NamedTuple):
+    """A frame as `Tracker.update` takes it, checked.
+
+    Parameters
+    ----------
+    stamp_ns
+        Of the image, ns.
+    pose
+        m and rad, shape ``(5,)``, yaw in [-pi, pi].
+    root
+        Of the covariance of `pose`, lower triangular, shape ``(5, 5)``.
+    readings, relinearise, lasting
+        As of `Tracker.update`.
+    """
+
+    stamp_ns: int
+    pose: Array
+    root: Array
+    readings: LinearisedReadings | None
+    relinearise: Relinearise | None
+    lasting: float
+
+
+def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
+    """Return a pose, and the root of its covariance, as arrays of the tracker's own."""
+    pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
+    cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
+    if pose.shape != (5,):
+        raise ValueError(f"pose: {pose.tolist()}; {cure}")
+    for name, value in zip(DOF_NAMES, pose.tolist(), strict=True):
+        if not abs(value) <= MAX_POSE:
+            raise ValueError(f"pose: {name} is {value}; {cure}")
+    if covariance.shape != (5, 5) or not np.isfinite(covariance).all():
+        raise ValueError(f"covariance: {covariance.tolist()}; give 5 x 5 finite numbers")
+    if np.abs(covariance - covariance.T).max() > 1e-9 * np.abs(covariance).max():
+        raise ValueError(f"covariance: {covariance.tolist()} is not symmetric; give (C + C^T) / 2")
+    low, *_, high = np.linalg.eigvalsh(covariance)
+    if not max(MIN_VARIANCE, high / MAX_CONDITION) <= low <= high <= MAX_VARIANCE:
+        raise ValueError(
+            f"covariance: its eigenvalues are {low:.3g} to {high:.3g}; give a positive definite "
+            f"one, from {MIN_VARIANCE:g} to {MAX_VARIANCE:g} and in a ratio of {MAX_CONDITION:g}"
+        )
+    return wrapped(pose), np.linalg.cholesky(covariance)
+
+
+def checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:
+    """Return readings as arrays of the tracker's own."""
+    readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
+    width = 5 + len(constants.names)
+    count = constants.detectors if constants.gain_std > 0 else readings.residuals.size
+    shapes = ((width,), (count,), (count, width), (count,), (count,))
+    for name, part, shape in zip(readings._fields, readings, shapes, strict=True):
+        if part.shape != shape:
+            raise ValueError(f"readings: {name} has the shape {part.shape}; give {shape}")
+        if not (np.isfinite(part) | ((part > 0) & (name == "variances"))).all():
+            raise ValueError(f"readings: {name} holds numbers that are not finite")
+    if not (readings.variances > 0).all():
+        low = readings.variances.min()
+        raise ValueError(f"readings: a variance is {low:g}; give variances > 0, inf for no reading")
+    return readings

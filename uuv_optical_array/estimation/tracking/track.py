@@ -1,0 +1,79 @@
+"""What a tracker returns: the track, or why a frame is not in it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array
+
+POSE, RATE = slice(0, 5), slice(5, 10)  # of the joint mean and covariance
+
+
+class Outlier(NoPose):
+    """The pose is too far from the track."""
+
+
+class StampRefused(NoPose):
+    """The frame is older than the buffer, or in it already.
+
+    Parameters
+    ----------
+    message
+        Why, its kind before the colon.
+    newest_ns
+        Stamp of the newest frame, ns.
+    """
+
+    def __init__(self, message: str, newest_ns: int) -> None:
+        super().__init__(message)
+        self.newest_ns = newest_ns
+
+
+class Learnt(NamedTuple):
+    """What is known of a constant by now: mean and standard deviation of its offset."""
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Track:
+    """The filtered pose and its rate at one instant.
+
+    Parameters
+    ----------
+    stamp_ns
+        The instant, ns: that of the newest frame in the track, or the one of a prediction.
+    pose
+        ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``; yaw in [-pi, pi].
+    rate
+        Of `pose`, the commanded motion included, m/s and rad/s, shape ``(5,)``.
+    joint_covariance
+        Of `pose` and `rate`, shape ``(10, 10)``, positive definite.
+    frames
+        How many are in the track; 1 where it starts anew, with the pose as measured.
+    distance
+        Mahalanobis distance of the newest frame from its prediction, >= 0.
+    constants
+        What is known of the scene's constants by now, by dotted name.
+    gains
+        Relative gain errors of the detectors, as learnt, shape ``(n,)``; shape ``(0,)`` where they
+        are not.
+    """
+
+    stamp_ns: int
+    pose: Array
+    rate: Array
+    joint_covariance: Array
+    frames: int
+    distance: float
+    constants: Mapping[str, Learnt] = field(default_factory=dict)
+    gains: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of `pose`, shape ``(5, 5)``, positive definite."""
+        return self.joint_covariance[POSE, POSE]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

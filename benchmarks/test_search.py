@@ -6,7 +6,7 @@ from peers.exact import nearest_exactly
 from peers.libraries import BUILDERS, OURS, missing
 from peers.search import signatures
 
-from uuv_optical_array.estimation.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.scene import load_scene
 
 ROWS = 100_000

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import covariance_6x6
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.shared.messages import features_to_message, image_to_message
 

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from test_wiring import torch_run
 
 from uuv_optical_array.core.messages import as_wired
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.nodes.feature_node import FeatureNode

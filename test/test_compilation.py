@@ -22,7 +22,9 @@ sys.stdin.readline()
 compilation.prepare(function, 0.1, 0.2)
 print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
 """
-FOLDER = "from uuv_optical_array.core.numerics import compilation; print(compilation.cache_folder())"
+FOLDER = (
+    "from uuv_optical_array.core.numerics import compilation; print(compilation.cache_folder())"
+)
 
 
 def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):

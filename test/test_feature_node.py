@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.shared.messages import image_to_message

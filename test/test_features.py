@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.features import (
+from uuv_optical_array.estimation.signature.features import (
     FEATURE_NAMES,
     key_parameters,
     lifted,

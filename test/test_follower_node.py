@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel

@@ -5,7 +5,7 @@ import pytest
 from asker import Asker, Shower
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN

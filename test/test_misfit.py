@@ -8,18 +8,18 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose
+from uuv_optical_array.estimation.least_squares.misfit import (
+    chi_square_score,
+    chi_square_value,
+    cut_moments,
+    residual_moments,
+)
 from uuv_optical_array.estimation.least_squares.problem import (
     MOST_STEPS,
     PosePrior,
     misfit,
     problem_of,
     refine,
-)
-from uuv_optical_array.estimation.misfit import (
-    chi_square_score,
-    chi_square_value,
-    cut_moments,
-    residual_moments,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings

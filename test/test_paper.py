@@ -8,8 +8,8 @@ from scipy import stats
 from second_paper import OPTIONS, second_angle, second_features, second_image
 
 from uuv_optical_array.commands.studies import paper as command
-from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.eren2016 import choices as paper_choices

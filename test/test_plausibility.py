@@ -12,8 +12,8 @@ from scipy.stats import skew
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.plausibility import (
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.plausibility import (
     FROZEN,
     FrozenFrames,
     bounds,

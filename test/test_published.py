@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.shared.messages import (

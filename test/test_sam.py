@@ -8,9 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.estimation import spectral_angle as sam
-from uuv_optical_array.estimation.features import key_parameters, lifted
-from uuv_optical_array.estimation.spectral_angle import SpectralIndex, spectral_angle, unit_vectors
+from uuv_optical_array.estimation.signature import spectral_angle as sam
+from uuv_optical_array.estimation.signature.features import key_parameters, lifted
+from uuv_optical_array.estimation.signature.spectral_angle import (
+    SpectralIndex,
+    spectral_angle,
+    unit_vectors,
+)
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

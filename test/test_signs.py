@@ -6,7 +6,7 @@ Row 0 is the top and column 0 the port edge, seen from behind the array.
 import numpy as np
 import pytest
 
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
 

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from uuv_optical_array.core import files
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table, coarse_scene
 from uuv_optical_array.forward.model import ForwardModel

@@ -8,7 +8,7 @@ import numpy as np
 
 from peers.libraries import Search
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 
 ROUNDING_RAD = 2e-15  # rows whose angles differ by less are equally near to float64 unit vectors
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.spectral_angle import SpectralIndex
+from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
 
 # Of queries (q, n): the nearest row of each, and its angle in rad.
 Search: TypeAlias = Callable[[Array], tuple[NDArray[np.intp], Array]]

@@ -12,7 +12,7 @@ from peers import libraries
 from peers.exact import hard_cases, is_nearest, nearest_exactly, verdict
 from peers.libraries import BUILDERS, NEEDS, OURS, missing
 from peers.search import BATCH, compare, figures, signatures
-from uuv_optical_array.estimation.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 

@@ -26,7 +26,6 @@ from uuv_optical_array.core.geometry import (
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
-from uuv_optical_array.estimation.features import key_parameters
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -40,8 +39,9 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds, 
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
-from uuv_optical_array.estimation.plausibility import bounds, check_parameters
-from uuv_optical_array.estimation.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene

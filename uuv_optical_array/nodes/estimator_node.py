@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
-from uuv_optical_array.estimation.plausibility import FrozenFrames, check_image
+from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import (
     SignatureTable,

@@ -10,8 +10,12 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.features import FeatureSettings, key_parameters, no_pattern
-from uuv_optical_array.estimation.plausibility import check_full_scale
+from uuv_optical_array.estimation.signature.features import (
+    FeatureSettings,
+    key_parameters,
+    no_pattern,
+)
+from uuv_optical_array.estimation.signature.plausibility import check_full_scale
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (

@@ -8,7 +8,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.studies.shared.working_volume import RANGES_M

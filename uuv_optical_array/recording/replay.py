@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
-from uuv_optical_array.estimation.features import FeatureSettings, key_parameters, no_pattern
-from uuv_optical_array.estimation.plausibility import FrozenFrames, check_full_scale
+from uuv_optical_array.estimation.signature.features import (
+    FeatureSettings,
+    key_parameters,
+    no_pattern,
+)
+from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
 from uuv_optical_array.estimation.tracking.enter import enter
 from uuv_optical_array.estimation.tracking.track import Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker

@@ -17,12 +17,12 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     to_lamp,
     write_slopes,
 )
-from uuv_optical_array.estimation.likelihood import likelihood_of
-from uuv_optical_array.estimation.misfit import (
+from uuv_optical_array.estimation.least_squares.misfit import (
     chi_square_score,
     chi_square_value,
     residual_moments,
 )
+from uuv_optical_array.estimation.likelihood import likelihood_of
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (

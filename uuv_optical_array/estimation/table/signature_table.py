@@ -15,8 +15,8 @@ from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import transmit
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.features import key_parameters, lifted, write_parameters
-from uuv_optical_array.estimation.spectral_angle import SpectralIndex
+from uuv_optical_array.estimation.signature.features import key_parameters, lifted, write_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
 from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, lamp_light, ray
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import BEAM_ROWS, LIGHT, Optics, detect

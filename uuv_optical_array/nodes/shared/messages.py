@@ -28,7 +28,7 @@ from uuv_optical_array.core.messages import checked_pose, checked_quaternion
 from uuv_optical_array.core.messages import image_from_message as image_from_message
 from uuv_optical_array.core.messages import odometry_pose as odometry_pose
 from uuv_optical_array.core.messages import stamp_ns as stamp_ns
-from uuv_optical_array.estimation.features import FEATURE_NAMES
+from uuv_optical_array.estimation.signature.features import FEATURE_NAMES
 from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_yaw
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)

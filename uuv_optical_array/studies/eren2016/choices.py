@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array, rotation_matrix
-from uuv_optical_array.estimation.features import key_parameters, skewness
+from uuv_optical_array.estimation.signature.features import key_parameters, skewness
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.effects.water import hanning_blur
 from uuv_optical_array.forward.model import ForwardModel

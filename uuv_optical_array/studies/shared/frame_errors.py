@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import YAW, Array, X, Y
-from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene

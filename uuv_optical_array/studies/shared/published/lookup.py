@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.features import key_parameters
-from uuv_optical_array.estimation.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.scene import Scene, TableSettings
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z
-from uuv_optical_array.estimation.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
 # The calibration: 125 positions of an array that looks ahead, and its turns on the beam's axis.

@@ -14,7 +14,7 @@ import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.features import FEATURE_NAMES, key_parameters
+from uuv_optical_array.estimation.signature.features import FEATURE_NAMES, key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene

@@ -121,7 +121,7 @@ def main() -> None:
         estimator = Estimator(build_table(scene), method)
         model = ForwardModel(scene)
         frames = model.expose(lit_poses(model, FRAMES, rng), rng)
-        estimator.estimate(None, frames[0])
+        estimator.estimate(frames[0])
         times, units, without = [], [], 0
         for frame in frames:
             units.append(cpu_us(yardstick, detectors, readings, start))

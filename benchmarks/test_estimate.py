@@ -39,7 +39,7 @@ def test_image_to_estimate(benchmark, scene, table, method, compiled):
 
     def estimate():
         parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-        return estimator.estimate(parameters, image)
+        return estimator.estimate(image, parameters)
 
     assert np.abs(benchmark(estimate).pose - POSE).max() < FAR[method]
 

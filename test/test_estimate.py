@@ -46,12 +46,32 @@ def test_the_image_of_a_grid_pose_gives_that_pose_exactly(small):
     rows = np.random.default_rng(17).choice(len(table.poses), 300, replace=False)
     for row in rows:
         pose = table.poses[row]
-        answer = small.estimate(signatures(scene, model.expected(pose)))
+        answer = small.estimate(parameters=signatures(scene, model.expected(pose)))
         assert answer.angle_rad < 1e-9
         if not np.array_equal(answer.pose, pose):
             # Another pose may look alike, but only if it really does.
             twin = signatures(scene, model.expected(answer.pose))
             np.testing.assert_allclose(twin, table.parameters[row], atol=1e-9)
+
+
+def test_a_scene_alone_is_answered_from_its_table(small, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    scene = small.table.scene
+    image = ForwardModel(scene).expose(small.table.poses[17], np.random.default_rng(4))
+    answer = Estimator(scene, "sam", compiled=False).estimate(image)
+    same = Estimator(small.table, "sam", compiled=False).estimate(image, signatures(scene, image))
+    np.testing.assert_array_equal(answer.pose, same.pose)
+    np.testing.assert_array_equal(answer.covariance, same.covariance)
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros(25), np.zeros((2, 5, 5)), np.full((5, 5), np.nan), None]
+)
+def test_what_is_no_image_is_refused_by_name(small, image):
+    with pytest.raises(
+        NoPose, match=r"no image: (shape \(|nan).*; sam needs 5 x 5 finite readings"
+    ):
+        small.estimate(image)
 
 
 @pytest.mark.parametrize("lift", [0.0, 1.0])
@@ -66,7 +86,7 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
         parameters = small.table.parameters[row] * rng.uniform(0.9, 1.0, 5)
         angles = spectral_angle(vectors, lifted(parameters, scene.signature, 5))
         best, second = np.argsort(angles, kind="stable")[:2]
-        answer = estimator.estimate(parameters)
+        answer = estimator.estimate(parameters=parameters)
         assert answer.angle_rad == pytest.approx(angles[best], abs=1e-14)
         assert answer.runner_up_angle_rad == pytest.approx(angles[second], abs=1e-14)
         np.testing.assert_array_equal(answer.pose, small.table.poses[best])
@@ -89,22 +109,22 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
 )
 def test_parameters_of_no_pose_are_refused_with_the_reason(small, parameters, why):
     with pytest.raises(NoPose, match=why):
-        small.estimate(parameters)
+        small.estimate(parameters=parameters)
 
 
 def test_parameters_near_the_largest_float_are_refused_as_no_pose(small):
     with np.errstate(over="ignore"), pytest.raises(NoPose):
-        small.estimate([1.5e308, 0, 0, 0, 0])
+        small.estimate(parameters=[1.5e308, 0, 0, 0, 0])
 
 
 def test_the_angle_that_is_refused_is_the_callers(small):
     parameters = small.table.parameters[123] + np.array([0, 0.2, 0, 0, 0])
-    angle = small.estimate(parameters).angle_rad
+    angle = small.estimate(parameters=parameters).angle_rad
     assert 0 < angle < 0.25
     wider = Estimator(small.table, "sam", max_angle_rad=angle * 1.001)
-    assert wider.estimate(parameters).angle_rad == angle
+    assert wider.estimate(parameters=parameters).angle_rad == angle
     with pytest.raises(NoPose, match="no match"):
-        Estimator(small.table, "sam", max_angle_rad=angle * 0.999).estimate(parameters)
+        Estimator(small.table, "sam", max_angle_rad=angle * 0.999).estimate(parameters=parameters)
 
 
 def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
@@ -112,7 +132,7 @@ def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
     with pytest.raises(ValueError, match="1 row"):
         Estimator(SignatureTable(table.scene, table.poses[:1], table.parameters[:1]))
     two = Estimator(SignatureTable(table.scene, table.poses[:2], table.parameters[:2]), "sam")
-    answer = two.estimate(table.parameters[1])
+    answer = two.estimate(parameters=table.parameters[1])
     np.testing.assert_array_equal(answer.pose, table.poses[1])
     np.testing.assert_array_equal(answer.runner_up_pose, table.poses[0])
 
@@ -123,7 +143,7 @@ def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbo
         estimator = Estimator(small.table, "sam", neighbours=neighbours)
     except ValueError:
         return
-    assert estimator.estimate(small.table.parameters[7]).runner_up_angle_rad >= 0
+    assert estimator.estimate(parameters=small.table.parameters[7]).runner_up_angle_rad >= 0
 
 
 @settings(deadline=None, max_examples=200)
@@ -135,7 +155,7 @@ def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbo
 def test_every_covariance_is_symmetric_and_positive_definite(small, flat, which, peak, rest):
     estimator = {"small": small, "flat": flat}[which]
     try:
-        answer = estimator.estimate([peak, *rest])
+        answer = estimator.estimate(parameters=[peak, *rest])
     except NoPose:
         return
     assert np.isfinite(answer.pose).all()
@@ -162,7 +182,7 @@ def test_the_covariance_is_the_neighbours_spread_and_the_grids_cell(small, flat)
                 error = table.poses[other] - table.poses[nearest[0]]
                 expected += np.outer(error, error) / 64
             expected += np.diag([max(step**2 / 12, 1e-8) for step in cells])
-            found = estimator.estimate(parameters).covariance
+            found = estimator.estimate(parameters=parameters).covariance
             np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
@@ -175,7 +195,9 @@ def test_a_peak_of_noisy_images_is_matched_within_the_reference_accuracy():
     low = np.array([-8.0, *-high[1:]])
     poses = rng.uniform(low, high, (2000, 5))
     images = ForwardModel(scene).expose(poses, rng)
-    answers = [estimator.estimate(parameters) for parameters in signatures(scene, images)]
+    answers = [
+        estimator.estimate(parameters=parameters) for parameters in signatures(scene, images)
+    ]
     errors = np.array([answer.pose for answer in answers]) - poses
     across = np.sqrt((errors[:, 1:3] ** 2).mean())
     range_m = np.sqrt((errors[:, 0] ** 2).mean())

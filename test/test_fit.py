@@ -303,7 +303,7 @@ def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
     for readings in drawn(model, 100, 13)[1]:
         image = readings.reshape(5, 5)
         signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-        answer = estimator.estimate(signature)
+        answer = estimator.estimate(parameters=signature)
         one, other = (
             refine(fit.of(readings), fit.at(pose), MOST_STEPS)
             for pose in (answer.pose, answer.runner_up_pose)

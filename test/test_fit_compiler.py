@@ -73,7 +73,7 @@ def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
     fit = Estimator(table, "least_squares")
 
     def expected(estimator, image):
-        return estimator.estimate(shower.signature(image), image)
+        return estimator.estimate(image, shower.signature(image))
 
     assert_is(shower.show(images[0], 1), expected(meanwhile, images[0]))
     assert_is(shower.show(images[1], 2), expected(meanwhile, images[1]))
@@ -117,7 +117,7 @@ def plain(lab, shower, table, images, reason):
     lab.until(lambda: shower.node.estimator.settings.method == "least_squares", "the fit")
     estimator = Estimator(table, "least_squares", compiled=False)
     for seconds, image in enumerate(images[:2], start=1):
-        answer = estimator.estimate(shower.signature(image), image)
+        answer = estimator.estimate(image, shower.signature(image))
         assert_is(shower.show(image, seconds), answer)
     lab.statuses.clear()
     shower.show(images[2], 3)

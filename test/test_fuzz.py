@@ -144,7 +144,7 @@ def poses_of(estimator, images, parameters, rolls, held_to=1):
         if frame not in answers:
             try:
                 shown = image if i % held_to == 0 else None
-                answers[frame] = estimator.estimate(signature, shown, roll)
+                answers[frame] = estimator.estimate(shown, signature, roll)
             except NoPose:
                 answers[frame] = None
         count += answers[frame] is not None

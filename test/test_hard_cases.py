@@ -66,7 +66,7 @@ def signature(scene, image):
 def answer(estimator, parameters, image=None, roll=0.0):
     """Return an estimate that is found to be whole, or the kind of the reason for none."""
     try:
-        found = estimator.estimate(parameters, image, roll)
+        found = estimator.estimate(image, parameters, roll)
     except NoPose as reason:
         kind, _, details = str(reason).partition(": ")
         assert kind in REASONS

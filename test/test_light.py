@@ -342,12 +342,15 @@ def test_a_turn_of_a_thousand_rounds_is_none():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * expected.max())
 
 
-def test_a_pose_that_is_no_number_has_no_light_that_is_one():
+@pytest.mark.parametrize(
+    "pose", [[math.nan, 0, 0, 0, 0], [-4, 0, 0, math.inf, 0], [-4, 0, 0], np.zeros((2, 3)), -4.0]
+)
+def test_what_is_no_pose_is_refused_by_name(pose):
     model = make_model({"shape": "planar", "detectors_per_side": 3}, 8.0, 0.1)
-    with np.errstate(invalid="ignore"):
-        light = model.light([[math.nan, 0, 0, 0, 0], [-4, 0, 0, math.nan, 0], [-4, 0, 0, 0, 0]])
-    assert np.isnan(light[:2]).all()
-    assert np.isfinite(light[2]).all()
+    with pytest.raises(ValueError, match=r"poses: .*five finite numbers each: x, y, z"):
+        model.light([[-4, 0, 0, 0, 0], pose] if np.shape(pose) == (5,) else pose)
+    with pytest.raises(ValueError, match="five finite numbers"):
+        model.linearised(pose)
 
 
 def test_light_too_dim_for_a_number_is_zero():

@@ -55,8 +55,8 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
     believing, knowing = Estimator(table), Estimator(shady)
     pose = np.array([-5.0, 0.2, -0.1, 0.1, 0.05])
     clear = model.expose(pose, rng)
-    assert knowing.estimate(None, clear).clear > 0.5
-    widths = [np.sqrt(e.estimate(None, clear).covariance.diagonal()) for e in (believing, knowing)]
+    assert knowing.estimate(clear).clear > 0.5
+    widths = [np.sqrt(e.estimate(clear).covariance.diagonal()) for e in (believing, knowing)]
     assert (widths[1] < 2.5 * widths[0]).all()
     errors = []
     for _ in range(40):
@@ -64,7 +64,7 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
         off = {f"shade.mode_{k}": np.array(size) for k, size in enumerate(sizes, start=1)}
         even = np.exp(-0.2 + 0.2 * rng.standard_normal())
         rest = 1 + 0.0125 * rng.standard_normal((5, 5))
-        found = knowing.estimate(None, model.read(model.light(pose, 0.0, off) * even * rest, rng))
+        found = knowing.estimate(model.read(model.light(pose, 0.0, off) * even * rest, rng))
         assert found.clear < 0.5
         error = found.pose - pose
         errors.append(error @ np.linalg.solve(found.covariance, error))

@@ -87,7 +87,7 @@ def test_what_no_array_can_have_is_refused_with_value_and_bound(
     table = SignatureTable(scene, np.tile([-6.0, 0, 0, 0, 0], (2, 1)), np.ones((2, 5)))
     if place or value > 0:
         with pytest.raises(NoPose, match=r"^not of this array"):
-            Estimator(table, "sam").estimate(parameters)
+            Estimator(table, "sam").estimate(parameters=parameters)
 
 
 def test_the_peak_is_bounded_by_what_the_electronics_can_read() -> None:

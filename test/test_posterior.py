@@ -122,7 +122,7 @@ def test_mean_and_covariance_are_those_of_long_chains(frame):
     estimator = Estimator(build_table(scene(changes, array=array)), "least_squares")
     model = ForwardModel(estimator.table.scene)
     image = model.expose(pose, np.random.default_rng(20), roll)
-    answer = estimator.estimate(signature(estimator.table.scene, image), image, roll)
+    answer = estimator.estimate(image, signature(estimator.table.scene, image), roll)
     mean, covariance = chain_moments(estimator, image.ravel(), roll)
     std = np.sqrt(covariance.diagonal())
     # A tenth of a deviation is a hundredth of the mean squared error.
@@ -151,7 +151,7 @@ def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
     estimator = Estimator(build_table(sea), "least_squares")
     pose = np.array([-6.0, 0.1, 0.1, 0.05, 0.05])
     image = ForwardModel(sea).expose(pose, np.random.default_rng(21))
-    answer = estimator.estimate(signature(sea, image), image)
+    answer = estimator.estimate(image, signature(sea, image))
     assert {"y", "z"} <= set(answer.unobservable)
     assert np.sqrt(answer.covariance[1, 1]) > 0.5
     assert "x" not in answer.unobservable
@@ -168,7 +168,7 @@ def normalised_errors(estimator, count, seed):
     errors = []
     for pose, image, parameters in zip(poses, images, signature(sea, images), strict=True):
         try:
-            answer = estimator.estimate(parameters, image)
+            answer = estimator.estimate(image, parameters)
         except NoPose:
             continue
         error = answer.pose - pose

@@ -94,7 +94,7 @@ def test_every_image_is_answered_in_order_from_two_processes_as_by_the_estimator
     for i, frame in enumerate(frames):
         assert frame.reason.partition(":")[0] == BAD.get(i, "")
         if i not in BAD:
-            alone = estimator.estimate(None, images[i])
+            alone = estimator.estimate(images[i])
             np.testing.assert_allclose(frame.estimate.pose, alone.pose, atol=1e-12)
             off = poses[i] - frame.estimate.pose
             assert off @ np.linalg.solve(frame.estimate.covariance, off) < 40

@@ -61,12 +61,12 @@ def test_a_lamp_too_dim_to_saturate_any_reading_is_no_pose():
     model = model_of(reference_counts=30.0)
     table = build_table(model.scene)
     with pytest.raises(NoPose, match="not of this scene"):
-        Estimator(table, compiled=False).estimate(None, np.full((3, 3), 1023.0))
+        Estimator(table, compiled=False).estimate(np.full((3, 3), 1023.0))
 
 
 def test_an_estimate_of_such_an_image_is_wide_and_the_same_every_time():
     estimator = Estimator(build_table(model_of().scene), compiled=False)
-    one, other = (estimator.estimate(None, np.full((3, 3), 1023.0)) for _ in range(2))
+    one, other = (estimator.estimate(np.full((3, 3), 1023.0)) for _ in range(2))
     np.testing.assert_array_equal(one.pose, other.pose)
     assert one.covariance[0, 0] > 1
     assert one.runner_up_pose is None

@@ -94,7 +94,7 @@ def test_an_estimate_is_that_of_the_ordinary_table(tmp_path):
         for method in ("sam", "sam_interpolated", "least_squares"):
             image = ForwardModel(scene).expected(whole.poses[row])
             one, other = (
-                Estimator(t, method).estimate(whole.parameters[row], image) for t in (table, whole)
+                Estimator(t, method).estimate(image, whole.parameters[row]) for t in (table, whole)
             )
             np.testing.assert_allclose(one.pose, other.pose, atol=1e-6)
 

@@ -67,7 +67,7 @@ def gate(monkeypatch):
 
 
 def answer(table, signature):
-    return Estimator(table, "sam").estimate(signature)
+    return Estimator(table, "sam").estimate(parameters=signature)
 
 
 def test_every_frame_is_answered_before_and_after_the_table_takes_over(
@@ -173,7 +173,7 @@ def test_the_covariance_counts_the_cells_of_the_coarse_grid(tables, signatures):
         for key, span in scene.settings()["table"].items()
     ]
     for signature in signatures:
-        covariance = estimator.estimate(signature).covariance
+        covariance = estimator.estimate(parameters=signature).covariance
         spread = np.linalg.eigvalsh(covariance - np.diag(cell) / 12)
         assert spread.min() > -1e-12
 

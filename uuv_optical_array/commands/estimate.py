@@ -17,7 +17,6 @@ from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
@@ -78,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--output {output}: it exists; name a new folder")
     scene = load_scene(options.scene)
     recording = read_bag(options, scene, poses_needed=False)
-    estimator = Estimator(cached_table(scene), options.method)
+    estimator = Estimator(scene, options.method)
     tracker = None
     if options.track:
         tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))

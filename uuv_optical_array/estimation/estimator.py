@@ -42,6 +42,7 @@ from uuv_optical_array.estimation.linearised import LinearisedReadings, linearis
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -133,15 +134,16 @@ class Estimate:
 
 
 class Estimator:
-    """Estimate poses in the scene of a signature table.
+    """Estimate poses in a scene.
 
     Its settings are fixed; another estimator on the same table takes milliseconds to make, because
     the table keeps its index.
 
     Parameters
     ----------
-    table
-        The signature table, of at least two rows.
+    source
+        The scene, whose signature table is then the one of the user's cache, built at the first
+        use; or a table, of at least two rows, which knows its scene.
     method
         One of `METHODS`.
     max_angle_rad
@@ -170,7 +172,7 @@ class Estimator:
 
     def __init__(
         self,
-        table: SignatureTable,
+        source: Scene | SignatureTable,
         method: Method = EstimatorSettings.method,
         max_angle_rad: float = EstimatorSettings.max_angle_rad,
         neighbours: int = EstimatorSettings.neighbours,
@@ -180,6 +182,7 @@ class Estimator:
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
+        table = cached_table(source) if isinstance(source, Scene) else source
         if len(table.poses) < 2:
             raise ValueError(f"table: {len(table.poses)} row; a match needs at least two")
         if neighbours < 2:
@@ -256,8 +259,8 @@ class Estimator:
 
     def estimate(
         self,
-        parameters: ArrayLike | None,
         image: ArrayLike | None = None,
+        parameters: ArrayLike | None = None,
         roll: float = 0.0,
         constants: tuple[Array, Array] | None = None,
     ) -> Estimate:
@@ -265,11 +268,11 @@ class Estimator:
 
         Parameters
         ----------
+        image
+            Counts, shape ``(side, side)``. ``least_squares`` needs it; the other methods hold their
+            match to it, and believe the key parameters without it.
         parameters
             Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image.
-        image
-            The image itself, counts, shape ``(side, side)``. ``least_squares`` needs it; the other
-            methods hold their match to it, and believe the key parameters without it.
         roll
             Roll of the follower, as its own sensors know it, rad.
         constants
@@ -288,7 +291,7 @@ class Estimator:
             For parameters that are not finite, hold no light or are beyond what an array can give,
             for a signature or an image that belongs to no pose of the scene.
         """
-        found = self._estimate(parameters, image, float(roll), constants)
+        found = self._estimate(image, parameters, float(roll), constants)
         covariance = found.covariance + self.aim_covariance(found.pose, roll)
         return replace(found, covariance=covariance)
 
@@ -303,8 +306,8 @@ class Estimator:
 
     def _estimate(
         self,
-        parameters: ArrayLike | None,
         image: ArrayLike | None,
+        parameters: ArrayLike | None,
         roll: float,
         constants: tuple[Array, Array] | None,
     ) -> Estimate:
@@ -340,8 +343,12 @@ class Estimator:
         side = self.table.scene.array.detectors_per_side
         readings = np.array(image, dtype=float, order="C")
         if readings.shape != (side, side) or not np.isfinite(readings).all():
-            method = self.settings.method
-            raise NoPose(f"no image: {method} needs {side} x {side} finite readings")
+            seen = (
+                "nan or infinite" if readings.shape == (side, side) else f"shape {readings.shape}"
+            )
+            raise NoPose(
+                f"no image: {seen}; {self.settings.method} needs {side} x {side} finite readings"
+            )
         return readings.reshape(-1)
 
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp]]:

@@ -218,7 +218,8 @@ class ForwardModel:
         Raises
         ------
         ValueError
-            For an offset of a setting that the scene does not have.
+            For poses that are not five finite numbers each, or an offset of a setting that the
+            scene does not have.
         """
         image, shape = self._propagate(poses, roll, offsets, time_s, False)
         return image[0].reshape(*shape, self.array.side, self.array.side)
@@ -249,7 +250,7 @@ class ForwardModel:
         Raises
         ------
         ValueError
-            For an offset of a setting that the scene does not have.
+            As `light`.
         """
         image, shape = self._propagate(poses, roll, offsets, None, True)
         jacobian = np.moveaxis(image[1:], 0, -1)
@@ -266,6 +267,11 @@ class ForwardModel:
     ) -> tuple[Array, tuple[int, ...]]:
         """Return the light, and its slopes, as `optics.detect` leaves them, shape ``(r, m, n)``."""
         poses = np.asarray(poses, dtype=float)
+        if poses.shape[-1:] != (5,) or not np.isfinite(poses).all():
+            raise ValueError(
+                f"poses: shape {poses.shape}, {(~np.isfinite(poses)).sum()} nan or infinite; give "
+                "five finite numbers each: x, y, z in m, pitch and yaw in rad"
+            )
         shape = np.broadcast_shapes(poses.shape[:-1], np.shape(roll))
         flat = np.ascontiguousarray(np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5).T)[..., None]
         rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1, 1)

@@ -351,7 +351,7 @@ class EstimatorNode(Node):
                 self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
             known = self.tracker.constants(stamp) if self.parameters["tracking"] else None
-            estimate = self.estimator.estimate(parameters, readings, roll, known)
+            estimate = self.estimator.estimate(readings, parameters, roll, known)
             if readings is None:
                 self.frozen.check(
                     parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)

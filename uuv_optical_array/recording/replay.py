@@ -128,7 +128,7 @@ def _estimated(
     if parameters is None:
         return reason
     try:
-        return estimator.estimate(parameters, image, 0.0, constants)
+        return estimator.estimate(image, parameters, 0.0, constants)
     except NoPose as no_pose:
         return str(no_pose)
 

@@ -11,7 +11,6 @@ from uuv_optical_array.commands import cli
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -176,7 +175,7 @@ def run(options: argparse.Namespace) -> int:
 
             draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:
-            estimator = Estimator(cached_table(scene), options.method, candidates=candidates)
+            estimator = Estimator(scene, options.method, candidates=candidates)
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
             images = exposed(model, poses, seed, options.drawn, options.moving, rng)

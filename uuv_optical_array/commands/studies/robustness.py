@@ -10,7 +10,6 @@ from uuv_optical_array.commands import cli
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.robustness.kinds import kinds_named
 from uuv_optical_array.studies.robustness.study import KindResult, measure_kinds
@@ -149,7 +148,7 @@ def run(options: argparse.Namespace) -> int:
     page = page_to_fill(options.report) if options.report else None
     found: list[KindResult] = []
     try:
-        estimator = Estimator(cached_table(scene), options.method)
+        estimator = Estimator(scene, options.method)
         for result in measure_kinds(
             estimator, kinds, count, seed, lambda name, frames: cli.bar(frames, "frame", name)
         ):

@@ -14,7 +14,6 @@ from uuv_optical_array.estimation.docking.motion import DockingSettings
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
@@ -127,7 +126,7 @@ def simulate(
     sea = believed(scene, case, choices)
     model = ForwardModel(sea)
     moments = calibrate(model, rng)
-    estimator = Estimator(cached_table(sea), "least_squares")
+    estimator = Estimator(sea, "least_squares")
     batches: dict[str, list[Array]] = {method: [] for method in METHODS}
     try:
         for start in range(0, runs, BATCH):
@@ -166,7 +165,7 @@ def by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]
         tracker = Tracker(TrackerSettings())
         for frame in range(FRAMES):
             with suppress(NoPose):
-                estimate = estimator.estimate(parameters[run, frame], images[run, frame])
+                estimate = estimator.estimate(images[run, frame], parameters[run, frame])
                 single[run, frame] = estimate.pose
                 stamp_ns = round(TIMES_S[frame] * 1e9)
                 track = tracker.update(stamp_ns, estimate.pose, estimate.covariance)

@@ -87,7 +87,7 @@ def answer_of(estimator: Estimator) -> Answer:
 
     def answer(image: Array) -> tuple[Array, Array]:
         parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-        estimate = estimator.estimate(parameters, image)
+        estimate = estimator.estimate(image, parameters)
         return estimate.pose, estimate.covariance
 
     return answer

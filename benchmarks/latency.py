@@ -27,7 +27,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.core.messages import stamp_ns
-from uuv_optical_array.nodes import feature_node
+from uuv_optical_array.nodes import estimator_node, feature_node
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
 
@@ -130,11 +130,11 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
         asker, executor = Asker(), fastest_executor()
         nodes: list[Any] = [asker]
         if not apart:
-            original = feature_node.key_parameters
+            originals = feature_node.key_parameters, estimator_node.enter
+            watched(estimator_node, "enter", spent, "track")
             watched(feature_node, "key_parameters", spent, "features")
             feature, estimator, formation = follower()
             nodes += [Relay(), feature, estimator, formation]
-            watched(estimator, "tracked", spent, "track")
         for node in nodes:
             executor.add_node(node)
         spin(executor, lambda: not asker.connected())
@@ -155,7 +155,7 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
                     executor.spin_once(timeout_sec=left)
             report(apart, method, side, rate_hz, count, asker.times, spent)
         if not apart:
-            feature_node.key_parameters = original
+            feature_node.key_parameters, estimator_node.enter = originals
         rclpy.try_shutdown()
         if process is not None:
             process.send_signal(signal.SIGINT)

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, body_twist, covariance_6x6
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import (
@@ -30,6 +30,7 @@ from uuv_optical_array.estimation.table.signature_table import (
     widening,
 )
 from uuv_optical_array.estimation.tracking.enter import enter
+from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
@@ -357,7 +358,7 @@ class EstimatorNode(Node):
                     parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)
                 )
             if self.parameters["tracking"]:
-                track = self.tracked(stamp, estimate, readings, roll)
+                track = enter(self.tracker, self.estimator, stamp, estimate, readings, roll)
                 # A track puts late frames in their place first.
                 if track.stamp_ns != stamp:
                     raise Refused("late frame: it entered the track, whose newer pose is out")
@@ -366,9 +367,10 @@ class EstimatorNode(Node):
             self.diagnostics.refuse(str(reason))
             return
         header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
-        pose = pose_to_message(
-            estimate.pose, self.covariance_6x6(estimate.pose, estimate.covariance), header, roll
+        covariance = covariance_6x6(
+            estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]
         )
+        pose = pose_to_message(estimate.pose, covariance, header, roll)
         if not self.poses.publish(pose):
             return
         own = Header(stamp=header.stamp, frame_id=self.base_frame)
@@ -395,15 +397,6 @@ class EstimatorNode(Node):
         inside = 1 - np.abs(2 * pose - low - high) / span
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
 
-    def covariance_6x6(self, pose: Array, covariance: Array) -> Array:
-        """Return a covariance as ROS has it, with what is known of the roll."""
-        return covariance_6x6(pose, covariance, self.parameters["roll_std_rad"])
-
-    def tracked(self, stamp: int, estimate: Estimate, image: Array | None, roll: float) -> Track:
-        """Return the track with a frame."""
-        assert self.estimator is not None
-        return enter(self.tracker, self.estimator, stamp, estimate, image, roll)
-
     def learnt(self, track: Track) -> dict[str, str]:
         """Return what the diagnostics show of what a track has learnt, and what to do about it."""
         changes = scene_changes(self.model, self.constants, track.constants)
@@ -419,11 +412,9 @@ class EstimatorNode(Node):
         """Publish pose and twist of the track."""
         assert self.estimator is not None
         common = self.estimator.aim_covariance(track.pose, roll)
-        joint = track.joint_covariance + np.pad(common, (0, 5))
-        covariance = self.covariance_6x6(track.pose, joint[:5, :5])
-        twist, spread = body_twist(track.pose, track.rate, joint, roll)
-        pose = pose_to_message(track.pose, covariance, header, roll)
-        message = odometry_to_message(pose, self.child_frame, twist, spread)
+        found = relative_odometry(track, common, roll, self.parameters["roll_std_rad"])
+        pose = pose_to_message(found.pose, found.covariance, header, roll)
+        message = odometry_to_message(pose, self.child_frame, found.twist, found.spread)
         self.tracks.publish(message)
         if self.hand_over is not None:
             self.hand_over(message)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.core.geometry import Array, body_twist, covariance_6x6
+from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.recording.bag import BagWriter, message_types
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import Frame
@@ -111,25 +112,24 @@ def _messages(types: Any, frame: Frame, estimator: Estimator) -> Iterator[tuple[
         place = make("geometry_msgs/Point", *numbers[:3])
         attitude = make("geometry_msgs/Quaternion", *numbers[3:])
         whole = make("geometry_msgs/Pose", place, attitude)
-        of_all = covariance_6x6(pose, covariance, ROLL_STD_RAD)
-        return make("geometry_msgs/PoseWithCovariance", whole, of_all.ravel())
+        return make("geometry_msgs/PoseWithCovariance", whole, covariance.ravel())
 
     stamp = make("builtin_interfaces/Time", *divmod(frame.stamp_ns, 10**9))
     header = make("std_msgs/Header", stamp, BEACON_FRAME)
     found, track = frame.estimate, frame.track
     if found is not None:
-        pose = posed(found.pose, found.covariance)
+        covariance = covariance_6x6(found.pose, found.covariance, ROLL_STD_RAD)
+        pose = posed(found.pose, covariance)
         yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, pose)
     if track is not None:
         common = estimator.aim_covariance(track.pose, 0.0)
-        joint = track.joint_covariance + np.pad(common, (0, 5))
-        twist, spread = body_twist(track.pose, track.rate, joint, 0.0)
+        odometry = relative_odometry(track, common, 0.0, ROLL_STD_RAD)
         linear, angular = (
-            make("geometry_msgs/Vector3", *map(float, part)) for part in (twist[:3], twist[3:])
+            make("geometry_msgs/Vector3", *part.tolist()) for part in np.split(odometry.twist, 2)
         )
         moving = make("geometry_msgs/Twist", linear, angular)
-        moves = make("geometry_msgs/TwistWithCovariance", moving, spread.ravel())
-        pose = posed(track.pose, joint[:5, :5])
+        moves = make("geometry_msgs/TwistWithCovariance", moving, odometry.spread.ravel())
+        pose = posed(odometry.pose, odometry.covariance)
         yield (
             "/relative_odometry",
             make("nav_msgs/Odometry", header, FOLLOWER_FRAME, pose, moves),

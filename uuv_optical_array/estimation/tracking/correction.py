@@ -8,13 +8,14 @@ that bends evenly that is the secant, while slopes at either end pull what is le
 import math
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.frame import Frame, Relinearise, checked_readings
 from uuv_optical_array.estimation.tracking.joint_coordinates import AsTheyAre, JointCoordinates
-from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct
+from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, weigh
 from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import POSE
 
@@ -78,7 +79,10 @@ class Correction:
         slopes = np.eye(5, self._space.size)
         slopes[:, self._space.shades] = lasts
         off = wrapped(frame.pose - belief.mean[POSE])
-        return correct(belief, Reading(off, slopes, own, np.zeros(0)), learnt)
+        white = solve_triangular(own, np.column_stack([off, slopes]), lower=True)
+        reading = Reading(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
+        gain, distance = weigh(belief, reading, learnt)
+        return correct(belief, reading, gain), distance
 
     def _by_readings(
         self,
@@ -87,23 +91,37 @@ class Correction:
         relinearise: Relinearise | None,
         learnt: int,
     ) -> tuple[Belief, float]:
-        entries, coordinates = self._space.linear, self._coordinates
-        here = coordinates.of(belief.mean[entries])
+        space, coordinates = self._space, self._coordinates
+        here = coordinates.of(belief.mean[space.linear])
         _, slopes = coordinates.place(here)
-        before = _turned(belief, entries, np.asarray(np.linalg.inv(slopes)), here)
+        before = self._turned(belief, np.asarray(np.linalg.inv(slopes)), here)
         at = coordinates.of(readings.at)
         _, slopes = coordinates.place(at)
         reading = self._reading(before, readings, at, slopes)
-        after, distance = correct(before, reading, learnt)
+        gain, distance = weigh(before, reading, learnt)
         # What is beyond the gate is no frame of this track, wherever it is linearised.
         if relinearise and distance <= self._gate:
-            step = coordinates.difference(after.mean[entries], before.mean[entries])
-            midway = before.mean[entries] + 0.5 * step
+            step = np.zeros(space.size)
+            step[:learnt] = gain @ reading.residual
+            midway = before.mean[space.linear] + 0.5 * step[space.linear]
             place, slopes = coordinates.place(midway)
             again = checked_readings(relinearise(place), self._constants)
-            after, _ = correct(before, self._reading(before, again, midway, slopes), learnt)
-        place, slopes = coordinates.place(after.mean[entries])
-        return _turned(after, entries, slopes, place), distance
+            reading = self._reading(before, again, midway, slopes)
+            gain, _ = weigh(before, reading, learnt)
+        after = correct(before, reading, gain)
+        place, slopes = coordinates.place(after.mean[space.linear])
+        return self._turned(after, slopes, place), distance
+
+    def _turned(self, belief: Belief, slopes: Array, place: Array) -> Belief:
+        """Return a belief of which pose and constants are given in other coordinates.
+
+        In all of them the constants are the same.
+        """
+        mean, root, shared = (part.copy() for part in belief)
+        mean[self._space.linear] = place
+        for part in (root, shared):
+            part[POSE] = slopes[:5] @ part[self._space.linear]
+        return Belief(mean, root, shared)
 
     def _reading(
         self, belief: Belief, readings: LinearisedReadings, at: Array, by_coordinates: Array
@@ -117,23 +135,14 @@ class Correction:
         slopes = readings.slopes @ by_coordinates
         # A reading that says nothing is one that nothing moves.
         says = np.isfinite(readings.variances)
-        light = np.where(says, readings.light, 0.0)
+        residual = says * (readings.residuals - slopes @ off)
+        slopes, light = says[:, None] * slopes, says * readings.light
         by_state = np.zeros((len(says), self._space.size))
-        by_state[:, self._space.linear] = np.where(says[:, None], slopes, 0.0)
-        residual = np.where(says, readings.residuals, 0.0) - by_state[:, self._space.linear] @ off
+        by_state[:, POSE], by_state[:, self._space.constants] = slopes[:, POSE], slopes[:, 5:]
         gains = self._space.gains
         if gains.stop > gains.start:
             by_state[:, gains] = np.diag(light)
             residual -= light * belief.mean[gains]
-        noise = np.diag(np.sqrt(np.where(says, readings.variances, 1.0)))
+        noise = np.sqrt(np.where(says, readings.variances, 1.0))
         spoilt = self._constants.gain_std * light if self._space.spoilt else np.zeros(0)
         return Reading(residual, by_state, noise, spoilt)
-
-
-def _turned(belief: Belief, entries: list[int], slopes: Array, place: Array) -> Belief:
-    """Return a belief of which some entries are given in other coordinates, by their slopes."""
-    mean, root, shared = (part.copy() for part in belief)
-    mean[entries] = place
-    root[entries] = slopes @ root[entries]
-    shared[entries] = slopes @ shared[entries]
-    return Belief(mean, root, shared)

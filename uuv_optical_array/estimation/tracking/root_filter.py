@@ -6,12 +6,17 @@ X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and Navig
 (T. Kailath, A. H. Sayed and B. Hassibi, *Linear Estimation*, 2000, ch. 12), so no rounding and no
 choice of K makes a variance negative. K may therefore leave alone what readings say nothing
 trustworthy of: those rows are zero (S. F. Schmidt's filter).
+
+Many readings of a small state make no matrix of readings by readings. What they say
+of the state is turned into as many readings as it has entries, whose noise is white (G. J. Bierman,
+*Factorization Methods for Discrete Sequential Estimation*, 1977, ch. 4).
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import Array
 
@@ -41,7 +46,7 @@ class Belief(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What was read: ``residual = slopes @ (x - mean) + spoilt @ shared numbers + noise``.
+    """What was read: ``residual = slopes @ (x - mean) + spoilt * shared numbers + noise``.
 
     Parameters
     ----------
@@ -50,11 +55,10 @@ class Reading(NamedTuple):
     slopes
         By the state, shape ``(n, d)``.
     noise
-        Root of its covariance, lower triangular, shape ``(n, n)``; diagonal where there are shared
-        numbers.
+        Its standard deviations, > 0, shape ``(n,)``.
     spoilt
-        By the shared numbers, counts of one standard deviation: the diagonal, shape ``(n,)``, with
-        h = n; or of length 0 where there are none.
+        By the shared numbers, counts of one standard deviation, shape ``(n,)``, with h = n; or of
+        length 0 where there are none.
     """
 
     residual: Array
@@ -64,12 +68,21 @@ class Reading(NamedTuple):
 
 
 def triangular(root: Array) -> Array:
-    """Return the lower triangular root of the same covariance, shape ``(d, d)``."""
-    return np.asarray(np.linalg.qr(root.T, mode="r")).T
+    """Return the upper triangular root of the same covariance, shape ``(d, d)``."""
+    size, columns = root.shape
+    if columns < size:
+        root = np.concatenate([np.zeros((size, size - columns)), root], axis=1)
+    turned, *_ = lapack.dgerqf(root)
+    return np.asarray(turned[:, -size:] * _above(size))
 
 
-def correct(belief: Belief, reading: Reading, learnt: int) -> tuple[Belief, float]:
-    """Correct a state by readings.
+@cache
+def _above(size: int) -> Array:
+    return np.triu(np.ones((size, size)))
+
+
+def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Array, float]:
+    """Return how readings correct a state, and how far they are from it.
 
     Parameters
     ----------
@@ -78,38 +91,85 @@ def correct(belief: Belief, reading: Reading, learnt: int) -> tuple[Belief, floa
     reading
         What was read.
     learnt
-        How many entries of the state are corrected; those behind keep mean and covariance.
+        How many entries of the state are corrected.
 
     Returns
     -------
-    belief
-        After.
+    gain
+        By which residuals correct these, shape ``(learnt, n)``.
     distance
         Mahalanobis distance of the readings from the state, in the directions in which the first
         five entries move them: the likelihood ratio test of a jump in these (A. Willsky and
         H. Jones, 1976, IEEE Trans. Automatic Control 21, 108), chi with five degrees of freedom.
     """
-    mean, root, shared = belief
+    _, root, shared = belief
     residual, slopes, noise, spoilt = reading
-    seen = slopes @ root
-    carried = slopes @ shared
-    cross = seen @ root.T + carried @ shared.T
     if len(spoilt):
-        cross += spoilt[:, None] * shared.T
-        spread = cross @ slopes.T + carried * spoilt
-        spread[np.diag_indices_from(spread)] += noise.diagonal() ** 2 + spoilt**2
-        innovation = np.linalg.cholesky(spread)
+        # All noise of a reading, w, tells of the shared numbers: they are ``spoilt w / std^2`` and
+        # a rest. By that part of them the state moves with w, and the readings with the state.
+        std = np.hypot(noise, spoilt)
+        by_noise = shared * (spoilt / std**2)
+        root = triangular(np.concatenate([root, shared * (noise / std)], axis=1))
+        slopes = slopes @ np.linalg.inv(np.eye(len(root)) + by_noise @ slopes)
+        residual = residual - slopes @ (by_noise @ residual)
     else:
-        innovation = triangular(np.hstack([noise, seen, carried]))
-    white = solve_triangular(
-        innovation, np.column_stack([residual, slopes[:, :5], cross]), lower=True
-    )
-    jump, _ = np.linalg.qr(white[:, 1:6])
-    distance = float(np.linalg.norm(jump.T @ white[:, 0]))
-    gain = solve_triangular(innovation, white[:, 6:], lower=True, trans="T").T
-    gain[learnt:] = 0.0
-    root = triangular(np.hstack([root - gain @ seen, gain @ noise]))
-    shared = shared - gain @ carried
+        std, root = noise, np.concatenate([root, shared], axis=1)
+    white, off = slopes / std[:, None], residual / std
+    known = root[:learnt]
+    basis = None
+    if len(white) > white.shape[1]:
+        basis, white = np.linalg.qr(white)
+        off = basis.T @ off
+    seen = white @ root
+    cross = seen @ known.T
     if len(spoilt):
-        shared -= gain * spoilt
-    return Belief(mean + gain @ residual, root, shared), distance
+        moved = by_noise[:learnt] * std
+        seen_moved = moved if basis is None else moved @ basis
+        cross += seen_moved.T
+    spread = _upper(np.concatenate([np.eye(len(seen)), seen.T]))
+    found, _ = lapack.dtrtrs(
+        spread, np.concatenate([white[:, :5], off[:, None], cross], axis=1), trans=1
+    )
+    distance = float(np.linalg.norm(_upper(found[:, :6])[:5, 5]))
+    gain = np.asarray(lapack.dtrtrs(spread, found[:, 6:])[0]).T
+    if basis is not None:
+        gain = gain @ basis.T
+        if len(spoilt):
+            gain += moved - seen_moved @ basis.T
+    gain = gain / std
+    if len(spoilt):
+        gain -= gain @ slopes @ by_noise
+    return gain, distance
+
+
+def _upper(stack: Array) -> Array:
+    """Return the triangular factor of a stack of rows, as of Householder's QR."""
+    turned, *_ = lapack.dgeqrf(stack)
+    return np.asarray(np.triu(turned[: stack.shape[1]]))
+
+
+def correct(belief: Belief, reading: Reading, gain: Array) -> Belief:
+    """Correct a state by readings.
+
+    Parameters
+    ----------
+    belief
+        Before; its root is square and has zeros in the first columns of what is not learnt, as
+        `triangular` leaves it.
+    reading
+        What was read.
+    gain
+        As `weigh` has it; entries behind its rows keep mean and covariance.
+    """
+    mean, root, shared = (part.copy() for part in belief)
+    residual, slopes, noise, spoilt = reading
+    learnt = len(gain)
+    by_state = gain @ slopes
+    mean[:learnt] += gain @ residual
+    root[:learnt] -= by_state @ belief.root
+    own = np.concatenate([root[:learnt, :learnt], gain * noise], axis=1)
+    root[:learnt, :learnt] = triangular(own)
+    shared[:learnt] -= by_state @ belief.shared
+    if len(spoilt):
+        shared[:learnt] -= gain * spoilt
+    return Belief(mean, root, shared)

@@ -59,7 +59,7 @@ class StateSpace:
 
     def unknown(self) -> Belief:
         """Return the belief in what lasts before any frame, and in nothing else."""
-        root = np.vstack([np.zeros((MOVING, len(self._stds))), np.diag(self._stds)])
+        root = np.diag(np.concatenate([np.zeros(MOVING), self._stds]))
         return Belief(np.zeros(self.size), root, np.zeros((self.size, self.spoilt)))
 
     def drifted(self, belief: Belief, step_s: float) -> Belief:
@@ -80,7 +80,6 @@ class StateSpace:
     def held(self, belief: Belief, step_s: float) -> Belief:
         """Return a belief after a time, s, in nothing but what lasts."""
         mean, root, shared = self.drifted(belief, step_s)
-        lasting = triangular(root[MOVING:])
-        root = np.vstack([np.zeros((MOVING, len(lasting))), lasting])
-        mean[:MOVING], shared[:MOVING] = 0.0, 0.0
+        root = triangular(root)
+        mean[:MOVING], root[:MOVING], shared[:MOVING] = 0.0, 0.0, 0.0
         return Belief(mean, root, shared)

@@ -41,7 +41,7 @@ from uuv_optical_array.estimation.tracking.frame import (
     checked_readings,
 )
 from uuv_optical_array.estimation.tracking.motion import OwnMotion, RandomMotion, in_beacon
-from uuv_optical_array.estimation.tracking.root_filter import Belief
+from uuv_optical_array.estimation.tracking.root_filter import Belief, triangular
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import (
@@ -323,10 +323,10 @@ class Tracker:
         own, lasts = self._correction.errors(frame)
         if frame.readings is not None:
             mean[POSE], own = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
-        anew = block_diag(own, self._random_motion.start, root[MOVING:])
+        anew = block_diag(own, triangular(self._random_motion.start), root[MOVING:, MOVING:])
         belief = Belief(mean, anew, shared)
         if frame.readings is None:
-            anew[POSE, MOVING:] = lasts @ root[self._space.shades]
+            anew[POSE, MOVING:] = lasts @ root[self._space.shades, MOVING:]
         else:
             belief, _ = self._correction.by_frame(belief, frame, True)
         return _State(frame, belief, frame.stamp_ns)
@@ -359,7 +359,9 @@ class Tracker:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
         learns = due and frame.readings is not None and self._worth_learning(ahead)
-        belief, distance = self._correction.by_frame(ahead, frame, learns)
+        belief, distance = self._correction.by_frame(
+            ahead._replace(root=triangular(ahead.root)), frame, learns
+        )
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
         return _State(frame, belief, learnt_ns, state.frames + 1, distance)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.commands.studies.robustness import page_to_fill
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "uuv_optical_array"
@@ -84,8 +83,3 @@ def test_every_target_of_make_is_there(page):
     targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
     for piece in code(page):
         assert set(re.findall(r"^make ([a-z]+)", piece)) <= targets, piece
-
-
-def test_the_page_of_robustness_can_be_filled():
-    page = ROOT / "docs/results/robustness.md"
-    assert page_to_fill(page) == page

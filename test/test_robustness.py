@@ -168,10 +168,9 @@ def test_an_honest_scene_and_a_broken_one(table):
 SOME = ("--method", "sam", "--kinds", "nothing,mirrored")
 
 
-def test_the_command_tells_prints_draws_and_fills_a_page(capsys, tmp_path, scene_file):
-    page, picture = tmp_path / "page.md", tmp_path / "r.png"
-    page.write_text(f"before\n{command.BEGIN}\nold\n{command.END}\nafter\n", encoding="utf-8")
-    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--report", page)
+def test_the_command_tells_prints_and_draws(capsys, tmp_path, scene_file):
+    picture = tmp_path / "r.png"
+    words = ("--scene", scene_file, "--poses", 12, "--output", picture)
     run(*words, *SOME, "--json")
     out, err = capsys.readouterr()
     answer = json.loads(out)
@@ -183,18 +182,13 @@ def test_the_command_tells_prints_draws_and_fills_a_page(capsys, tmp_path, scene
     assert "mirrored: 100%" in err
     assert "12/12" in err
     assert_picture(picture)
-    filled = page.read_text(encoding="utf-8")
-    table = r"sam in scene small, 12 poses .*:\n\n(\|.*\|\n){4}\n"
-    assert re.fullmatch(rf"before\n{command.BEGIN}\n\n{table}{command.END}\nafter\n", filled)
     run(*words, *SOME)
     lines = capsys.readouterr().out.splitlines()
-    assert page.read_text(encoding="utf-8") == filled  # filled again, not twice
     for row in answer["kinds"]:
         shown = next(line.split() for line in lines if line.startswith(row["kind"]))
         figures = ["answered", "beyond_6_sigma", "indistinguishable", "beyond_1_m"]
         assert shown[2:6] == [str(row[key]) for key in figures]
         assert shown[-1] == f"{row['nees_mean']:.3g}"
-        assert f"| {' | '.join(shown)} |" in filled
 
 
 @pytest.mark.parametrize(("frames", "kinds"), [(0, []), (7, [7]), (12, [12]), (17, [12, 5])])
@@ -211,11 +205,9 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
             yield i
 
     monkeypatch.setattr(command.cli, "bar", interrupted)
-    page, picture = tmp_path / "page.md", tmp_path / "r.png"
-    page.write_text(command.BEGIN + command.END, encoding="utf-8")
-    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--report", page, "--json")
+    picture = tmp_path / "r.png"
+    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--json")
     run(*words, *SOME, code=130)
-    assert page.read_text(encoding="utf-8") == command.BEGIN + command.END
     out = capsys.readouterr().out
     if not kinds:
         assert out == "interrupted: nothing measured\n"
@@ -237,8 +229,6 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
         (("--kinds", ""), ("--kinds", "''", "nothing")),
         (("--kinds", "moving"), ("--kinds", "moving", "plume", "scene follow has not")),
         (("--output", "/nowhere/r.png"), ("--output", "/nowhere", "make it first")),
-        (("--report", "/nowhere/r.md"), ("--report", "/nowhere", "make it first")),
-        (("--report", __file__), ("--report", __file__, command.BEGIN, "add them")),
     ],
 )
 def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):

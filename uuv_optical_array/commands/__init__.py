@@ -3,7 +3,16 @@
 import argparse
 import sys
 
-from uuv_optical_array.commands import calibrate, cli, commission, estimate, follow, render, table
+from uuv_optical_array.commands import (
+    calibrate,
+    cli,
+    commission,
+    estimate,
+    follow,
+    render,
+    report,
+    table,
+)
 from uuv_optical_array.commands.studies import (
     accuracy,
     advise,
@@ -49,8 +58,11 @@ def main(args: list[str] | None = None) -> None:
 
     A Ctrl-C at a moment at which the command itself expects none ends it with a line, too.
     """
-    options = build_parser().parse_args(args)
+    words = sys.argv[1:] if args is None else args
+    options = build_parser().parse_args(words)
     try:
+        if getattr(options, "report", None):
+            sys.exit(report.run(options, words))
         sys.exit(options.run(options))
     except (ValueError, OSError) as error:
         sys.exit(f"uuv_array {options.command}: {error}")

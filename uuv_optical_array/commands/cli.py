@@ -99,6 +99,17 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """Add the option for a page that keeps what is printed; `report` fills it."""
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="PAGE",
+        help="Markdown page in which this command and what it prints take the place of what it "
+        "printed last",
+    )
+
+
 def bar(
     rounds: Iterable[T], unit: str = "frame", what: str | None = None, total: int | None = None
 ) -> Iterable[T]:

@@ -82,6 +82,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--moving", action="store_true", help="images of random moments, for what moves in a scene"
     )
     cli.add_json(parser)
+    cli.add_report(parser)
 
 
 def _fixed(value: float | None) -> str:

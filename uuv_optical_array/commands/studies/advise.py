@@ -74,6 +74,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     cli.add_scene(parser, "reference")
     cli.add_numbers(parser, NEEDS)
     cli.add_json(parser)
+    cli.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,

@@ -72,6 +72,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--choices", action="store_true", help="compare what the paper leaves open, at the end"
     )
     cli.add_json(parser)
+    cli.add_report(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("approach.png"), help="picture (default: approach.png)"
     )

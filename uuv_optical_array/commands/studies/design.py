@@ -106,6 +106,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--take", type=int, metavar="NO", help="write design NO of the table as a scene, too"
     )
     cli.add_json(parser)
+    cli.add_report(parser)
 
 
 def sweep_of(options: argparse.Namespace, scene: Scene) -> Sweep:

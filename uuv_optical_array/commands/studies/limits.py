@@ -56,6 +56,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser.add_argument(
         "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
     )
+    cli.add_report(parser)
 
 
 def report(model: ForwardModel, pose: Array) -> str:

@@ -45,6 +45,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--output", type=Path, default=Path("paper.png"), help="picture (default: paper.png)"
     )
     cli.add_json(parser)
+    cli.add_report(parser)
 
 
 def number(ours: float) -> str:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from uuv_optical_array.commands import cli
-from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.scene import load_scene
@@ -33,8 +32,6 @@ NUMBERS = {
     "poses": cli.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
     "seed": cli.Number(cli.SEED, 1),
 }
-# Between these lines of a page `--report` puts its table.
-BEGIN, END = "<!-- begin of uuv_array robustness -->", "<!-- end of uuv_array robustness -->"
 COLUMNS = {
     "kind": "kind",
     "times_prior": "times the prior",
@@ -70,17 +67,12 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     cli.add_numbers(parser, NUMBERS)
     cli.add_json(parser)
+    cli.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,
         default=Path("robustness.png"),
         help="picture (default: robustness.png)",
-    )
-    parser.add_argument(
-        "--report",
-        type=Path,
-        metavar="PAGE",
-        help=f"Markdown page that gets a complete table, between the lines {BEGIN} and {END}",
     )
 
 
@@ -105,37 +97,6 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the kinds as a Markdown table."""
-    heads, *lines = cells(rows)
-    return "\n".join(f"| {' | '.join(line)} |" for line in [heads, ["---"] * len(heads), *lines])
-
-
-def filled(page: str, text: str) -> str:
-    """Return a page with a text between its marks, in place of what was there.
-
-    Raises
-    ------
-    ValueError
-        For a page without the marks.
-    """
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"no lines {BEGIN} and {END}, between which the table goes; add them")
-    return f"{before}{BEGIN}\n\n{text}\n\n{END}{after}"
-
-
-def page_to_fill(path: Path) -> Path:
-    """Return a page that has the marks; ValueError or OSError where it cannot be filled."""
-    path = cli.file_to_write(path, "--report")
-    try:
-        filled(path.read_text(encoding="utf-8"), "")
-    except ValueError as error:
-        raise ValueError(f"--report {path}: {error}") from None
-    return path
-
-
 def run(options: argparse.Namespace) -> int:
     """Run the study, print and draw it."""
     count, seed = cli.numbers_of(options, NUMBERS)
@@ -145,7 +106,6 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise ValueError(f"--{error}") from None
     output = cli.file_to_write(options.output, "--output")
-    page = page_to_fill(options.report) if options.report else None
     found: list[KindResult] = []
     try:
         estimator = Estimator(scene, options.method)
@@ -162,9 +122,6 @@ def run(options: argparse.Namespace) -> int:
     from uuv_optical_array.plots.robustness import draw_robustness
 
     draw_robustness(rows, about, output)
-    if page and complete:
-        text = f"{about}:\n\n{markdown(rows)}"
-        files.write_text(page, filled(page.read_text(encoding="utf-8"), text))
     if options.json:
         told = {"scene": scene.name, "method": options.method, "seed": seed, "poses": count}
         print(json.dumps({**told, "complete": complete, "kinds": rows, "picture": str(output)}))

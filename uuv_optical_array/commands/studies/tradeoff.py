@@ -65,6 +65,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     cli.add_numbers(parser, NUMBERS)
     cli.add_json(parser)
+    cli.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,

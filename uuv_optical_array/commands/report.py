@@ -1,0 +1,99 @@
+"""``--report PAGE``: what a command prints stands in a page of Markdown, beside the command."""
+
+import argparse
+import contextlib
+import io
+import shlex
+import sys
+from collections.abc import Sequence
+from typing import TextIO
+
+from uuv_optical_array.commands import cli
+from uuv_optical_array.core import files
+
+BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
+
+
+class _Both(io.TextIOBase):
+    """Text that goes to a stream and is kept."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream, self.kept = stream, io.StringIO()
+
+    def write(self, text: str) -> int:
+        self.stream.write(text)
+        return self.kept.write(text)
+
+    def flush(self) -> None:
+        self.stream.flush()
+
+    def isatty(self) -> bool:
+        return self.stream.isatty()
+
+
+def command_of(words: Sequence[str]) -> str:
+    """Return the line of a shell for arguments of ``uuv_array``, without ``--report PAGE``."""
+    kept, rest = ["uuv_array"], iter(words)
+    for word in rest:
+        option, equals, _ = word.partition("=")
+        if len(option) > 2 and "--report".startswith(option):  # argparse takes it shortened
+            if not equals:
+                next(rest)
+        else:
+            kept.append(word)
+    return shlex.join(kept)
+
+
+def filled(page: str, command: str, text: str) -> str:
+    """Return a page with what a command printed: in place of what it printed before, or last.
+
+    Raises
+    ------
+    ValueError
+        Where the command's block in the page has no end.
+    """
+    begin = BEGIN.format(command)
+    block = f"{begin}\n\n```sh\n{command}\n```\n\n```text\n{text.strip()}\n```\n\n{END}"
+    before, found, rest = page.partition(begin)
+    if not found:
+        return f"{page.rstrip()}\n\n{block}\n".lstrip()
+    _, end, after = rest.partition(END)
+    if not end or BEGIN.partition("{}")[0] in rest[: len(rest) - len(after)]:
+        raise ValueError(f"no line {END} after {begin}; add it")
+    return f"{before}{block}{after}"
+
+
+def run(options: argparse.Namespace, words: Sequence[str]) -> int:
+    """Run a command, and write what it printed into the page if it ended well.
+
+    Parameters
+    ----------
+    options
+        Of the command, with `run` and the page as `report`.
+    words
+        The arguments that these options were read from.
+
+    Raises
+    ------
+    ValueError, OSError
+        Before the command runs, where the page cannot be filled.
+    """
+    if getattr(options, "json", False):
+        raise ValueError("--report: a page is for readers; leave --json out")
+    page = cli.file_to_write(options.report, "--report")
+    command = command_of(words)
+
+    def fill(text: str) -> str:
+        there = page.read_text(encoding="utf-8") if page.exists() else ""
+        try:
+            return filled(there, command, text)
+        except ValueError as error:
+            raise ValueError(f"--report {page}: {error}") from None
+
+    fill("")
+    both = _Both(sys.stdout)
+    with contextlib.redirect_stdout(both):
+        code: int = options.run(options)
+    if code == 0:
+        files.write_text(page, fill(both.kept.getvalue()))
+    return code

@@ -1,4 +1,8 @@
-"""What a message from outside must be, whoever deserialised it: ROS, or the reader of a bag."""
+"""What messages are, whoever serialises them: ROS, or the reader and the writer of bags.
+
+Those from outside are checked; those of ours say what the constants below do, unless a parameter
+of the estimator node says otherwise.
+"""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -8,6 +12,8 @@ import numpy as np
 from uuv_optical_array.control.trajectory import unit_quaternion
 from uuv_optical_array.core.geometry import Array
 
+BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
+ROLL_STD_RAD = 0.02
 MAX_POSITION_M = 1e8  # any place on Earth in any of its grids
 
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
+from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import (
@@ -72,7 +73,6 @@ from uuv_optical_array.nodes.shared.parameters import (
     parameters_of,
 )
 from uuv_optical_array.nodes.shared.table_builder import TableBuilder
-from uuv_optical_array.recording.results import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 
 PARAMETERS = {
     "scene": SCENE,

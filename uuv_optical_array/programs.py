@@ -1,19 +1,23 @@
 """What the operating system starts: ``uuv_array`` and the nodes, each imported when it is run.
 
 Ctrl-C during an import ends the process at once: an exception there can pass for a missing module,
-and otherwise prints the stack of the import.
+and otherwise prints the stack of the import. A node without ROS says what to install.
 """
 
 import os
 import signal
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from types import FrameType
+from typing import Any
 
 INTERRUPTED = 130  # exit code of a command after Ctrl-C
 
 
-def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
+def _program(
+    module: str, code: int, line: bytes = b"", load: Callable[[str], Any] = import_module
+) -> Callable[[], None]:
     def end(number: int, frame: FrameType | None) -> None:
         os.write(2, line)
         os._exit(code)
@@ -22,7 +26,7 @@ def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
         usual = signal.getsignal(signal.SIGINT)
         ours = usual if usual == signal.SIG_IGN else end  # a shell's background ignores it
         signal.signal(signal.SIGINT, ours)
-        main = import_module(f"uuv_optical_array.{module}").main
+        main = load(f"uuv_optical_array.{module}").main
         signal.signal(signal.SIGINT, usual)
         try:
             main()
@@ -35,8 +39,16 @@ def _program(module: str, code: int, line: bytes = b"") -> Callable[[], None]:
 
 
 def _node(name: str) -> Callable[[], None]:
+    def load(module: str) -> Any:
+        from uuv_optical_array.core.extras import NotInstalled, needs
+
+        try:
+            return needs("ros", module)
+        except NotInstalled as error:
+            sys.exit(f"{name}_node: {error}")
+
     # SIGINT is how a node is stopped.
-    return _program(f"nodes.{name}_node", 0)
+    return _program(f"nodes.{name}_node", 0, load=load)
 
 
 simulator_node = _node("simulator")

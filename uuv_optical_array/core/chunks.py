@@ -9,32 +9,16 @@ the checksums of the headers from the beginning, and of every file once all chun
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from uuv_optical_array.core import files, manifest
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import Array
 
 HEADERS = ".zarray", ".zattrs"
 FINISHED = "finished.json"  # what is only known once every chunk is there
 _CHUNK_ERRORS = (OSError, ValueError, RuntimeError, TypeError)  # by version and damage
-
-
-def needs(module: str) -> Any:
-    """Import what only the extra ``cluster`` installs.
-
-    Raises
-    ------
-    ValueError
-        Where it is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise ValueError(
-            f"{error}; work in chunks needs the extra: pip install 'uuv_optical_array[cluster]'"
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -72,7 +56,7 @@ class ChunkedRows:
         about
             Its attributes, plain values.
         """
-        zarr, codecs = needs("zarr"), needs("numcodecs")
+        zarr, codecs = needs("cluster", "zarr"), needs("cluster", "numcodecs")
         chunks = self.chunk_rows, self.shape[1]
         # Zarr 3 writes no file for a chunk of nothing but the fill value, which no chunk is so.
         layout = {"shape": self.shape, "chunks": chunks, "dtype": "<f8", "fill_value": 0.0}
@@ -142,17 +126,20 @@ class ChunkedRows:
         ------
         ValueError
             On a machine that does not see the folder.
+        OSError
+            Where it cannot be written.
         """
         if not (self.path / ".zarray").is_file():
             raise ValueError(
                 f"table {self.path}: not seen by every worker; name a folder that all share"
             )
-        array = needs("zarr").open_array(str(self.path), mode="r+")
+        array = needs("cluster", "zarr").open_array(str(self.path), mode="r+")
         try:
             return self._read(array, chunk)
         except _CHUNK_ERRORS:
             rows = compute(chunk)
-            array[self.rows(chunk)] = rows
+            with files.naming(self.path):
+                array[self.rows(chunk)] = rows
             return rows
 
     def read(self, chunk: int) -> Array:
@@ -163,8 +150,9 @@ class ChunkedRows:
         ValueError
             Where it is missing or damaged.
         """
+        zarr = needs("cluster", "zarr")
         try:
-            return self._read(needs("zarr").open_array(str(self.path), mode="r"), chunk)
+            return self._read(zarr.open_array(str(self.path), mode="r"), chunk)
         except _CHUNK_ERRORS as error:
             raise ValueError(
                 f"table {self.path}: chunk {chunk}.0 is damaged "

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PACKAGE = "uuv_optical_array"
-PART = ".part"  # how the name of a folder ends that is being written
+PART = ".part"  # how the name of what is being written ends
 
 
 def shared_file(relative: str) -> Path:
@@ -52,14 +52,40 @@ def user_path(path: str | Path) -> Path:
         raise ValueError(f"{path}: {error}") from None
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    scratch = path.with_name(f".{path.name}.part")
+@contextmanager
+def naming(path: Path, scratch: Path | None = None) -> Iterator[None]:
+    """Let an OSError of the block that names no file, or one of `scratch`, name `path`."""
     try:
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, path)
+        yield
+    except OSError as error:
+        named = error.filename
+        if named is not None and not (scratch and str(named).startswith(str(scratch))):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield a scratch path that becomes `path` when the block ends well, and else vanishes.
+
+    Raises
+    ------
+    OSError
+        With the name of `path`, such as where the disk is full.
+    """
+    scratch = path.with_name(f".{path.name}{PART}")
+    try:
+        with naming(path, scratch):
+            yield scratch
+            os.replace(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file as `whole_file` does."""
+    with whole_file(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
 
 
 @contextmanager
@@ -72,10 +98,15 @@ def whole_directory(path: Path) -> Iterator[Path]:
     ----------
     path
         The folder to make; one that exists is replaced.
+
+    Raises
+    ------
+    OSError
+        With the name of `path`, such as where the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent, path.name)
-    with _scratch_directory(path) as scratch:
+    with _scratch_directory(path) as scratch, naming(path, scratch):
         yield scratch
         scratch.chmod(0o755)
         if not path.exists():

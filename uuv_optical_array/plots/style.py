@@ -1,6 +1,5 @@
 """What the pictures have in common: colours, marks, axes, and how one is written."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from uuv_optical_array.core import files
 from uuv_optical_array.forward.array import Shape
 
 SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
@@ -67,10 +67,6 @@ def number_label(
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all."""
-    scratch = path.with_name(f".{path.name}.part")
-    try:
-        figure.savefig(scratch, format="png", dpi=90)
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    """Write a figure as its suffix says, PNG, SVG or PDF, whole or not at all."""
+    with files.whole_file(path) as scratch:
+        figure.savefig(scratch, format=path.suffix[1:].lower(), dpi=90)

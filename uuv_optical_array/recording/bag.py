@@ -3,31 +3,16 @@
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from uuv_optical_array.core import files
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.recording import mcap, sqlite
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 STORAGE = {".mcap": mcap, ".db3": sqlite}
-
-
-def needs(module: str) -> Any:
-    """Import what only the extra ``bags`` installs.
-
-    Raises
-    ------
-    ValueError
-        Where it is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise ValueError(
-            f"{error}; bags need the extra: pip install 'uuv_optical_array[bags]'"
-        ) from None
 
 
 def message_types() -> Any:
@@ -35,7 +20,7 @@ def message_types() -> Any:
 
     They are Humble's; what we read and write has not changed since.
     """
-    typesys = needs("rosbags.typesys")
+    typesys = needs("bags", "rosbags.typesys")
     return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
@@ -65,7 +50,7 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     FileNotFoundError
         Where there is nothing.
     """
-    reading = needs("rosbags.highlevel.anyreader")
+    reading = needs("bags", "rosbags.highlevel.anyreader")
     if not path.exists():
         raise FileNotFoundError(f"bag {path}: no such file or folder")
     try:
@@ -83,16 +68,16 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
 
 def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
     """Return what to open: the bag itself, or its files, those mended that are cut off."""
-    files = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in STORAGE)
-    cut_off = [file for file in files if file.suffix in STORAGE and _of(file).is_cut_off(file)]
+    parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in STORAGE)
+    cut_off = [file for file in parts if file.suffix in STORAGE and _of(file).is_cut_off(file)]
     if path.is_dir() and not cut_off:
         if (path / "metadata.yaml").is_file():
             return [path], []
-        if not files:
+        if not parts:
             raise ValueError("no bag: it has neither metadata.yaml nor a file .mcap or .db3")
     for file in cut_off:
         _of(file).mend(file, scratch / file.name)
-    paths = [scratch / file.name if file in cut_off else file for file in files]
+    paths = [scratch / file.name if file in cut_off else file for file in parts]
     return paths, [f"the end of {file.name}, which is cut off" for file in cut_off]
 
 
@@ -116,15 +101,16 @@ class BagWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        rosbag2 = needs("rosbags.rosbag2")
+        rosbag2 = needs("bags", "rosbags.rosbag2")
         if path.exists():
             raise ValueError(f"bag {path}: it exists; name a new one")
-        self._types = message_types()
+        self._path, self._types = path, message_types()
         self._bag = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         self._connections: dict[str, Any] = {}
 
     def __enter__(self) -> "BagWriter":
-        self._bag.open()
+        with files.naming(self._path):
+            self._bag.open()
         return self
 
     def __exit__(
@@ -133,7 +119,8 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bag.close()  # with its index, however the run ended
+        with files.naming(self._path):
+            self._bag.close()  # with its index, however the run ended
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
         """Write a message.
@@ -146,7 +133,15 @@ class BagWriter:
             When it was received, ns.
         data
             The message as DDS has it.
+
+        Raises
+        ------
+        OSError
+            With the bag's name, such as where the disk is full; what was written stays.
         """
-        if topic not in self._connections:
-            self._connections[topic] = self._bag.add_connection(topic, kind, typestore=self._types)
-        self._bag.write(self._connections[topic], stamp_ns, data)
+        with files.naming(self._path):
+            if topic not in self._connections:
+                self._connections[topic] = self._bag.add_connection(
+                    topic, kind, typestore=self._types
+                )
+            self._bag.write(self._connections[topic], stamp_ns, data)

@@ -4,7 +4,7 @@ import os
 import resource
 from collections.abc import Callable, Sequence
 
-from uuv_optical_array.core.chunks import needs
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.memory import gigabytes
 
 Work = Callable[[int], int]
@@ -36,12 +36,13 @@ def threads_within(memory: str | None, thread_bytes: int, threads: int | None = 
     wanted = threads or os.cpu_count() or 1
     if memory is None:
         return wanted
+    sizes = needs("cluster", "dask.utils")
     try:
-        budget = needs("dask.utils").parse_bytes(memory)
+        budget = sizes.parse_bytes(memory)
     except (ValueError, KeyError):
         raise ValueError(f"memory: {memory!r} is no size; give one such as 2GB") from None
     for module in ("dask", "dask.threaded", "zarr"):  # what is imported later counts too
-        needs(module)
+        needs("cluster", module)
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if base + thread_bytes > budget:
         raise ValueError(
@@ -70,9 +71,9 @@ def on_threads(work: Work, chunks: Sequence[int], threads: int, tick: Tick) -> l
     list of int
         What `work` returned, in order.
     """
-    dask = needs("dask")
+    dask = needs("cluster", "dask")
     done: list[int] = []
-    with needs("dask.callbacks").Callback(posttask=lambda *_: tick()):
+    with needs("cluster", "dask.callbacks").Callback(posttask=lambda *_: tick()):
         # A graph of very many chunks would take longer to plan than to begin.
         for start in range(0, len(chunks), BATCH):
             tasks = [dask.delayed(work, pure=False)(i) for i in chunks[start : start + BATCH]]
@@ -104,7 +105,7 @@ def on_cluster(
     ValueError
         Where the scheduler has no workers, or one of them too little memory.
     """
-    distributed = needs("distributed")
+    distributed = needs("cluster", "distributed")
     with distributed.Client(address, timeout=WAIT_S) as client:
         try:
             client.wait_for_workers(1, timeout=WAIT_S)

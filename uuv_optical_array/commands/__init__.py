@@ -1,7 +1,10 @@
 """``uuv_array``: every command that is not a node, one file each."""
 
 import argparse
+import errno
+import os
 import sys
+from contextlib import suppress
 
 from uuv_optical_array.commands import (
     calibrate,
@@ -62,10 +65,33 @@ def main(args: list[str] | None = None) -> None:
     options = build_parser().parse_args(words)
     try:
         if getattr(options, "report", None):
-            sys.exit(report.run(options, words))
-        sys.exit(options.run(options))
+            code = report.run(options, words)
+        else:
+            code = options.run(options)
+        _flush()
     except (ValueError, OSError) as error:
-        sys.exit(f"uuv_array {options.command}: {error}")
+        with suppress(OSError):
+            _flush()
+        sys.exit(f"uuv_array {options.command}: {_told(error)}")
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(cli.INTERRUPTED)
+    sys.exit(code)
+
+
+def _told(error: Exception) -> str:
+    """Return an error in words, what it is of first; every file but standard output has a name."""
+    if isinstance(error, OSError):
+        nameless = "standard output" if error.errno in (errno.ENOSPC, errno.EPIPE) else None
+        if (name := error.filename or nameless) is not None:
+            return f"{name}: {error.strerror}"
+    return str(error)
+
+
+def _flush() -> None:
+    """Write out what was printed; what a full disk does not take is told once, and dropped."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
@@ -64,7 +64,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         default=Path("calibrated.yaml"),
         help="scene to write (default: %(default)s)",
     )
-    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the residuals")
+    outputs.add_picture(parser, None, "--picture", "draw the residuals")
     cli.add_json(parser)
     cli.add_numbers(parser, NUMBERS)
     parser.add_argument(
@@ -195,11 +195,11 @@ def run(options: argparse.Namespace) -> int:
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
-    scene, output = load_scene(options.scene), files.user_path(options.output)
-    if output.suffix not in (".yaml", ".yml"):
-        raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
-    bag = files.user_path(options.bag)
-    picture = cli.file_to_write(options.picture, "--picture") if options.picture else None
+    scene, bag = load_scene(options.scene), files.user_path(options.bag)
+    output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
+    picture = options.picture
+    if picture is not None:
+        picture = outputs.file_to_write(picture, "--picture", outputs.PICTURE)
     try:
         recording = read_bag(options, scene)
         with tqdm(unit="step") as steps:

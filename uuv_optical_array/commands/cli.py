@@ -8,7 +8,6 @@ from typing import Annotated, Any, TypeAlias, TypeVar, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
@@ -115,14 +114,3 @@ def bar(
 ) -> Iterable[T]:
     """Show progress on standard error, and of what and of how many, where that is said."""
     return tqdm(rounds, what, total, unit=unit)
-
-
-def file_to_write(path: str | Path, option: str) -> Path:
-    """Return a file that is to be written; ValueError where its folder is missing.
-
-    To be called before the work begins whose results go there.
-    """
-    path = files.user_path(path)
-    if not path.parent.is_dir():
-        raise ValueError(f"{option} {path}: no folder {path.parent}; make it first")
-    return path

@@ -5,9 +5,10 @@ import dataclasses
 from pathlib import Path
 
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core import files
-from uuv_optical_array.forward.scene import load_scene, save_scene
+from uuv_optical_array.core.extras import needs
+from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
 from uuv_optical_array.recording.images import Topics, read_recording
 
 DESCRIPTION = """\
@@ -50,16 +51,19 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
 
 
+def sweeps_of(scene: Scene) -> TorchSweeps:
+    """Return sweeps that begin now, and tell on standard output what to do."""
+    side, full = scene.array.detectors_per_side, scene.full_scale_counts
+    return TorchSweeps(side, full, lambda text: print(text, flush=True))
+
+
 def run(options: argparse.Namespace) -> int:
     """Watch both sweeps and write the scene."""
     scene = load_scene(options.scene)
-    output = cli.file_to_write(options.output, "--output")
-    if output.suffix not in (".yaml", ".yml"):
-        raise ValueError(f"--output {output}: a scene is a .yaml file; name it so")
+    output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
     array = dataclasses.replace(scene.array, wiring=None)
-    side = array.detectors_per_side
-    sweeps = TorchSweeps(side, scene.full_scale_counts, lambda text: print(text, flush=True))
     if options.bag is not None:
+        sweeps = sweeps_of(scene)
         recording = read_recording(
             files.user_path(options.bag), array, Topics(options.topic), poses_needed=False
         )
@@ -69,16 +73,15 @@ def run(options: argparse.Namespace) -> int:
         if sweeps.wiring is None:
             raise ValueError(f"bag {options.bag}: it ends before both sweeps are over")
     else:
-        # ROS is needed only here.
-        from uuv_optical_array.nodes.shared.image_listener import listen
-
+        listen = needs("ros", "uuv_optical_array.nodes.shared.image_listener").listen
+        sweeps = sweeps_of(scene)
         listen(options.topic, array, sweeps.take, lambda: sweeps.wiring is None)
     wiring = sweeps.wiring
     if wiring is None:
         print("interrupted: nothing was written")
         return cli.INTERRUPTED
-    print(f"wiring: {description(wiring, side)}")
-    straight = wiring == list(range(side * side))
+    print(f"wiring: {description(wiring, scene.array.detectors_per_side)}")
+    straight = wiring == list(range(len(wiring)))
     wired = dataclasses.replace(scene.array, wiring=None if straight else wiring)
     comment = f"Commissioned by uuv_array commission, starting from {scene.name}."
     save_scene(dataclasses.replace(scene, array=wired), output, comment)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
@@ -72,9 +72,9 @@ def add_parser(subparsers: cli.Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Read, estimate, write and print."""
     (processes,) = cli.numbers_of(options, NUMBERS)
-    output = files.user_path(options.output or f"{options.bag.absolute().stem}_estimates")
-    if output.exists():
-        raise ValueError(f"--output {output}: it exists; name a new folder")
+    output = outputs.folder_to_write(
+        options.output or f"{options.bag.absolute().stem}_estimates", "--output", new=True
+    )
     scene = load_scene(options.scene)
     recording = read_bag(options, scene, poses_needed=False)
     estimator = Estimator(scene, options.method)

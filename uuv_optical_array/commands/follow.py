@@ -9,10 +9,11 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core import files
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.recording.bag import BagWriter
 
 DESCRIPTION = """\
@@ -69,12 +70,10 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         action="store_true",
         help="the third follower is lit by the leader, too, and there are at most three",
     )
-    parser.add_argument(
-        "--output", type=Path, default=Path("follow.png"), help="picture (default: follow.png)"
-    )
+    outputs.add_picture(parser, "follow.png")
     parser.add_argument(
         "--record",
-        type=files.user_path,
+        type=Path,
         metavar="DIR",
         help="write what the nodes publish as a bag, MCAP, to a new folder",
     )
@@ -105,9 +104,9 @@ def live_line(record: FollowRecord, elapsed_s: float) -> Text:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; return 1 when the leader was lost."""
-    # ROS is needed by this command only, and only now.
-    from uuv_optical_array.nodes.demo import follow
-
+    picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+    record = options.record and outputs.folder_to_write(options.record, "--record", new=True)
+    follow = needs("ros", "uuv_optical_array.nodes.demo").follow
     ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
     if options.params_file is not None:
         if not options.params_file.is_file():
@@ -128,12 +127,12 @@ def run(options: argparse.Namespace) -> int:
             if live_line_wanted:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        with BagWriter(options.record) if options.record else nullcontext() as bag:
+        with BagWriter(record) if record else nullcontext() as bag:
             records, light_timeout_s, interrupted = follow(
                 ros_args, options.duration, on_tick, fleet, bag
             )
-    if options.record:
-        print(f"bag: {options.record}")
+    if record:
+        print(f"bag: {record}")
     lost = []
     for number, record in enumerate(records, 1):
         name = f"follower {number}: " if fleet else ""
@@ -149,8 +148,8 @@ def run(options: argparse.Namespace) -> int:
     if all(record.estimates for record in records):
         from uuv_optical_array.plots.follow import draw_follow
 
-        draw_follow(records, options.output)
-        print(f"picture: {options.output}")
+        draw_follow(records, picture)
+        print(f"picture: {picture}")
     told = "; ".join(lost)
     print(f"lost the leader: {told}" if lost else "followed the leader to the end")
     if interrupted:

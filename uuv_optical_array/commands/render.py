@@ -1,11 +1,10 @@
 """``uuv_array render``: what the array sees in a scene, as a sheet of images and profiles."""
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -42,16 +41,14 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     cli.add_scene(parser, "follow")
     cli.add_numbers(parser, NUMBERS)
-    parser.add_argument(
-        "--output", type=Path, default=Path("render.png"), help="picture (default: render.png)"
-    )
+    outputs.add_picture(parser, "render.png")
 
 
 def run(options: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
     seed, time_s = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = cli.file_to_write(options.output, "--output")
+    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     from uuv_optical_array.plots.scene import draw_scene, sheet_poses
 
     model, rng = ForwardModel(scene), np.random.default_rng(seed)

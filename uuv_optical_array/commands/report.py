@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import TextIO
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import outputs
 from uuv_optical_array.core import files
 
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
     """
     if getattr(options, "json", False):
         raise ValueError("--report: a page is for readers; leave --json out")
-    page = cli.file_to_write(options.report, "--report")
+    page = outputs.file_to_write(options.report, "--report")
     command = command_of(words)
 
     def fill(text: str) -> str:

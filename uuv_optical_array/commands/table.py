@@ -7,10 +7,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core import memory
 from uuv_optical_array.core.numerics.cluster import on_cluster, on_threads, threads_within
-from uuv_optical_array.estimation.table.disk import save_table
+from uuv_optical_array.estimation.table.disk import check_replaceable, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.table.store import TableStore
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -65,7 +65,10 @@ def run(options: argparse.Namespace) -> int:
     chosen = options.threads, options.memory, options.scheduler
     if chosen != (None, None, None) or (options.output and options.output.suffix == ".zarr"):
         return run_chunks(options, scene)
-    output = options.output or Path(f"{scene.name}.table")
+    output = outputs.folder_to_write(
+        options.output or f"{scene.name}.table", "--output", replaced=True
+    )
+    check_replaceable(output)
     try:
         table = build_table(scene, progress=lambda blocks: cli.bar(blocks, "block"))
     except KeyboardInterrupt:
@@ -86,7 +89,7 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
         )
     if options.threads is not None and options.threads < 1:
         raise ValueError(f"threads: {options.threads}; give at least 1")
-    output = options.output or Path(f"{scene.name}.zarr")
+    output = outputs.folder_to_write(options.output or f"{scene.name}.zarr", "--output")
     began = time.perf_counter()
     store = TableStore.create(output, scene)
     if why := memory.shortfall(store.rows):

@@ -2,12 +2,11 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
@@ -67,12 +66,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser.add_argument(
         "--known", action="store_true", help="compare the priors of a sea known well and less well"
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("known.png"),
-        help="picture, with --known (default: known.png)",
-    )
+    outputs.add_picture(parser, "known.png", about="picture, with --known")
     parser.add_argument(
         "--drawn",
         action="store_true",
@@ -167,7 +161,7 @@ def run(options: argparse.Namespace) -> int:
     }
     try:
         if options.known:
-            picture = cli.file_to_write(options.output, "--output")
+            picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
             cases = compare_known(scene, count, seed, candidates, cli.bar)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}

@@ -2,12 +2,11 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -72,10 +71,8 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "--choices", action="store_true", help="compare what the paper leaves open, at the end"
     )
     cli.add_json(parser)
+    outputs.add_picture(parser, "approach.png")
     cli.add_report(parser)
-    parser.add_argument(
-        "--output", type=Path, default=Path("approach.png"), help="picture (default: approach.png)"
-    )
 
 
 def _numbers(values: dict[str, float | None]) -> str:
@@ -148,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
     runs, seed = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = cli.file_to_write(options.output, "--output")
+    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     told: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
     if options.choices:
         rows = compare(scene, runs, seed)

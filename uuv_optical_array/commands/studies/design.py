@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, get_args
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
@@ -99,9 +99,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         metavar="FILE",
         help="every design, a line each (default: SCENE.design.csv here)",
     )
-    written.add_argument(
-        "--picture", type=Path, metavar="FILE", help="PNG (default: beside the CSV)"
-    )
+    outputs.add_picture(written, None, "--picture", "picture, else beside the CSV")
     written.add_argument(
         "--take", type=int, metavar="NO", help="write design NO of the table as a scene, too"
     )
@@ -167,8 +165,10 @@ def run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     sweep = sweep_of(options, scene)
     study = DesignStudy(scene, sweep, options.power, options.mount, poses, seed)
-    csv = cli.file_to_write(options.csv or f"{scene.name}.design.csv", "--csv")
-    picture = cli.file_to_write(options.picture or csv.with_suffix(".png"), "--picture")
+    csv = outputs.file_to_write(options.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)
+    picture = outputs.file_to_write(
+        options.picture or csv.with_suffix(".png"), "--picture", outputs.PICTURE
+    )
     results = Results(csv, ScoredDesign, study.origin)
 
     def tell(text: str) -> None:

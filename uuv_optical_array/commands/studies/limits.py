@@ -1,11 +1,10 @@
 """``uuv_array limits``: how well one image can fix the pose at all, whoever estimates it."""
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
@@ -53,9 +52,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     cli.add_scene(parser, "follow")
     cli.add_numbers(parser, POSE)
     cli.add_shape(parser)
-    parser.add_argument(
-        "--output", type=Path, default=Path("limits.png"), help="picture (default: limits.png)"
-    )
+    outputs.add_picture(parser, "limits.png")
     cli.add_report(parser)
 
 
@@ -95,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
     pose = np.array(cli.numbers_of(options, POSE))
     scene = load_scene(options.scene)
-    output = cli.file_to_write(options.output, "--output")
+    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
     from uuv_optical_array.plots.bound_map import draw_bound_map

@@ -3,9 +3,8 @@
 import argparse
 import json
 import math
-from pathlib import Path
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -41,9 +40,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     cli.add_scene(parser, "eren2016")
     cli.add_numbers(parser, NUMBERS)
-    parser.add_argument(
-        "--output", type=Path, default=Path("paper.png"), help="picture (default: paper.png)"
-    )
+    outputs.add_picture(parser, "paper.png")
     cli.add_json(parser)
     cli.add_report(parser)
 
@@ -102,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     """Compute, print and draw."""
     (seed,) = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
-    output = cli.file_to_write(options.output, "--output")
+    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     found = Reproduction()
     try:
         found.compute(scene, seed, cli.bar)

@@ -3,10 +3,9 @@
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.scene import load_scene
@@ -68,12 +67,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     cli.add_numbers(parser, NUMBERS)
     cli.add_json(parser)
     cli.add_report(parser)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("robustness.png"),
-        help="picture (default: robustness.png)",
-    )
+    outputs.add_picture(parser, "robustness.png")
 
 
 def _cell(value: Any) -> str:
@@ -100,12 +94,12 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 def run(options: argparse.Namespace) -> int:
     """Run the study, print and draw it."""
     count, seed = cli.numbers_of(options, NUMBERS)
+    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     scene = load_scene(options.scene)
     try:
         kinds = kinds_named(options.kinds, scene)
     except ValueError as error:
         raise ValueError(f"--{error}") from None
-    output = cli.file_to_write(options.output, "--output")
     found: list[KindResult] = []
     try:
         estimator = Estimator(scene, options.method)

@@ -10,8 +10,7 @@ from typing import Any, get_args
 
 from tqdm import tqdm
 
-from uuv_optical_array.commands import cli
-from uuv_optical_array.core import files
+from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
@@ -137,7 +136,7 @@ def run(options: argparse.Namespace) -> int:
     (seed,) = cli.numbers_of(options, NUMBERS)
     scene = load_scene(options.scene)
     mode: Mode = get_args(Mode)[options.full]
-    folder = files.user_path(options.output or f"{scene.name}.tradeoff")
+    folder = outputs.folder_to_write(options.output or f"{scene.name}.tradeoff", "--output")
     measured = TradeoffRun(scene, mode, seed, folder)
     complete = True
     try:

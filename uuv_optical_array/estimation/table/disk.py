@@ -43,8 +43,7 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
         Where `path` exists and is no table.
     """
     path = files.user_path(path)
-    if path.exists() and not _is_table(path):
-        raise ValueError(f"table {path}: exists and is no table; name another folder")
+    check_replaceable(path)
     about = {
         "format": FORMAT,
         "fingerprint": table.scene.fingerprint,
@@ -56,6 +55,12 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
             np.save(scratch / name, array)
         (scratch / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False), "utf-8")
         manifest.write(scratch, (*ARRAYS, ABOUT))
+
+
+def check_replaceable(path: Path) -> None:
+    """Raise ValueError where a path exists and is no table, which `save_table` would replace."""
+    if path.exists() and not _is_table(path):
+        raise ValueError(f"table {path}: exists and is no table; name another folder")
 
 
 def _is_table(path: Path) -> bool:

@@ -1,0 +1,190 @@
+"""Where commands write: refused before any work where it cannot be, and whole or not at all."""
+
+import os
+import re
+import resource
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run
+from conftest import PATIENCE_S
+from matplotlib.figure import Figure
+
+from uuv_optical_array.commands import outputs
+from uuv_optical_array.core import files
+from uuv_optical_array.estimation.table.disk import save_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.plots.style import save
+
+# Each command's words, and its options that name a file, with a suffix that they take.
+FILES = [
+    (("render",), "--output", ".png"),
+    (("limits",), "--output", ".pdf"),
+    (("accuracy", "--known"), "--output", ".svg"),
+    (("robustness",), "--output", ".png"),
+    (("approach",), "--output", ".png"),
+    (("paper",), "--output", ".png"),
+    (("follow",), "--output", ".png"),
+    (("design",), "--csv", ".csv"),
+    (("design",), "--picture", ".png"),
+    (("calibrate", "no_bag"), "--output", ".yaml"),
+    (("calibrate", "no_bag"), "--picture", ".png"),
+    (("commission",), "--output", ".yml"),
+    (("robustness",), "--report", ".md"),
+]
+FOLDERS = [
+    (("table",), "--output"),
+    (("table", "--threads", "1"), "--output"),
+    (("tradeoff",), "--output"),
+    (("estimate", "no_bag"), "--output"),
+    (("follow",), "--record"),
+]
+BYTES = 2000  # a file that the full disk still takes
+
+
+def named(cases):
+    return [pytest.param(*case, id=" ".join([*case[0], case[1]])) for case in cases]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A folder of its own, where work that begins is an error of another kind."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    def begun(*arguments):
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr(ForwardModel, "__init__", begun)
+
+
+@pytest.fixture
+def full_disk():
+    """No file of this process may grow beyond `BYTES`."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(("words", "option", "suffix"), named(FILES))
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(
+    words, option, suffix, no_work, tmp_path
+):
+    (tmp_path / f"folder{suffix}").mkdir()
+    (tmp_path / "file").touch()
+    wrong = {
+        f"nowhere/x{suffix}": "no folder nowhere; make it first",
+        f"folder{suffix}": "it is a folder; name a file",
+        f"file/x{suffix}": "no folder file",
+        f"/proc/x{suffix}": "cannot write in /proc",
+    }
+    if option != "--report":
+        wrong["x.gif"] = f"its name must end in .*{re.escape(suffix)}"
+    for path, why in wrong.items():
+        error = run(*words, option, path, code=1)
+        assert re.match(rf"uuv_array {words[0]}: {option} {path}: {why}", error), error
+    assert {path.name for path in tmp_path.iterdir()} == {f"folder{suffix}", "file"}
+
+
+@pytest.mark.parametrize(("words", "option"), named(FOLDERS))
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    words, option, no_work, tmp_path
+):
+    (tmp_path / "file").touch()
+    for path, why in {
+        "file/deep.zarr": "/file is a file; name a folder",
+        "/proc/deep/x.zarr": "cannot write in /proc",
+    }.items():
+        error = run(*words, option, path, code=1)
+        assert error.startswith(f"uuv_array {words[0]}: {option} {path}: "), error
+        assert why in error
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_table_in_the_place_of_something_else_is_refused_before_the_work(no_work, tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").touch()
+    assert "is no table" in run("table", "-o", "photos", code=1)
+
+
+def test_a_device_is_no_file_to_replace(tmp_path):
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind("x.csv")
+        with pytest.raises(ValueError, match=r"x\.csv: it is a device"):
+            outputs.file_to_write("x.csv", "--csv", outputs.CSV)
+
+
+def test_a_user_without_permission_is_told_the_folder(tmp_path, monkeypatch):
+    def denied(dir):  # root, as which tests may run, is denied nothing
+        raise PermissionError(13, os.strerror(13), str(dir))
+
+    monkeypatch.setattr(outputs.tempfile, "TemporaryFile", denied)
+    with pytest.raises(ValueError, match=r"--output x\.png: cannot write in \.: Permission denied"):
+        outputs.file_to_write("x.png", "--output", outputs.PICTURE)
+
+
+def test_what_can_be_written_leaves_no_trace_of_the_look(tmp_path):
+    Path("old.PNG").touch()
+    assert outputs.file_to_write("old.PNG", "--output", outputs.PICTURE) == Path("old.PNG")
+    assert outputs.folder_to_write("a/b", "--output", new=True) == Path("a/b")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.PNG"]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "head"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")]
+)
+def test_the_suffix_says_what_a_picture_is(suffix, head, tmp_path):
+    save(Figure(), tmp_path / f"sea{suffix}")
+    (picture,) = tmp_path.iterdir()
+    assert picture.read_bytes().startswith(head)
+
+
+def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path):
+    error = run("render", "--output", "sea.png", code=1)
+    assert error == f"uuv_array render: sea.png: {os.strerror(27)}"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_what_was_there(full_disk, tmp_path, table):
+    page, path = tmp_path / "page.md", tmp_path / "t"
+    page.write_text("before")
+    with pytest.raises(OSError, match=re.escape(str(page))):
+        files.write_text(page, BYTES * "ab")
+    assert page.read_text() == "before"
+    # NumPy's error has neither number nor name.
+    with pytest.raises(OSError, match=re.escape(str(path))) as told:
+        save_table(table, path)
+    assert (told.value.filename, path.exists()) == (str(path), False)
+    assert [path.name for path in tmp_path.iterdir()] == ["page.md"]
+
+
+def test_an_error_of_another_file_keeps_its_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as told, files.whole_file(tmp_path / "x") as scratch:
+        np.load(tmp_path / "other.npy")
+    assert told.value.filename == str(tmp_path / "other.npy")
+    assert not scratch.exists()
+
+
+def test_an_answer_that_nobody_takes_is_told_in_one_line(scene_file):
+    code = "from uuv_optical_array.commands import main; main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, "table", "--scene", scene_file],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert (
+        done.stderr.splitlines(keepends=True)[-1]
+        == f"uuv_array table: standard output: {os.strerror(28)}\n"
+    )

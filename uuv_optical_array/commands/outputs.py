@@ -1,0 +1,102 @@
+"""Where a command writes: looked at before its work begins, so that no result is lost."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from uuv_optical_array.core import files
+
+PICTURE = (".png", ".svg", ".pdf")
+SCENE = (".yaml", ".yml")
+CSV = (".csv",)
+
+
+def add_picture(
+    parser: Any, default: str | None, option: str = "--output", about: str = "picture"
+) -> None:
+    """Add the option that names a picture."""
+    parser.add_argument(
+        option,
+        type=Path,
+        default=default and Path(default),
+        metavar="FILE",
+        help=f"{about}: {_listed(PICTURE)}" + (" (default: %(default)s)" if default else ""),
+    )
+
+
+def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
+    """Return a file that is to be written.
+
+    Parameters
+    ----------
+    path
+        As the user gave it.
+    option
+        By which it was given, for errors.
+    suffixes
+        One of which it must have; empty: any.
+
+    Raises
+    ------
+    ValueError
+        For another suffix, what is there and no file, or a folder that is missing or cannot be
+        written in.
+    """
+    path = files.user_path(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f"{option} {path}: its name must end in {_listed(suffixes)}")
+    if path.is_dir():
+        raise ValueError(f"{option} {path}: it is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{option} {path}: it is a device; name a file")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} {path}: no folder {path.parent}; make it first")
+    _check_writable(path.parent, path, option)
+    return path
+
+
+def folder_to_write(
+    path: str | Path, option: str, new: bool = False, replaced: bool = False
+) -> Path:
+    """Return a folder that is to be made, with its parents, or written in.
+
+    Parameters
+    ----------
+    path, option
+        As in `file_to_write`.
+    new
+        Whether it must not be there.
+    replaced
+        Whether one that is there is replaced as a whole.
+
+    Raises
+    ------
+    ValueError
+        Where it is there and must not be, for a file, or where it cannot be made or written in.
+    """
+    path = files.user_path(path)
+    if new and path.exists():
+        raise ValueError(f"{option} {path}: it exists; name a new folder")
+    own = () if replaced else (path,)
+    home = next(folder for folder in (*own, *path.absolute().parents) if folder.exists())
+    if not home.is_dir():
+        raise ValueError(f"{option} {path}: {home} is a file; name a folder")
+    _check_writable(home, path, option)
+    return path
+
+
+def _check_writable(folder: Path, path: Path, option: str) -> None:
+    """Raise ValueError where no byte can be written in a folder."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"\n")
+    except OSError as error:
+        raise ValueError(
+            f"{option} {path}: cannot write in {folder}: {error.strerror}; name another place"
+        ) from None
+
+
+def _listed(suffixes: Sequence[str]) -> str:
+    *others, last = suffixes
+    return f"{', '.join(others)} or {last}" if others else last

@@ -1,1 +1,1 @@
-"""Every picture of the package: results in, a PNG file out."""
+"""Every picture of the package: results in, a PNG, SVG or PDF file out."""

@@ -62,7 +62,7 @@ def draw_bound_map(found: BoundMap, scene_name: str, path: Path) -> None:
     scene_name
         For the title.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(14, 10.5), layout="constrained")
     grid = figure.subplots(3, 3, sharex=True)

@@ -107,7 +107,7 @@ def draw_calibration(
     seconds
         Moment of each, s, shape ``(m,)``.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     title
         Above all.
     """

@@ -268,7 +268,7 @@ def draw_designs(study: DesignStudy, rows: Sequence[ScoredDesign], path: Path) -
     study, rows
         What was scored, at least one design.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(16, 14), layout="constrained")
     parts: Any = figure.subfigures(3, 1, height_ratios=[6, 3.5, 4])

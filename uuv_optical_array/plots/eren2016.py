@@ -29,7 +29,7 @@ def draw_paper(
     scene_name
         For the title.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(10.5, 12.8), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])

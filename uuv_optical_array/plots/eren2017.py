@@ -56,7 +56,7 @@ def draw_approach(results: dict[str, ApproachErrors], about: str, path: Path) ->
     about
         For the title.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(4.6 * len(results), 10.5), layout="constrained")
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)

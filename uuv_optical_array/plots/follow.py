@@ -87,7 +87,7 @@ def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
     records
         The run as each follower saw it, at least one.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
 
     Raises
     ------

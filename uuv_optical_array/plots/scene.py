@@ -96,7 +96,7 @@ def draw_scene(scene: Scene, images: Array, path: Path) -> None:
     images
         What its array reads at `sheet_poses`, counts, shape ``(ranges, columns, side, side)``.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(13, 15), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[2.3, 1])

@@ -232,7 +232,7 @@ def draw_tradeoff(rows: Sequence[Measurement], about: str, path: Path) -> None:
     about
         For the title.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     rows = at_one_speed(rows)
     figure = Figure(figsize=(14, 9.6), layout="constrained")
@@ -259,7 +259,7 @@ def draw_table_cost(
     about
         For the title.
     path
-        PNG file, written whole or not at all.
+        PNG, SVG or PDF file, written whole or not at all.
     """
     figure = Figure(figsize=(12, 7.5), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True)

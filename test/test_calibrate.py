@@ -399,7 +399,7 @@ def test_ctrl_c_while_it_reads_the_bag_leaves_all_as_it_was(
                 raise KeyboardInterrupt
             yield message
 
-    monkeypatch.setattr(calibrate.cli, "bar", cut_short)
+    monkeypatch.setattr(calibrate.progress, "over", cut_short)
     run(*command(bag, tmp_path, "--picture", tmp_path / "x.png"), code=130)
     assert capsys.readouterr().out == "interrupted: nothing was written\n"
     assert list(tmp_path.iterdir()) == [sea_of_before]
@@ -454,7 +454,7 @@ main(sys.argv[1:])
 
 def test_ctrl_c_in_the_midst_of_the_fit_leaves_all_as_it_was(bag, tmp_path, sea_of_before):
     program = [sys.executable, "-c", SLOWLY, *command(bag, tmp_path)]
-    code, out, error = interrupted(program, rb"\b[1-9]\d*step")
+    code, out, error = interrupted(program, rb"\b[1-9]\d* step")
     assert code == 130, error
     assert b"Traceback" not in error
     assert out == b"interrupted: nothing was written\n"

@@ -151,7 +151,7 @@ def stop(monkeypatch):
                     raise KeyboardInterrupt
                 yield item
 
-        monkeypatch.setattr(command.cli, "bar", bar)
+        monkeypatch.setattr(command.progress, "over", bar)
 
     return at
 

@@ -215,7 +215,7 @@ def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path, capsys):
 
 
 def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, capsys):
-    bar = estimate.cli.bar
+    bar = estimate.progress.over
 
     def cut_short(each, unit="frame", **options):
         for i, frame in enumerate(bar(each, unit, **options)):
@@ -223,7 +223,7 @@ def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, caps
                 raise KeyboardInterrupt
             yield frame
 
-    monkeypatch.setattr(estimate.cli, "bar", cut_short)
+    monkeypatch.setattr(estimate.progress, "over", cut_short)
     words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
     run("estimate", bag, *words, "--processes", "2", code=130)
     assert f"interrupted after 70 of {IMAGES} images" in capsys.readouterr().out

@@ -204,7 +204,7 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
                 raise KeyboardInterrupt
             yield i
 
-    monkeypatch.setattr(command.cli, "bar", interrupted)
+    monkeypatch.setattr(command.progress, "over", interrupted)
     picture = tmp_path / "r.png"
     words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--json")
     run(*words, *SOME, code=130)

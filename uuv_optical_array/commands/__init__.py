@@ -6,6 +6,7 @@ import os
 import sys
 from contextlib import suppress
 
+from uuv_optical_array import __version__
 from uuv_optical_array.commands import (
     calibrate,
     cli,
@@ -50,6 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="uuv_array", description="Relative pose of underwater vehicles by light."
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:
         command.add_parser(subparsers)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Annotated, get_args
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, progress
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene
@@ -54,6 +54,6 @@ def read_bag(options: argparse.Namespace, scene: Scene, poses_needed: bool = Tru
         [check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position],
         options.odometry_axes,
         max_gap_s,
-        lambda each: cli.bar(each, "message"),
+        lambda each: progress.over(each, "message"),
         poses_needed,
     )

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
@@ -202,7 +201,7 @@ def run(options: argparse.Namespace) -> int:
         picture = outputs.file_to_write(picture, "--picture", outputs.PICTURE)
     try:
         recording = read_bag(options, scene)
-        with tqdm(unit="step") as steps:
+        with progress.counter(unit="step") as steps:
             found = calibrate(
                 scene,
                 recording.images,

@@ -1,12 +1,10 @@
-"""What the commands have in common: how options are added and read, and progress is shown."""
+"""What the commands have in common: how options are added and read."""
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar, get_args
-
-from tqdm import tqdm
+from typing import Annotated, Any, TypeAlias, get_args
 
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
@@ -14,8 +12,6 @@ from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
-
-T = TypeVar("T")
 
 
 def add_command(
@@ -54,13 +50,24 @@ class Number:
     default: float
 
 
+def whole_number(text: str) -> int:
+    """Read a whole number, also such as 1e3."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not value.is_integer():
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
+    return int(value)
+
+
 def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
     """Add options that take numbers, by their names, to a parser or a group of one."""
     for name, number in numbers.items():
         whole = isinstance(number.default, int)
         parser.add_argument(
             f"--{name}",
-            type=int if whole else float,
+            type=whole_number if whole else float,
             default=number.default,
             metavar=number.quantity.unit.upper() or "N",
             help=f"{number.quantity.text} (default: {number.default:{'d' if whole else 'g'}})",
@@ -107,10 +114,3 @@ def add_report(parser: argparse.ArgumentParser) -> None:
         help="Markdown page in which this command and what it prints take the place of what it "
         "printed last",
     )
-
-
-def bar(
-    rounds: Iterable[T], unit: str = "frame", what: str | None = None, total: int | None = None
-) -> Iterable[T]:
-    """Show progress on standard error, and of what and of how many, where that is said."""
-    return tqdm(rounds, what, total, unit=unit)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     answers = replay(recording.images, recording.stamps_ns, estimator, tracker, processes or None)
     with closing(answers):
         try:
-            for frame in cli.bar(answers, total=len(recording.images)):
+            for frame in progress.over(answers, total=len(recording.images)):
                 frames.append(frame)
         except KeyboardInterrupt:
             exit_code = cli.INTERRUPTED

@@ -55,7 +55,9 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
     parser.add_argument(
-        "--seed", type=int, help="seed of the noise (default: the parameter file's, a new one)"
+        "--seed",
+        type=cli.whole_number,
+        help="seed of the noise (default: the parameter file's, a new one)",
     )
     parser.add_argument(
         "--params-file",
@@ -63,7 +65,11 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         help="ROS parameters; what the file leaves out keeps its default (default: none)",
     )
     parser.add_argument(
-        "--followers", type=int, default=1, metavar="N", help="how many followers (default: 1)"
+        "--followers",
+        type=cli.whole_number,
+        default=1,
+        metavar="N",
+        help="how many followers (default: 1)",
     )
     parser.add_argument(
         "--no-chain",

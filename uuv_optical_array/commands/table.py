@@ -5,9 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from tqdm import tqdm
-
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.core import memory
 from uuv_optical_array.core.numerics.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.estimation.table.disk import check_replaceable, save_table
@@ -54,7 +52,9 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
     chunks = parser.add_argument_group("in chunks (default folder: SCENE.zarr here)")
-    chunks.add_argument("--threads", type=int, help="threads of this machine (default: all cores)")
+    chunks.add_argument(
+        "--threads", type=cli.whole_number, help="threads of this machine (default: all cores)"
+    )
     chunks.add_argument("--memory", help="what this process may take, such as 2GB")
     chunks.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
 
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     )
     check_replaceable(output)
     try:
-        table = build_table(scene, progress=lambda blocks: cli.bar(blocks, "block"))
+        table = build_table(scene, progress=lambda blocks: progress.over(blocks, "block"))
     except KeyboardInterrupt:
         print("interrupted: nothing written")
         return cli.INTERRUPTED
@@ -117,7 +117,7 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
 def fill(store: TableStore, options: argparse.Namespace) -> list[int]:
     """Work out the chunks that are missing, and show progress; return the lit rows of each."""
     need = store.thread_bytes()
-    with tqdm(total=len(store.chunks), unit="chunk") as shown:
+    with progress.counter(total=len(store.chunks), unit="chunk") as shown:
         if options.scheduler:
             return on_cluster(store.fill, store.chunks, options.scheduler, need, shown.update)
         threads = threads_within(options.memory, need, options.threads)

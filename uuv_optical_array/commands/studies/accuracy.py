@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
@@ -162,7 +162,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         if options.known:
             picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
-            cases = compare_known(scene, count, seed, candidates, cli.bar)
+            cases = compare_known(scene, count, seed, candidates, progress.over)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
             text = f"{comparison(rows)}\n\npicture: {picture}"
@@ -174,7 +174,7 @@ def run(options: argparse.Namespace) -> int:
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
             images = exposed(model, poses, seed, options.drawn, options.moving, rng)
-            answer = as_object(measure(estimator, poses, images, cli.bar))
+            answer = as_object(measure(estimator, poses, images, progress.over))
             text = report(answer)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")

@@ -4,9 +4,7 @@ import argparse
 import json
 from typing import Any, get_args
 
-from tqdm import tqdm
-
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -112,7 +110,7 @@ def compare(scene: Scene, runs: int, seed: int) -> list[dict[str, Any]]:
     """Run every choice in every case; an interrupt ends it with the rows it has."""
     rows: list[dict[str, Any]] = []
     plans = alternatives(scene)
-    with tqdm(total=runs * len(plans) * len(CASES), unit="run") as bar:
+    with progress.counter(total=runs * len(plans) * len(CASES), unit="run") as bar:
         for choice, (tank, choices) in plans.items():
             found = dict(all_cases(tank, choices, runs, seed, bar.update))
             rows += [
@@ -155,7 +153,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps({**told, "rows": rows}) if options.json else comparison(rows))
         return 0
     choices = Choices(options.noise, OFFSETS[options.offsets])
-    with tqdm(total=runs * len(CASES), unit="run") as bar:
+    with progress.counter(total=runs * len(CASES), unit="run") as bar:
         found = dict(all_cases(scene, choices, runs, seed, bar.update))
     if not found:
         print("interrupted: nothing measured")

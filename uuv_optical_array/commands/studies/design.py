@@ -3,11 +3,11 @@
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
@@ -45,9 +45,9 @@ NUMBERS = {
 }
 HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
 # Option and field of `Sweep`.
-LISTS: dict[str, tuple[str, type, str]] = {
+LISTS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "shapes": ("shape", str, "planar, curved"),
-    "side": ("detectors_per_side", int, "detectors in a row"),
+    "side": ("detectors_per_side", cli.whole_number, "detectors in a row"),
     "size": ("width_m", float, "outermost detector to outermost, m"),
     "radius": ("radius_m", float, "of the sphere of a curved array, m"),
     "beam-sigma-deg": ("beam_sigma_deg", float, "standard deviation of the lamp's beam, deg"),
@@ -101,7 +101,10 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     outputs.add_picture(written, None, "--picture", "picture, else beside the CSV")
     written.add_argument(
-        "--take", type=int, metavar="NO", help="write design NO of the table as a scene, too"
+        "--take",
+        type=cli.whole_number,
+        metavar="NO",
+        help="write design NO of the table as a scene, too",
     )
     cli.add_json(parser)
     cli.add_report(parser)
@@ -180,7 +183,7 @@ def run(options: argparse.Namespace) -> int:
         tell(f"{csv}: {len(there)} designs are there already")
     complete = True
     try:
-        study.score_rest(results, lambda rounds: cli.bar(rounds, "design"))
+        study.score_rest(results, lambda rounds: progress.over(rounds, "design"))
     except KeyboardInterrupt:
         complete = False
     rows = study.swept(results)

@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     found = Reproduction()
     try:
-        found.compute(scene, seed, cli.bar)
+        found.compute(scene, seed, progress.over)
     except KeyboardInterrupt:
         if not found.points:
             print("interrupted: nothing computed")

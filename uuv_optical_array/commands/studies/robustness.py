@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.scene import load_scene
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         estimator = Estimator(scene, options.method)
         for result in measure_kinds(
-            estimator, kinds, count, seed, lambda name, frames: cli.bar(frames, "frame", name)
+            estimator, kinds, count, seed, lambda name, frames: progress.over(frames, "frame", name)
         ):
             found.append(result)
     except KeyboardInterrupt:

@@ -8,9 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from tqdm import tqdm
-
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
@@ -81,28 +79,28 @@ def measure_rest(run: TradeoffRun) -> None:
     expected = expected_s(run.scene, groups, run.frames)
     minutes = math.ceil(sum(expected) / 60)
     already = f", {len(run.settings.lines)} are there" if run.settings.lines else ""
-    tqdm.write(
-        f"{run.count} settings{already}; about {minutes} min; into {run.folder}", file=sys.stderr
-    )
+    about = f"{run.count} settings{already}; about {minutes} min; into {run.folder}"
+    print(about, file=sys.stderr)
 
-    def rounds_of(seconds: float) -> Progress:
-        return lambda rounds: _advance(bar, seconds, rounds)
+    def rounds_of(percent: float) -> Progress:
+        return lambda rounds: _advance(bar, percent, rounds)
 
-    total = sum(expected) * (1 + 1e-9)  # rounding must not take the bar beyond its end
-    with tqdm(total=total, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+    total = sum(expected)
+    with progress.counter(100, "%", expected_s=total) as bar:
         for group, seconds in zip(groups, expected, strict=True):
             side, table = group.detectors_per_side, f" {group.steps}^5" if group.steps else ""
             bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
-            run.measure(group, rounds_of(seconds / 2))  # the other half is for the table
-            bar.update(seconds / 2)
+            half = 50 * seconds / total
+            run.measure(group, rounds_of(half))  # the other half is for the table
+            bar.update(half)
 
 
-def _advance(bar: Any, seconds: float, rounds: Iterable[int]) -> Iterator[int]:
-    """Go through rounds that take `seconds` together."""
+def _advance(bar: Any, percent: float, rounds: Iterable[int]) -> Iterator[int]:
+    """Go through rounds that are `percent` of the work together."""
     rounds = list(rounds)
     for i in rounds:
         yield i
-        bar.update(seconds / len(rounds))
+        bar.update(percent / len(rounds))
 
 
 def report(rows: Sequence[Measurement]) -> str:

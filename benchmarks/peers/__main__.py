@@ -12,7 +12,7 @@ from peers import light, report
 from peers.exact import hard_cases, verdict
 from peers.libraries import BUILDERS, missing
 from peers.search import compare, figures, one_thread, signatures
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands import cli, progress
 from uuv_optical_array.core import files
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -72,11 +72,11 @@ def search(
     scene: Scene, rows: int, rng: np.random.Generator, verdicts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
     """Compare all peers on one table; returns the figures of each, by name."""
-    table = signatures(scene, rows, rng, lambda blocks: cli.bar(blocks, "block"))
+    table = signatures(scene, rows, rng, lambda blocks: progress.over(blocks, "block"))
     queries = signatures(scene, QUERIES, rng)
     builders = {name: BUILDERS[name] for name in verdicts}
     answers = compare(
-        builders, table, queries, SEARCH_ROUNDS, progress=lambda rounds: cli.bar(rounds, "round")
+        builders, table, queries, SEARCH_ROUNDS, progress=lambda rounds: progress.over(rounds, "round")
     )
     return {"rows": rows, "peers": figures(answers, verdicts)}
 
@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
             say(report.verdicts(verdicts))
             if count:
                 result["simulation"] = light.simulate(
-                    scene, count, rng, lambda rounds: cli.bar(rounds, "round")
+                    scene, count, rng, lambda rounds: progress.over(rounds, "round")
                 )
                 say(report.light(result["simulation"]))
         except KeyboardInterrupt:

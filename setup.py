@@ -32,8 +32,8 @@ setup(
     install_requires=[
         "matplotlib>=3.5",
         "numpy>=1.21",
-        "PyYAML>=5.4",
         "rich>=11",
+        "ruamel.yaml>=0.17.16",
         "scipy>=1.8",
         "setuptools",
         "tqdm>=4.57",
@@ -66,6 +66,7 @@ setup(
             "hypothesis",
             "mypy",
             "numba",
+            "PyYAML",
             "pytest<9",
             "pytest-benchmark",
             "pytest-timeout",

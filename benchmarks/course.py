@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-import yaml
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array import ForwardModel, load_scene
+from uuv_optical_array.core import yaml_text
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.messages import image_to_message
@@ -27,7 +27,7 @@ def write_scene(folder: Path, side: int) -> tuple[Scene, Path]:
     values["array"]["detectors_per_side"] = side
     values["table"] = {key: [*span[:2], 9] for key, span in values["table"].items()}
     path = folder / f"follow{side}.yaml"
-    path.write_text(yaml.safe_dump(values), encoding="utf-8")
+    path.write_text(yaml_text.text_of(values), encoding="utf-8")
     return load_scene(str(path)), path
 
 

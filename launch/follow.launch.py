@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
@@ -11,6 +10,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
+from uuv_optical_array.core import yaml_text
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.forward.scene import load_scene
 
@@ -96,7 +96,7 @@ def nodes(context):
     elif switched_on("rviz"):
         arguments["publish_tf"] = True
     if given("station"):
-        station = yaml.safe_load(given("station"))
+        station = yaml_text.parse(given("station"))
         arguments["station_m"] = list(check(Place, station, "station"))
     alone = given("demo") in ("leader", "follower")
     if alone:

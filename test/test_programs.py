@@ -36,7 +36,7 @@ def pressed(program, module, *words):
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("module", ["uuv_optical_array.commands", "yaml", "scipy.spatial"])
+@pytest.mark.parametrize("module", ["uuv_optical_array.commands", "ruamel.yaml", "scipy.spatial"])
 def test_a_command_says_so_and_exits_with_130(module):
     assert pressed("uuv_array", module, "limits") == (130, "interrupted\n")
 

@@ -418,8 +418,19 @@ def test_yaml_that_breaks_while_a_value_is_built_is_refused_by_file(tmp_path, te
         load_scene(file)
 
 
-def test_a_key_given_twice_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("line", "key"),
+    [("lamp: {beam_sigma_deg: 9.0}", "lamp"), ("prior: {known: a, known: b}", "known")],
+)
+def test_a_key_given_twice_is_refused_with_its_line(tmp_path, line, key):
     file = tmp_path / "twice.yaml"
-    file.write_text(yaml.safe_dump(FULL) + "\nlamp: {beam_sigma_deg: 9.0}\n")
-    with pytest.raises(ValueError, match="lamp: given twice"):
+    file.write_text(f"lamp: {FULL['lamp']}\n{line}\n")
+    with pytest.raises(ValueError, match=f'twice.yaml: not YAML: line 2: .* key "{key}"; keep one'):
         load_scene(file)
+
+
+def test_a_number_may_be_spelt_in_each_way_that_yaml_1_2_has(tmp_path):
+    file = tmp_path / "spelt.yaml"
+    for spelt in ("1e-3", "1E-3", "1.e-3", "+1e-03", ".001", "0.1e-2"):
+        file.write_text(yaml.safe_dump(FULL).replace("k_per_m: 0.1", f"k_per_m: {spelt}"))
+        assert load_scene(file).effects["attenuation"]["k_per_m"] == 1e-3

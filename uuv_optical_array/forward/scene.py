@@ -4,14 +4,11 @@ import dataclasses
 import hashlib
 import json
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
-
-from uuv_optical_array.core import files
+from uuv_optical_array.core import files, yaml_text
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
@@ -305,36 +302,6 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     return scene
 
 
-class _SceneLoader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """YAML as people mean it: 1e-3 is a number, and a key stands once."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise ValueError(f"{key}: given twice; keep one")
-        return super().construct_mapping(node, deep)
-
-
-_SceneLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
-
-
-class _SceneDumper(yaml.SafeDumper):  # type: ignore[misc]
-    """YAML as the ready scenes are written: a list of numbers on one line."""
-
-
-_SceneDumper.add_representer(
-    list,
-    lambda dumper, values: dumper.represent_sequence(
-        "tag:yaml.org,2002:seq", values, flow_style=not any(isinstance(v, list) for v in values)
-    ),
-)
-
-
 def save_scene(scene: Scene, path: Path, comment: str) -> None:
     """Write a scene as a YAML file that `load_scene` reads, whole or not at all.
 
@@ -347,8 +314,7 @@ def save_scene(scene: Scene, path: Path, comment: str) -> None:
     comment
         First line.
     """
-    text = yaml.dump(scene.settings(), Dumper=_SceneDumper, sort_keys=False, width=1000)
-    files.write_text(path, f"# {comment}\n\n{text}")
+    files.write_text(path, f"# {comment}\n\n{yaml_text.text_of(scene.settings())}")
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -382,7 +348,7 @@ def load_scene(path: str | Path) -> Scene:
     if not file.is_file():
         raise FileNotFoundError(f"scene {file}: no such file")
     try:
-        settings = yaml.load(file.read_text(encoding="utf-8"), _SceneLoader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"scene {file}: not YAML: {' '.join(str(error).split())}") from None
+        settings = yaml_text.read(file)
+    except ValueError as error:
+        raise ValueError(f"scene {file}: {error}") from None
     return scene_from_settings(settings, file.stem)

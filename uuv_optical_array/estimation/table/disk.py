@@ -10,9 +10,8 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from uuv_optical_array.core import files, manifest, memory
+from uuv_optical_array.core import files, manifest, memory, yaml_text
 from uuv_optical_array.estimation.table import store
 from uuv_optical_array.estimation.table.signature_table import (
     Progress,
@@ -53,7 +52,7 @@ def save_table(table: SignatureTable, path: str | Path) -> None:
     with files.whole_directory(path) as scratch:
         for name, array in zip(ARRAYS, (table.poses, table.parameters), strict=True):
             np.save(scratch / name, array)
-        (scratch / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False), "utf-8")
+        (scratch / ABOUT).write_text(yaml_text.text_of(about), "utf-8")
         manifest.write(scratch, (*ARRAYS, ABOUT))
 
 
@@ -101,7 +100,7 @@ def load_table(path: str | Path, scene: Scene) -> SignatureTable:
         raise ValueError(f"table {path}: no table there; build one with uuv_array table")
     try:
         manifest.check(path)
-        about = yaml.safe_load((path / ABOUT).read_bytes())
+        about = yaml_text.read(path / ABOUT)
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
         poses, parameters = (np.load(path / name, mmap_mode="r") for name in ARRAYS)

@@ -8,10 +8,9 @@ import tempfile
 import time
 from pathlib import Path
 
-import yaml
-
+from uuv_optical_array.core import yaml_text
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.disk import load_table, save_table
+from uuv_optical_array.estimation.table.disk import ABOUT, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.studies.tradeoff.results import TableCost, load_average
@@ -45,7 +44,7 @@ def get_ready(folder: Path) -> dict[str, float]:
     dict
         ``load_s``, ``memory_mb`` and ``peak_mb`` of `TableCost`.
     """
-    about = yaml.safe_load((folder / "table.yaml").read_text(encoding="utf-8"))
+    about = yaml_text.read(folder / ABOUT)
     scene = scene_from_settings(about["scene"], about["name"])
     before_mb, began = _resident_mb(), time.perf_counter()
     estimator = Estimator(load_table(folder, scene), "sam")

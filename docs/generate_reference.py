@@ -6,7 +6,6 @@ each get a page. A new node, command, key or effect appears by itself.
 
 import argparse
 import ast
-import dataclasses
 import importlib
 import inspect
 import json
@@ -20,10 +19,10 @@ from typing import Any, Literal, NamedTuple
 import uuv_optical_array
 from uuv_optical_array import nodes
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.effects.reference import declared
-from uuv_optical_array.forward.scene import PRIORS, Scene
+from uuv_optical_array.forward.scene import GROUPS, PRIORS
+from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.shared import reasons
 from uuv_optical_array.studies.robustness.kinds import KINDS
 
@@ -221,15 +220,17 @@ def commands() -> list[str]:
 
 def limits_of(kind: Any, quantity: Quantity) -> str:
     """Return the bounds of a declared value, or its choices."""
-    literals = [one for one in (kind, *typing.get_args(kind)) if typing.get_origin(one) is Literal]
-    words = [f"`{word}`" for one in literals for word in typing.get_args(one)]
-    return ", ".join(words) or quantity.bounds()
+    if typing.get_origin(kind) is Literal:
+        return ", ".join(f"`{word}`" for word in typing.get_args(kind))
+    return quantity.bounds()
 
 
 def shown(default: Any) -> str:
     """Return a default as a cell; empty where there is none."""
-    if default is None or default in (inspect.Parameter.empty, dataclasses.MISSING):
+    if default is None or default is inspect.Parameter.empty:
         return ""
+    if isinstance(default, Span):
+        return str(list(default))
     return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
 
 
@@ -237,25 +238,25 @@ def scene() -> list[str]:
     """Return the page of the keys of a scene."""
     parts = [
         "# Scene files",
-        "A scene is a YAML file with the groups below and `effects`, whose keys "
+        "A scene is a file in YAML 1.2 with the groups below and `effects`, whose keys "
         "[have a page of their own](effects.md). Keys carry their unit. Unknown keys and values "
         "out of bounds are refused by name; a key without a default must be given, except where "
         "its meaning says when.",
+        "## `extends`",
+        "A scene may say which one it extends, the name of a ready scene or a file, whose path "
+        "leads from its own folder. Mappings are merged, a list or value replaces the other "
+        "scene's, and `null` takes away a setting, an effect or a group "
+        "([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)). A `null` that takes nothing away "
+        "is refused. The table in the cache is that of the merged settings.",
     ]
-    for group, settings in typing.get_type_hints(Scene).items():
-        if not dataclasses.is_dataclass(settings):
-            continue
-        hints = typing.get_type_hints(settings, include_extras=True)
-        rows = []
-        for field in dataclasses.fields(settings):
-            kind, quantity = hints[field.name], Quantity("")
-            if typing.get_origin(kind) is typing.Annotated:
-                kind, quantity = typing.get_args(kind)
-            bounds = limits_of(kind, quantity)
-            rows.append((f"`{field.name}`", bounds, shown(field.default), quantity.text))
+    for group, owner in GROUPS.items():
+        rows = [
+            (f"`{key}`", limits_of(kind, quantity), shown(default), quantity.text)
+            for key, (kind, quantity, default, _) in declared(owner).items()
+        ]
         parts += [
             f"## `{group}`",
-            first_sentence(settings.__doc__) + ".",
+            first_sentence(owner.__doc__) + ".",
             table(("key", "bounds", "default", "meaning"), rows),
         ]
     keys = list(dict.fromkeys(key for values in PRIORS.values() for key in values))
@@ -271,10 +272,7 @@ def scene() -> list[str]:
         "## Ready scenes",
         "The files lie in `config/scenes/`; their comments give the source of each value.",
     ]
-    rows = []
-    for path in sorted((ROOT / "config/scenes").glob("*.yaml")):
-        use = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
-        rows.append((f"`{path.stem}`", use))
+    rows = [(f"`{name}`", sentence(scene_file(name))) for name in ready_scenes()]
     return [*parts, table(("scene", "use"), rows)]
 
 
@@ -288,7 +286,7 @@ def effects() -> list[str]:
         kinds = inspect.signature(effect.function).return_annotation
         form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
         laws.append((f"`{name}`", law, form, "; ".join(dict.fromkeys(sources))))
-        for key, (kind, quantity, default) in declared(name).items():
+        for key, (kind, quantity, default, _) in declared(effect.function).items():
             bounds = limits_of(kind, quantity)
             settings.append((f"`{name}`", f"`{key}`", bounds, shown(default), quantity.text))
     return [

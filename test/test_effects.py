@@ -264,7 +264,7 @@ def test_no_effects_at_all_is_the_bare_light():
         ({3: {}}, ["effects.3: unknown key"]),
         ({"adc": {"bit": 10}}, ["effects.adc.bit", "did you mean bits?"]),
         ({"adc": {"array": 10}}, ["effects.adc.array: unknown key"]),
-        ({"adc": None}, ["effects.adc.bits: missing"]),
+        ({"adc": None}, ["effects.adc: empty; give its settings, or {} for defaults"]),
         ({"adc": 10}, ["effects.adc: 10 is not a mapping"]),
         ({"adc": {"bits": 10.0}}, ["effects.adc.bits: 10.0 is not a whole number", "1 to 16"]),
         ({"adc": {"bits": 17}}, ["effects.adc.bits: 17 is out of bounds", "from 1 to 16"]),

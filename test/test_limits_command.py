@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from test_limits import SHAPES, make_scene, std_m_deg
 
 from uuv_optical_array.commands.studies import limits as command
-from uuv_optical_array.core import files
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
@@ -98,11 +97,7 @@ def test_the_command_says_what_is_not_observable(capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_the_command_says_what_is_estimated_along(tmp_path, capsys):
     scene = tmp_path / "sea.yaml"
-    scene.write_text(
-        files.shared_file("config/scenes/reference.yaml").read_text("utf-8")
-        + "\nprior:\n  lamp_power_std: 0.1\n",
-        encoding="utf-8",
-    )
+    scene.write_text("extends: reference\nprior: {lamp_power_std: 0.1}\n", encoding="utf-8")
     known = printed(told(capsys, "--scene", "reference"))
     out = told(capsys, "--scene", scene)
     assert "estimated along with the pose: lamp.power +-0.1" in out

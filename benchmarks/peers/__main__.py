@@ -76,7 +76,11 @@ def search(
     queries = signatures(scene, QUERIES, rng)
     builders = {name: BUILDERS[name] for name in verdicts}
     answers = compare(
-        builders, table, queries, SEARCH_ROUNDS, progress=lambda rounds: progress.over(rounds, "round")
+        builders,
+        table,
+        queries,
+        SEARCH_ROUNDS,
+        progress=lambda rounds: progress.over(rounds, "round"),
     )
     return {"rows": rows, "peers": figures(answers, verdicts)}
 

@@ -54,6 +54,27 @@ Order: TypeAlias = Sequence[int]
 Grid: TypeAlias = Sequence[Sequence[float]]
 
 
+class Setting(NamedTuple):
+    """How a setting is declared.
+
+    Parameters
+    ----------
+    kind
+        Its type: ``float``, ``int``, `Span`, `Place`, `Cells`, `Order`, `Grid` or a ``Literal``.
+    quantity
+        Meaning, unit and bounds.
+    default
+        ``inspect.Parameter.empty`` where it must be given.
+    optional
+        Whether it may be ``None``.
+    """
+
+    kind: Any
+    quantity: Quantity
+    default: Any
+    optional: bool
+
+
 class Span(NamedTuple):
     """Evenly spaced values: ``number`` of them from ``start`` to ``stop``, both included."""
 
@@ -140,6 +161,36 @@ def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
     ]
 
 
+def _unwrapped(hint: Any) -> tuple[Any, Quantity, bool]:
+    """Return the type that a hint declares, its quantity, and whether it may be ``None``."""
+    quantity, optional = Quantity(""), False
+    # Python 3.10 wraps the whole hint of an argument with the default None once more.
+    while typing.get_origin(hint) in (typing.Annotated, types.UnionType, typing.Union):
+        if typing.get_origin(hint) is typing.Annotated:
+            hint, quantity = typing.get_args(hint)
+        else:
+            optional = True
+            hint = next(option for option in typing.get_args(hint) if option is not type(None))
+    return hint, quantity, optional
+
+
+def declared(owner: Callable[..., Any]) -> dict[str, Setting]:
+    """Return the settings that are declared by a dataclass or a function.
+
+    Parameters
+    ----------
+    owner
+        A dataclass, or a function whose keyword-only arguments are the keys.
+    """
+    hints = typing.get_type_hints(owner, include_extras=True)
+    found = {}
+    for name, argument in inspect.signature(owner).parameters.items():
+        if dataclasses.is_dataclass(owner) or argument.kind is argument.KEYWORD_ONLY:
+            kind, quantity, optional = _unwrapped(hints[name])
+            found[name] = Setting(kind, quantity, argument.default, optional)
+    return found
+
+
 def check(hint: Any, value: Any, name: str) -> Any:
     """Check one value against its declared type hint.
 
@@ -163,31 +214,29 @@ def check(hint: Any, value: Any, name: str) -> Any:
     ValueError
         Names the key, the value, the bound and the cure.
     """
-    quantity = Quantity("")
-    # Python 3.10 wraps the whole hint of an argument with the default None once more.
-    while typing.get_origin(hint) in (typing.Annotated, types.UnionType, typing.Union):
-        if typing.get_origin(hint) is typing.Annotated:
-            hint, quantity = typing.get_args(hint)
-        elif value is None:
-            return None
-        else:
-            hint = next(option for option in typing.get_args(hint) if option is not type(None))
-    if typing.get_origin(hint) is Literal:
-        choices = typing.get_args(hint)
+    kind, quantity, optional = _unwrapped(hint)
+    return _checked(kind, quantity, optional, value, name)
+
+
+def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: str) -> Any:
+    if optional and value is None:
+        return None
+    if typing.get_origin(kind) is Literal:
+        choices = typing.get_args(kind)
         if value not in choices or isinstance(value, bool):
             raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(choices)}")
         return value
-    if hint == Cells:
+    if kind == Cells:
         return _cells(value, quantity, name)
-    if hint == Place:
+    if kind == Place:
         return _place(value, quantity, name)
-    if hint == Order:
+    if kind == Order:
         return _order(value, quantity, name)
-    if hint == Grid:
+    if kind == Grid:
         return _grid(value, quantity, name)
-    if hint is Span:
+    if kind is Span:
         return _span(value, quantity, name)
-    return _number(value, quantity, name, whole=hint is int)
+    return _number(value, quantity, name, whole=kind is int)
 
 
 def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
@@ -198,13 +247,13 @@ def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
     return ValueError(f"{where}.{key}: unknown key; {hint}".lstrip("."))
 
 
-def check_all(declared: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
-    """Check a mapping of values against the fields or keyword-only arguments of `declared`.
+def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
+    """Check a mapping of values against the fields or keyword-only arguments of its owner.
 
     Parameters
     ----------
-    declared
-        A dataclass, or a function whose keyword-only arguments are the keys.
+    owner
+        As `declared` takes it.
     values
         Mapping from key to value; ``None`` counts as empty.
     where
@@ -223,23 +272,19 @@ def check_all(declared: Callable[..., Any], values: Any, where: str) -> dict[str
     values = {} if values is None else values
     if not isinstance(values, Mapping):
         raise ValueError(f"{where}: {values!r} is not a mapping of keys to values")
-    wanted = {
-        name: argument
-        for name, argument in inspect.signature(declared).parameters.items()
-        if dataclasses.is_dataclass(declared) or argument.kind is argument.KEYWORD_ONLY
-    }
+    wanted = declared(owner)
     for key in values:
         if key not in wanted:
             raise unknown(key, wanted, where)
-    hints = typing.get_type_hints(declared, include_extras=True)
     checked = {}
-    for name, argument in wanted.items():
+    for name, setting in wanted.items():
+        kind, quantity, default, optional = setting
         if name in values:
-            checked[name] = check(hints[name], values[name], f"{where}.{name}")
-        elif argument.default is argument.empty:
+            checked[name] = _checked(kind, quantity, optional, values[name], f"{where}.{name}")
+        elif default is inspect.Parameter.empty:
             raise ValueError(f"{where}.{name}: missing; add it to the scene")
         else:
-            checked[name] = argument.default
+            checked[name] = default
     return checked
 
 
@@ -268,9 +313,10 @@ def one_way(
         Where both or neither are given, or a part of one.
     """
     ways = f"give {' and '.join(first)}, or else {' and '.join(second)}"
+    extending = "; null takes away what an extended scene gives"
     given = [[key for key in way if values.get(key) is not None] for way in (first, second)]
     if all(given):
-        raise ValueError(f"{where}.{given[1][0]}: given beside {given[0][0]}; {ways}")
+        raise ValueError(f"{where}.{given[1][0]}: given beside {given[0][0]}; {ways}{extending}")
     taken = second if given[1] else first
     for key in taken:
         if values.get(key) is None:

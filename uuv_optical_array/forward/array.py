@@ -40,7 +40,10 @@ class ArraySettings:
             )
         if self.shape == "planar":
             if self.radius_m is not None:
-                raise ValueError(f"radius_m: {self.radius_m:g} m, but a planar array has none")
+                raise ValueError(
+                    f"radius_m: {self.radius_m:g} m, but a planar array has none; leave it out, "
+                    "or write null where an extended scene gives it"
+                )
             return
         if self.radius_m is None:
             raise ValueError("radius_m: missing; a curved array needs the radius of its sphere")

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from uuv_optical_array.core import files, yaml_text
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
+from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.light import LampSettings
@@ -30,15 +31,22 @@ class SignatureSettings:
     ] = 1.0
 
 
+# The working volume, 4 to 8 m behind the lamp and 0.6 m and 20 deg about its axis, with a margin.
+BEHIND_M, ASIDE_M = Span(-8.3, -3.7, 13), Span(-0.75, 0.75, 13)
+TURNED_DEG = Span(-22.0, 22.0, 13)
+
+
 @dataclasses.dataclass(frozen=True)
 class TableSettings:
     """The grid of poses of the signature table, each as ``[from, to, how many]``."""
 
-    x_m: Annotated[Span, Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000)]
-    y_m: Annotated[Span, Quantity("to port", "m", -1000, 1000)]
-    z_m: Annotated[Span, Quantity("up", "m", -1000, 1000)]
-    pitch_deg: Annotated[Span, Quantity("bow down", "deg", -90, 90)]
-    yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)]
+    x_m: Annotated[Span, Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000)] = (
+        BEHIND_M
+    )
+    y_m: Annotated[Span, Quantity("to port", "m", -1000, 1000)] = ASIDE_M
+    z_m: Annotated[Span, Quantity("up", "m", -1000, 1000)] = ASIDE_M
+    pitch_deg: Annotated[Span, Quantity("bow down", "deg", -90, 90)] = TURNED_DEG
+    yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)] = TURNED_DEG
 
 
 # Names of what may be unknown.
@@ -159,7 +167,8 @@ class PriorSettings:
         return math.hypot(self.gain_std, depth * SHADE_DECAY ** max(SHADE_ORDERS))
 
 
-_GROUPS: dict[str, Any] = {
+# Groups of a scene file, but for `effects`, and who declares their keys.
+GROUPS: dict[str, Any] = {
     "lamp": LampSettings,
     "array": ArraySettings,
     "signature": SignatureSettings,
@@ -215,7 +224,7 @@ class Scene:
                 for key, value in dataclasses.asdict(getattr(self, group)).items()
                 if value is not None
             }
-            for group in _GROUPS
+            for group in GROUPS
         }
         return {**groups, "effects": {name: dict(values) for name, values in self.effects.items()}}
 
@@ -251,8 +260,8 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     Parameters
     ----------
     settings
-        Mapping of the groups ``lamp``, ``array``, ``effects``, ``signature``, ``table`` and,
-        where something about the scene is uncertain, ``prior``.
+        Mapping of the groups ``lamp`` and ``array``, and as far as they differ from the defaults
+        ``effects``, ``signature``, ``table`` and ``prior``.
     name
         Name of the scene, which starts every error.
 
@@ -271,11 +280,11 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         if not isinstance(settings, Mapping):
             raise ValueError(f"{settings!r} is not a mapping of groups")
         for group in settings:
-            if group not in (*_GROUPS, "effects"):
-                raise unknown(group, (*_GROUPS, "effects"), "")
+            if group not in (*GROUPS, "effects"):
+                raise unknown(group, (*GROUPS, "effects"), "")
         effects = check_effects(settings.get("effects"))
         groups = {}
-        for group, declared in _GROUPS.items():
+        for group, declared in GROUPS.items():
             values = check_all(declared, settings.get(group), group)
             if group == "prior":
                 given = settings.get(group) or {}
@@ -318,7 +327,7 @@ def save_scene(scene: Scene, path: Path, comment: str) -> None:
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene from a YAML file.
+    """Read a scene from a YAML file, and the ones that it ``extends``.
 
     Parameters
     ----------
@@ -333,22 +342,9 @@ def load_scene(path: str | Path) -> Scene:
     Raises
     ------
     ValueError
-        For text that is not YAML, or as `scene_from_settings`.
+        For text that is not YAML, as `scene_files.layers`, or as `scene_from_settings`.
     FileNotFoundError
-        Where neither a file nor a ready scene has that name.
+        Where neither a file nor a ready scene has that name, or that of one that is extended.
     """
-    file = files.user_path(path)
-    if file.suffix not in (".yaml", ".yml"):
-        ready = sorted(p.stem for p in files.shared_file("config/scenes").glob("*.yaml"))
-        if str(path) not in ready:
-            raise FileNotFoundError(
-                f"scene {path}: neither a .yaml file nor a ready scene ({', '.join(ready)})"
-            )
-        file = files.shared_file(f"config/scenes/{path}.yaml")
-    if not file.is_file():
-        raise FileNotFoundError(f"scene {file}: no such file")
-    try:
-        settings = yaml_text.read(file)
-    except ValueError as error:
-        raise ValueError(f"scene {file}: {error}") from None
-    return scene_from_settings(settings, file.stem)
+    file = scene_files.scene_file(path)
+    return scene_from_settings(scene_files.merged(scene_files.layers(file)), file.stem)

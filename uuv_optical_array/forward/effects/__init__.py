@@ -107,7 +107,7 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     Raises
     ------
     ValueError
-        For an unknown effect or a bad setting, by name.
+        For an unknown effect, one without a mapping, or a bad setting, by name.
     """
     settings = {} if settings is None else settings
     if not isinstance(settings, Mapping):
@@ -118,6 +118,8 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     checked = {}
     for name, effect in EFFECTS.items():
         if name in settings:
+            if settings[name] is None:
+                raise ValueError(f"effects.{name}: empty; give its settings, or {{}} for defaults")
             values = check_all(effect.function, settings[name], f"effects.{name}")
             values = effect.resolved(values, f"effects.{name}")
             checked[name] = {key: value for key, value in values.items() if value is not None}

@@ -3,50 +3,20 @@
 import inspect
 import itertools
 import math
-import types
 import typing
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from uuv_optical_array.core.settings import Cells, Grid, Quantity
+from uuv_optical_array.core import settings
+from uuv_optical_array.core.settings import Cells, Grid, Setting
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
 
 
-class Setting(NamedTuple):
-    """How a setting of an effect is declared.
-
-    Parameters
-    ----------
-    kind
-        Its type: ``float``, ``int``, `Cells`, `Grid` or a ``Literal``.
-    quantity
-        Meaning, unit and bounds.
-    default
-        ``inspect.Parameter.empty`` where it must be given; ``None`` where it belongs to one of
-        several `ways`.
-    """
-
-    kind: Any
-    quantity: Quantity
-    default: Any
-
-
 def declared(name: str) -> dict[str, Setting]:
-    """Return the settings of an effect as its function declares them."""
-    function = EFFECTS[name].function
-    hints = typing.get_type_hints(function, include_extras=True)
-    found = {}
-    for key, parameter in inspect.signature(function).parameters.items():
-        if parameter.kind is not parameter.KEYWORD_ONLY:
-            continue
-        kind, quantity = hints[key], Quantity("")
-        # Python 3.10 wraps the whole hint of an argument with the default None once more.
-        while typing.get_origin(kind) in (typing.Annotated, types.UnionType, typing.Union):
-            if typing.get_origin(kind) is typing.Annotated:
-                kind, quantity = typing.get_args(kind)
-            else:
-                (kind,) = (part for part in typing.get_args(kind) if part is not type(None))
-        found[key] = Setting(kind, quantity, parameter.default)
-    return found
+    """Return the settings of an effect as its function declares them.
+
+    One with the default ``None`` belongs to one of several `ways`.
+    """
+    return settings.declared(EFFECTS[name].function)
 
 
 def ways(name: str) -> list[tuple[str, ...]]:
@@ -62,15 +32,15 @@ def ways(name: str) -> list[tuple[str, ...]]:
     list of tuple of str
         Each way to give the effect, the shortest first.
     """
-    settings = declared(name)
-    needed = [key for key in settings if settings[key].default is inspect.Parameter.empty]
-    free = [key for key in settings if settings[key].default is None]
+    keyed = declared(name)
+    needed = [key for key in keyed if keyed[key].default is inspect.Parameter.empty]
+    free = [key for key in keyed if keyed[key].default is None]
     found = []
     for count in range(len(free) + 1):
         for chosen in itertools.combinations(free, count):
-            keys = [key for key in settings if key in (*needed, *chosen)]
+            keys = [key for key in keyed if key in (*needed, *chosen)]
             try:
-                check_effects({name: {key: middle(settings[key]) for key in keys}})
+                check_effects({name: {key: middle(keyed[key]) for key in keys}})
             except ValueError:
                 continue
             found.append(tuple(keys))
@@ -93,5 +63,5 @@ def middle(setting: Setting) -> Any:
 
 def middle_settings(name: str) -> dict[str, Any]:
     """Return settings of an effect in the middle of their bounds, the shortest way."""
-    settings = declared(name)
-    return {key: middle(settings[key]) for key in ways(name)[0]}
+    keyed = declared(name)
+    return {key: middle(keyed[key]) for key in ways(name)[0]}

@@ -64,6 +64,7 @@ setup(
         # colcon test runs pytest because this extra names it.
         "test": [
             "hypothesis",
+            "jerlov",
             "mypy",
             "numba",
             "PyYAML",

@@ -1,6 +1,7 @@
 """Effects against theory: closed forms, published numbers, and simulations of another kind."""
 
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy import stats
 
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.effects.electronics import PARTS, photodiode_variances
+from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
 from uuv_optical_array.forward.light import COSINE, LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -58,6 +60,18 @@ def test_a_water_type_is_the_number_of_the_table(water, wavelength_nm, k_per_m):
     number = model_with(attenuation=found)
     assert number.scene.fingerprint == typed.scene.fingerprint
     np.testing.assert_array_equal(number.light(AHEAD), typed.light(AHEAD))
+
+
+def test_every_type_of_jerlov_is_that_of_a_library_from_blue_to_red():
+    jerlov = pytest.importorskip("jerlov", reason="needs the package jerlov, of the extra test")
+    wavelengths_nm = np.arange(400, 701)
+    types = [water for water in get_args(Water) if not water.startswith("eren2016")]
+    assert len(types) == 10
+    for water in types:
+        ours = [diffuse_attenuation(water, wavelength_nm) for wavelength_nm in wavelengths_nm]
+        theirs = jerlov.water(water.partition("_")[2].upper(), source="jerlov1976")
+        # Between the wavelengths of Jerlov's table theirs are rounded to 1e-4 /m.
+        np.testing.assert_allclose(ours, theirs.kd(wavelengths_nm), rtol=1e-12, atol=5.01e-5)
 
 
 def test_the_transmittance_per_metre_is_what_jerlov_gives_too():
@@ -287,8 +301,12 @@ def test_the_beam_spreads_as_a_simulation_of_photons_says(b, length):
             ["attenuation.water: 'coastal_2c' is unknown", "coastal_3c"],
         ),
         (
-            {"attenuation": {"water": "coastal_1c", "wavelength_nm": 450}},
-            ["wavelength_nm: 450 is out of bounds", "500 to 550 nm"],
+            {"attenuation": {"water": "coastal_1c", "wavelength_nm": 390}},
+            ["wavelength_nm: 390 is out of bounds", "400 to 700 nm"],
+        ),
+        (
+            {"attenuation": {"water": "eren2016_clear", "wavelength_nm": 450}},
+            ["attenuation.wavelength_nm: 450, but eren2016_clear is known from 500 to 550 nm"],
         ),
         ({"ambient": {"surface_counts": 5e4}}, ["ambient.depth_m: missing"]),
         ({"ambient": {"level_counts": 5, "depth_m": 3}}, ["ambient.depth_m: given beside"]),

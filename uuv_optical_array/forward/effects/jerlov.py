@@ -19,24 +19,24 @@ Water: TypeAlias = Literal[
     "eren2016_coastal",
 ]
 
-WAVELENGTHS_NM = (500.0, 525.0, 550.0)
-# Kd, the diffuse attenuation of downward irradiance, 1/m, not the (larger) beam attenuation c:
-# N. G. Jerlov, Marine Optics, Elsevier 1976, table XXVII, p. 135. The last two are the values that
-# Eren et al. (2016) use for their whole band.
-KD_PER_M: dict[Water, tuple[float, float, float]] = {
-    "oceanic_i": (0.027, 0.043, 0.063),
-    "oceanic_ia": (0.032, 0.048, 0.067),
-    "oceanic_ib": (0.042, 0.054, 0.072),
-    "oceanic_ii": (0.070, 0.076, 0.089),
-    "oceanic_iii": (0.115, 0.116, 0.120),
-    "coastal_1c": (0.14, 0.13, 0.12),
-    "coastal_3c": (0.22, 0.20, 0.19),
-    "coastal_5c": (0.36, 0.31, 0.30),
-    "coastal_7c": (0.58, 0.49, 0.46),
-    "coastal_9c": (0.99, 0.78, 0.63),
-    "eren2016_clear": (0.05, 0.05, 0.05),
-    "eren2016_coastal": (0.1, 0.1, 0.1),
+# Kd, the diffuse attenuation of downward irradiance, 1/km, not the (larger) beam attenuation c:
+# N. G. Jerlov, Marine Optics, Elsevier 1976, table XXVII, p. 135.
+WAVELENGTHS_NM = np.linspace(400.0, 700.0, 13)
+KD_PER_KM: dict[str, tuple[int, ...]] = {
+    "oceanic_i": (28, 22, 19, 18, 27, 43, 63, 89, 235, 305, 360, 420, 560),
+    "oceanic_ia": (38, 31, 26, 25, 32, 48, 67, 94, 240, 310, 370, 430, 570),
+    "oceanic_ib": (51, 42, 36, 33, 42, 54, 72, 99, 245, 315, 375, 435, 580),
+    "oceanic_ii": (96, 81, 68, 62, 70, 76, 89, 115, 260, 335, 400, 465, 610),
+    "oceanic_iii": (185, 160, 135, 116, 115, 116, 120, 148, 295, 375, 445, 520, 660),
+    "coastal_1c": (510, 360, 250, 170, 140, 130, 120, 150, 300, 370, 450, 510, 650),
+    "coastal_3c": (780, 540, 390, 290, 220, 200, 190, 210, 330, 400, 460, 560, 710),
+    "coastal_5c": (1100, 780, 560, 430, 360, 310, 300, 330, 400, 480, 540, 650, 800),
+    "coastal_7c": (1600, 1200, 890, 710, 580, 490, 460, 460, 480, 540, 630, 780, 920),
+    "coastal_9c": (2400, 1900, 1600, 1230, 990, 780, 630, 580, 600, 650, 760, 920, 1100),
 }
+# What Eren et al. (2016) use for their whole band, nm.
+EREN_BAND_NM = 500.0, 550.0
+EREN_KD_PER_M = {"eren2016_clear": 0.05, "eren2016_coastal": 0.1}
 
 
 def diffuse_attenuation(water: Water, wavelength_nm: float) -> float:
@@ -47,11 +47,25 @@ def diffuse_attenuation(water: Water, wavelength_nm: float) -> float:
     water
         Water type.
     wavelength_nm
-        From 500 to 550 nm.
+        From 400 to 700 nm.
 
     Returns
     -------
     float
         Diffuse attenuation coefficient, 1/m.
+
+    Raises
+    ------
+    ValueError
+        For a wavelength outside the band for which Eren et al. give theirs.
     """
-    return float(np.interp(wavelength_nm, WAVELENGTHS_NM, KD_PER_M[water]))
+    if water in KD_PER_KM:
+        kd_per_m = np.divide(KD_PER_KM[water], 1000)
+        return float(np.interp(wavelength_nm, WAVELENGTHS_NM, kd_per_m))
+    low, high = EREN_BAND_NM
+    if not low <= wavelength_nm <= high:
+        raise ValueError(
+            f"wavelength_nm: {wavelength_nm:g}, but {water} is known from {low:g} to {high:g} nm; "
+            "take a type of Jerlov"
+        )
+    return EREN_KD_PER_M[water]

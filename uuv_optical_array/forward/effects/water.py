@@ -13,14 +13,17 @@ from uuv_optical_array.forward.effects.forms import Background, Blur, Transmissi
 from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
 from uuv_optical_array.forward.light import LampSettings
 
-WavelengthNm = Annotated[float | None, Quantity("wavelength of the light", "nm", 500, 550)]
+WavelengthNm = Annotated[float | None, Quantity("wavelength of the light", "nm", 400, 700)]
 KPerM = Annotated[float | None, Quantity("diffuse attenuation coefficient K", "1/m", 0, 10)]
 
 
 def resolved_attenuation(settings: dict[str, Any], name: str) -> dict[str, Any]:
     """Replace a water type by its K, so that everyone downstream finds a number."""
     if one_way(settings, name, ("k_per_m",), ("water", "wavelength_nm")):
-        return {"k_per_m": diffuse_attenuation(settings["water"], settings["wavelength_nm"])}
+        try:
+            return {"k_per_m": diffuse_attenuation(settings["water"], settings["wavelength_nm"])}
+        except ValueError as error:
+            raise ValueError(f"{name}.{error}") from None
     return settings
 
 

@@ -57,8 +57,10 @@ def main() -> None:
             (f"{background.std:.2g}", background),
         )
         told = [parameter.note or error for error, parameter in cells]
-        gain = f"{100 * np.nanmedian(found.gain_std):.2g}"
-        print(f"| {name} | {' | '.join(told)} | {gain} | {found.misfit:.2f} |")
+        errors = found.gain_std[np.isfinite(found.gain_std)]
+        gain = f"{100 * np.median(errors):.2g}" if errors.size else "not known"
+        misfit = f"{found.misfit:.2f}" + (", refused" if found.refusal else "")
+        print(f"| {name} | {' | '.join(told)} | {gain} | {misfit} |")
 
 
 if __name__ == "__main__":

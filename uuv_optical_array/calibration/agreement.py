@@ -1,5 +1,7 @@
 """How well the fit of a calibration agrees with its images."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,24 +26,44 @@ class Agreement:
         Used readings that could hardly be censored, shape ``(m, n)``.
     misfit
         Mean squared residual of these, 1 where the model explains the images.
+    freedoms
+        Degrees of freedom of these: readings less what was fitted to them, 0 or more.
     """
 
     residuals: Array
     variance: Array
     fair: NDArray[np.bool_]
     misfit: float
+    freedoms: int
 
     def inflation(self) -> float:
-        """Return the mean square of the images' mean residuals, over that of independent ones.
+        """Return the mean square of the images' mean and tilts, over that of independent residuals.
 
-        It is 1 where the residuals of an image are independent.
+        An image's tilts are its residuals' moments about the middle column and the middle row. It
+        is 1 where the residuals of an image are independent.
         """
-        number = self.fair.sum(axis=1)
-        seen = number > 0
+        side = math.isqrt(self.fair.shape[1])
+        across, down = np.meshgrid(*[np.arange(side) - (side - 1) / 2] * 2)
+        modes = np.array([np.ones(side * side), across.ravel(), down.ravel()])
+        return self._over_independent(modes)
+
+    def pattern(self) -> float:
+        """Return the mean square of the detectors' mean residuals, over that of independent ones.
+
+        It is 1 where the residuals of a detector are independent, below where its gain was fitted.
+        """
+        fair, residuals = self.fair.T, self.residuals.T
+        turned = dataclasses.replace(self, residuals=residuals, fair=fair)
+        return turned._over_independent(np.ones((1, len(self.fair))))
+
+    def _over_independent(self, modes: Array) -> float:
+        """Return the mean square of the sums of each row weighted by modes, shape ``(k, n)``."""
+        expected = self.fair @ (modes**2).T
+        seen = expected > 0
         if not seen.any():
             return 1.0
-        total = np.where(self.fair, self.residuals, 0.0).sum(axis=1)[seen]
-        return float(np.mean(total**2 / number[seen]) / max(self.misfit, 1e-12))
+        total = np.where(self.fair, self.residuals, 0.0) @ modes.T
+        return float(np.mean(total[seen] ** 2 / expected[seen]) / max(self.misfit, 1e-12))
 
     def noise(self, sigma_counts: float) -> tuple[float, float]:
         """Return the sensor noise for which the misfit would be 1, and its standard error.
@@ -98,4 +120,5 @@ def agreement_of(
         # Shifts are residuals too, of poses that were recorded with this error.
         seen = fair.any(axis=1)
         total += float(((state.at.shifts[seen] / likelihood.pose_std) ** 2).sum())
-    return Agreement(residuals, state.variance, fair, total / left if left > 0 else 1.0)
+    misfit = total / left if left > 0 else 1.0
+    return Agreement(residuals, state.variance, fair, misfit, max(0, int(left)))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.notes import MISFIT, cure, notes_of
+from uuv_optical_array.calibration.notes import MISFIT, cure, notes_of, refusal
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,
@@ -25,6 +25,7 @@ from uuv_optical_array.calibration.parameters import (
     K,
     is_logarithm,
 )
+from uuv_optical_array.calibration.prior import prior_of
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
@@ -43,7 +44,8 @@ class FittedParameter:
     start, value
         Before and after.
     std
-        Standard error; nan where the value was held.
+        Standard error, with that of what is held because it is not known; nan where the value was
+        held.
     note
         Why it was held, or what it stands or falls with; empty: known by itself.
     """
@@ -63,7 +65,8 @@ class Calibration:
     Parameters
     ----------
     scene
-        The starting scene with every fitted value in its place.
+        The starting scene with every fitted value in its place, and the standard errors in its
+        prior.
     parameters
         Power, beam, attenuation, background; the reference reading, which follows from them; the
         noise, where it was fitted.
@@ -81,11 +84,13 @@ class Calibration:
         Mean squared residual of these, 1 where the model explains the data; the standard errors
         have its root as a factor where it exceeds `MISFIT`.
     inflation
-        Mean square of the images' mean residuals, over that of independent residuals.
+        Mean square of the images' mean residuals and their tilts, over that of independent ones.
     outliers, outlying_images
         Readings left out one by one; indices of images left out whole.
     notes
         What a user should know, a line each.
+    refusal
+        Why the scene is not to be used; empty where the model explains the images.
     """
 
     scene: Scene
@@ -104,6 +109,7 @@ class Calibration:
     outliers: int
     outlying_images: tuple[int, ...]
     notes: tuple[str, ...]
+    refusal: str
 
 
 def calibrate(
@@ -177,14 +183,15 @@ def calibrate(
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
     fit = CalibrationFit(likelihood, known, on_step)
-    if not fit_noise:
-        return _gathered(scene, fit, ())
+    refused = refusal(fit, fit_noise)
+    if refused or not fit_noise:
+        return _gathered(scene, fit, (), refused)
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
         sigma, error = fit.agreement.noise(sigma)
         scene = _with_noise(scene, sigma)
         fit = CalibrationFit(likelihood.of(scene), known, on_step)
-    return _gathered(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),))
+    return _gathered(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
 
 
 def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
@@ -193,13 +200,15 @@ def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
     return scene_from_settings(settings, scene.name)
 
 
-def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ...]) -> Calibration:
+def _gathered(
+    scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ...], refused: str
+) -> Calibration:
     """Gather what is known."""
     likelihood, values, held = fit.likelihood, fit.state.at.parameters, fit.held()
-    if POWER in fit.unknown:
+    if POWER in fit.unknown and not refused:
         raise ValueError(f"images: {cure(fit, POWER)}")
     agreement = fit.agreement
-    covariance = fit.covariance() * (agreement.misfit if agreement.misfit > MISFIT else 1.0)
+    covariance = fit.covariance(agreement.misfit if agreement.misfit > MISFIT else 1.0)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
     logarithm = is_logarithm(len(values))
@@ -226,7 +235,7 @@ def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ..
     alone[list(fit.outlying)] = False
     grid = (scene.array.detectors_per_side,) * 2
     return Calibration(
-        scene=_written(scene, fit, shown, reference),
+        scene=_written(scene, fit, shown, reference, errors),
         parameters=(*parameters, *more),
         start_gains=begun[GAINS:].reshape(grid),
         gains=shown[GAINS:].reshape(grid),
@@ -242,6 +251,7 @@ def _gathered(scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ..
         outliers=int(alone.sum()),
         outlying_images=fit.outlying,
         notes=notes_of(scene, fit),
+        refusal=refused,
     )
 
 
@@ -259,8 +269,10 @@ def _reference(scene: Scene, fit: CalibrationFit) -> tuple[float, Array]:
     return float(lit[brightest]), slope
 
 
-def _written(scene: Scene, fit: CalibrationFit, values: Array, reference: float) -> Scene:
-    """Return the scene with the fitted values in their places."""
+def _written(
+    scene: Scene, fit: CalibrationFit, values: Array, reference: float, errors: Array
+) -> Scene:
+    """Return the scene with the fitted values, and their standard errors, in their places."""
     settings: dict[str, Any] = scene.settings()
     lamp, effects = settings["lamp"], settings["effects"]
     # Far more digits than are known, and few enough to read.
@@ -273,4 +285,7 @@ def _written(scene: Scene, fit: CalibrationFit, values: Array, reference: float)
     gains = values[GAINS:].reshape((scene.array.detectors_per_side,) * 2)
     drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
     effects["responsivity"] = {"gains": gains.tolist(), **drift}
+    settings["prior"] |= prior_of(
+        scene.prior, values, errors, fit.unknown, "attenuation" in effects
+    )
     return scene_from_settings(settings, scene.name)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.agreement import Agreement, agreement_of
 from uuv_optical_array.calibration.identifiability import (
+    carried,
     covariance,
     largest_errors,
     undetermined,
@@ -56,7 +57,7 @@ class CalibrationFit:
     known, unknown
         Parameters that were held: those given, and those that the images do not tell.
     mixed
-        Parameters that are known only as long as another, the value, is held.
+        Parameters that are known only as long as another, the value, is held, or held with it.
     at_bound
         Parameters that would go beyond a bound.
     dead
@@ -127,9 +128,15 @@ class CalibrationFit:
         """Return the parameters that do not move."""
         return self._given() | self.unknown
 
-    def covariance(self) -> Array:
-        """Return the inverse information, shape ``(p, p)``: 0 where held."""
-        return covariance(self.state.information, self.held(), self._largest)
+    def covariance(self, misfit: float = 1.0) -> Array:
+        """Return the covariance of the parameters, shape ``(p, p)``.
+
+        It is the inverse information, of which the misfit is a factor, and what the parameters
+        that are held because they are not known bring to the others.
+        """
+        own = covariance(self.state.information, self.held(), self._largest)
+        moves = carried(self.state.information, own, self.unknown, self._largest)
+        return misfit * own + moves @ moves.T
 
     def _not_told(self, misfit: float = 1.0) -> frozenset[int]:
         """Return what the images do not tell, and note what mixes with it."""

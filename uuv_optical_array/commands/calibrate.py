@@ -21,7 +21,8 @@ DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
 recorded bag whose poses are known by both odometries, and write the scene that they make. Each is
 printed with its standard error; what the bag does not tell is named, with what to drive for it, and
-stays as it was. Power and mean gain are one product: the geometric mean of the gains is 1."""
+stays as it was. Power and mean gain are one product: the geometric mean of the gains is 1.
+Where the residuals say that the model is wrong, no scene is written and the exit code is 1."""
 
 EPILOG = """\
 examples:
@@ -74,6 +75,9 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         help="what is known and stays as the scene has it; may be given again",
     )
     parser.add_argument(
+        "--force", action="store_true", help="write the scene even where the model is wrong"
+    )
+    parser.add_argument(
         "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"
     )
 
@@ -97,7 +101,7 @@ def _gains(found: Calibration) -> list[str]:
     """Return the gains as a grid, or, of a large array, their spread."""
     known = found.gain_std[np.isfinite(found.gain_std)]
     if not known.size:
-        return ["gains: held"]
+        return ["gains: as they were"]
     digits = _digits(float(known.min()))
     errors = f"std errors {known.min():.{digits}f} to {known.max():.{digits}f}"
     head = f"gains, geometric mean 1, rows from the top, columns from port ({errors}):"
@@ -124,8 +128,9 @@ def report(found: Calibration, recording: Recording, bag: Path, start: str) -> s
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
-        f"bag {bag}: {len(seconds)} images in {np.ptp(seconds):.1f} s, {ranges.min():.2f} to "
-        f"{ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off its axis",
+        f"bag {bag}: {len(seconds)} images in {np.ptp(seconds):.1f} s, base_link "
+        f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
+        "its axis",
         *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
         "",
         f"{'parameter':<27}{'start: ' + start:>12}{'fitted':>14}{'std error':>12}  unit",
@@ -184,6 +189,7 @@ def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
         "outlying_readings": found.outliers,
         "outlying_images_s": [float(_seconds(recording)[i]) for i in found.outlying_images],
         "notes": list(found.notes),
+        "refusal": found.refusal,
         "scene": found.scene.settings(),
     }
 
@@ -215,13 +221,16 @@ def run(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return cli.INTERRUPTED
-    comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
-    save_scene(found.scene, output, comment)
+    written = options.force or not found.refusal
+    if written:
+        comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
+        save_scene(found.scene, output, comment)
     if options.json:
         print(json.dumps(as_json(found, recording)))
     else:
         print(report(found, recording, bag, scene.name))
-        print(f"scene: {output}")
+        if written:
+            print(f"scene: {output}")
     if picture is not None:
         from uuv_optical_array.plots.calibration import draw_calibration
 
@@ -235,4 +244,6 @@ def run(options: argparse.Namespace) -> int:
         )
         if not options.json:
             print(f"picture: {picture}")
+    if not written:
+        raise ValueError(f"{bag}: no scene written: {found.refusal}; --force writes it")
     return 0

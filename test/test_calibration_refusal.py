@@ -1,0 +1,182 @@
+"""Calibrations that refuse: wrong models, drives that tell too little, and what the scene keeps."""
+
+import dataclasses
+import importlib.util
+
+import numpy as np
+import pytest
+from bags import image_message, odometry_message, write_bag
+from command_line import run
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import PRIORS, load_scene, save_scene, scene_from_settings
+
+LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
+HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
+MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0])  # other axes: y and z, pitch and yaw
+
+
+def scene_of(lamp=(), prior="calibrated", **effects):
+    """Return `follow` with nine detectors and a background, to be fast, and other values."""
+    plain = load_scene("follow").settings()
+    plain["array"]["detectors_per_side"] = 3
+    plain["lamp"] |= dict(lamp)
+    plain["prior"] = {"known": prior}
+    effects = {"ambient": {"level_counts": 10.0}, **effects}
+    for name, values in effects.items():
+        plain["effects"][name] = {**plain["effects"].get(name, {}), **values}
+    return scene_from_settings(plain, "sea")
+
+
+def drive(rng, count):
+    return rng.uniform(LOWEST, HIGHEST, (count, 5))
+
+
+def still(count):
+    return np.tile([-5.0, 0.0, 0.0, 0.0, 0.0], (count, 1))
+
+
+@pytest.mark.parametrize("fit_noise", [False, True])
+def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noise):
+    rng = np.random.default_rng(1)
+    poses = drive(rng, 30)
+    images = ForwardModel(scene_of()).expose(poses, rng)
+    assert not calibrate(scene_of(), images, poses, fit_noise=fit_noise).refusal
+    found = calibrate(scene_of(), images, poses * MIRRORED, fit_noise=fit_noise)
+    assert found.misfit > 100
+    for word in ("does not explain", "degrees of freedom", "--odometry-axes"):
+        assert word in found.refusal
+    assert "--noise" not in found.refusal
+
+
+@pytest.mark.parametrize(("sigma", "refused"), [(1.5, False), (3.0, True)])
+def test_noise_beyond_twice_that_of_the_scene_is_refused_until_it_may_be_fitted(sigma, refused):
+    rng = np.random.default_rng(2)
+    poses = drive(rng, 60)
+    noisy = scene_of(sensor_noise={"sigma_counts": sigma})
+    images = ForwardModel(noisy).expose(poses, rng)
+    found = calibrate(scene_of(), images, poses)
+    assert bool(found.refusal) is refused
+    assert ("give --noise" in found.refusal) is refused
+    assert not calibrate(scene_of(), images, poses, fit_noise=True).refusal
+
+
+def test_a_drive_that_stands_still_leaves_the_gains_as_they_were():
+    """The beam is not known from one place, so neither are gains that would take it up."""
+    rng = np.random.default_rng(5)
+    gains = {"spread": 0.02, "seed": 7}
+    start = scene_of(responsivity=gains)
+    for lamp, limit in (({}, 1.3), ({"beam_sigma_deg": 7.5}, np.inf)):
+        images = ForwardModel(scene_of(lamp, responsivity=gains)).expose(still(60), rng)
+        found = calibrate(start, images, still(60))
+        np.testing.assert_allclose(found.gains, found.start_gains)
+        assert np.isnan(found.gain_std).all()
+        assert found.misfit < limit
+        text = " ".join(found.notes)
+        assert "lamp.beam_sigma_deg is not known: record poses up to 16 deg" in text
+        assert "the gains are not known" in text
+    assert found.misfit > 1.2
+    assert "detectors are off by the same in all images" in text
+    # No noise explains what is the same in every image.
+    images = ForwardModel(scene_of({"beam_sigma_deg": 6.0}, responsivity=gains)).expose(
+        still(60), rng
+    )
+    assert calibrate(start, images, still(60), fit_noise=True).refusal
+
+
+def test_errors_hold_what_is_held_because_it_is_not_known():
+    """At one range the power takes up the attenuation, which may be off by 0.02 /m."""
+    rng = np.random.default_rng(6)
+    pulls, told = [], []
+    for _ in range(16):
+        k = 0.1 + 0.02 * rng.standard_normal()
+        scene = scene_of(attenuation={"k_per_m": k})
+        poses = drive(rng, 25)
+        poses[:, :3] *= (6.0 / np.linalg.norm(poses[:, :3], axis=1))[:, None]
+        poses[:, 3:] = 0.0
+        found = calibrate(scene_of(), ForwardModel(scene).expose(poses, rng), poses)
+        power, _, attenuation, _, _ = found.parameters
+        assert attenuation.note == "not known"
+        pulls.append((power.value - ForwardModel(scene).power) / power.std)
+        told.append(power.std / power.value)
+        assert np.abs((found.gains - 1) / found.gain_std).max() < 5
+    # By hand: 0.02 /m of K over about 5.4 m from the lamp to the detectors.
+    assert np.mean(told) == pytest.approx(0.02 * 5.4, rel=0.05)
+    low, high = np.sqrt(stats.chi2.ppf([1e-4, 1 - 1e-4], len(pulls)) / len(pulls))
+    assert low < np.sqrt(np.mean(np.square(pulls))) < high
+
+
+def test_ranges_that_suffice_are_not_asked_for_again():
+    rng = np.random.default_rng(7)
+    poses = drive(rng, 8)
+    scene = scene_of({"reference_counts": 60.0})
+    found = calibrate(scene, ForwardModel(scene).expose(poses, rng), poses)
+    (note,) = (note for note in found.notes if note.startswith("attenuation.k_per_m"))
+    assert "suffice: record more images" in note
+    assert "differ by a factor" not in note
+
+
+def test_the_scene_carries_the_standard_errors_as_its_prior():
+    rng = np.random.default_rng(8)
+    poses = drive(rng, 40)
+    images = ForwardModel(scene_of()).expose(poses, rng)
+    found = calibrate(scene_of(), images, poses, hold=["ambient.level_counts"])
+    power, sigma, k, _, _ = found.parameters
+    prior = found.scene.prior
+    assert prior.known == "calibrated"
+    assert prior.lamp_power_std == pytest.approx(power.std / power.value, rel=5e-3)
+    assert prior.beam_sigma_std_deg == pytest.approx(sigma.std, rel=5e-3)
+    assert prior.k_std_per_m == pytest.approx(k.std, rel=5e-3)
+    rms = np.sqrt(np.mean((found.gain_std / found.gains) ** 2))
+    assert prior.gain_std == pytest.approx(rms, rel=5e-3)
+    assert prior.ambient_std_counts == PRIORS["calibrated"]["ambient_std_counts"]  # held
+    again = scene_from_settings(found.scene.settings(), "again")
+    assert again.prior == prior
+
+
+@pytest.mark.parametrize(
+    ("known", "kept"), [("calibrated", "calibrated"), ("exactly", "as_bought")]
+)
+def test_what_is_not_known_is_not_exact(known, kept):
+    rng = np.random.default_rng(9)
+    start = scene_of(prior=known)
+    found = calibrate(start, ForwardModel(start).expose(still(30), rng), still(30))
+    for key in ("beam_sigma_std_deg", "k_std_per_m", "ambient_std_counts", "gain_std"):
+        assert getattr(found.scene.prior, key) == PRIORS[kept][key], key
+    assert (
+        dataclasses.replace(found.scene.prior, lamp_power_std=0.0) != start.prior or known == kept
+    )
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
+def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
+    rng = np.random.default_rng(10)
+    poses = drive(rng, 30)
+    images = ForwardModel(scene_of()).expose(poses, rng)
+    start = tmp_path / "start.yaml"
+    save_scene(scene_of(), start, "Start.")
+    messages = []
+    for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
+        stamp = 10**8 * (i + 1)
+        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
+        messages += [
+            odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1]),
+            odometry_message("/follower/odometry", stamp, pose[:3], turn),
+            image_message(stamp, image),
+        ]
+    bag, output = write_bag(tmp_path / "sea", messages), tmp_path / "sea.yaml"
+    words = ("calibrate", bag, "--scene", start, "-o", output)
+    wrong = (*words, "--odometry-axes", "frd")
+    line = run(*wrong, code=1)
+    assert "no scene written: the model does not explain the images" in line
+    assert "--force" in line
+    assert not output.exists()
+    assert "mean squared residual" in capsys.readouterr().out
+    run(*wrong, "--force")
+    assert "scene:" in capsys.readouterr().out
+    forced = load_scene(output)
+    run(*words)
+    assert load_scene(output).settings() != forced.settings()

@@ -170,6 +170,28 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
     return np.array([LEADER_SPEED_M_PER_S, 0, 0]), side * np.array([0, pitch_rate, yaw_rate])
 
 
+def lead(leader: Vehicle, path_s: float, dt: float) -> float:
+    """Move the leader on along its path; it can see the ground and steers against the current.
+
+    Parameters
+    ----------
+    leader
+        The leader.
+    path_s
+        How long it has been on its path, s, >= 0.
+    dt
+        Step, s, >= 0.
+
+    Returns
+    -------
+    float
+        How long it has been on its path then, s.
+    """
+    linear, angular = leader_twist(path_s + dt / 2)
+    leader.step(linear - leader.rotation.T @ leader.sea.current, angular, dt)
+    return path_s + dt
+
+
 def start_behind(
     leader: Vehicle, station_m: ArrayLike, offset: ArrayLike = (-0.5, -0.2, 0.0)
 ) -> Vehicle:

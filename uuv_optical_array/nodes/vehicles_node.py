@@ -17,7 +17,7 @@ from rclpy.time import Time
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.sea import Sea, WaveSettings
-from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
+from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared.attitude import roll_pitch_yaw
@@ -181,10 +181,7 @@ class VehiclesNode(Node):
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
         if "leader" in self.vehicles and self.path_s is not None:
-            leader = self.vehicles["leader"]
-            linear, angular = leader_twist(self.path_s + step_s / 2)
-            leader.step(linear - leader.rotation.T @ self.sea.current, angular, step_s)
-            self.path_s += step_s
+            self.path_s = lead(self.vehicles["leader"], self.path_s, step_s)
         if "follower" in self.vehicles:
             self.vehicles["follower"].step(*self.command, step_s)
         for name, vehicle in self.vehicles.items():

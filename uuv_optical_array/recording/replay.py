@@ -81,11 +81,12 @@ def replay(
     Frame
         One for each image, as soon as it is there.
     """
-    shown = list(_shown(images, estimator))
     if tracker is not None:
-        for image, stamp, (parameters, reason) in zip(images, stamps_ns, shown, strict=True):
-            yield _tracked(estimator, tracker, int(stamp), image, parameters, reason)
+        frames = FrameByFrame(estimator, tracker)
+        for image, stamp in zip(images, stamps_ns, strict=True):
+            yield frames.answer(int(stamp), image)
         return
+    shown = list(_shown(images, estimator, FrozenFrames(ForwardModel(estimator.table.scene))))
 
     def of_chunk(chunk: int) -> list[Estimate | str]:
         rows = range(chunk * CHUNK_FRAMES, min((chunk + 1) * CHUNK_FRAMES, len(images)))
@@ -98,10 +99,48 @@ def replay(
         yield Frame(int(stamp), parameters, *said)
 
 
-def _shown(images: Array, estimator: Estimator) -> Iterator[tuple[Array | None, str]]:
+class FrameByFrame:
+    """Estimates images as they come, each with what the track has learnt by then.
+
+    Parameters
+    ----------
+    estimator
+        Takes the roll as 0.
+    tracker
+        Gets every frame that has a pose.
+    """
+
+    def __init__(self, estimator: Estimator, tracker: Tracker) -> None:
+        self._estimator, self._tracker = estimator, tracker
+        self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
+
+    def answer(self, stamp_ns: int, image: Array) -> Frame:
+        """Return what is said of the next image.
+
+        Parameters
+        ----------
+        stamp_ns
+            Of the image, ns.
+        image
+            Counts, shape ``(side, side)``.
+        """
+        ((parameters, why_not),) = _shown(image[None], self._estimator, self._frozen)
+        known = self._tracker.constants(stamp_ns)
+        answer = _estimated(self._estimator, image, parameters, why_not, known)
+        if isinstance(answer, str):
+            return Frame(stamp_ns, parameters, None, None, answer)
+        try:
+            track = enter(self._tracker, self._estimator, stamp_ns, answer, image)
+        except NoPose as no_pose:
+            return Frame(stamp_ns, parameters, None, None, str(no_pose))
+        return Frame(stamp_ns, parameters, answer, track, "")
+
+
+def _shown(
+    images: Array, estimator: Estimator, frozen: FrozenFrames
+) -> Iterator[tuple[Array | None, str]]:
     """Yield the key parameters of each image, or why it shows no lamp."""
     scene = estimator.table.scene
-    frozen = FrozenFrames(ForwardModel(scene))
     lowest = FeatureSettings.min_peak_counts
     dark = [no_pattern(image, lowest) or "" for image in images]
     parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
@@ -131,24 +170,6 @@ def _estimated(
         return estimator.estimate(image, parameters, 0.0, constants)
     except NoPose as no_pose:
         return str(no_pose)
-
-
-def _tracked(
-    estimator: Estimator,
-    tracker: Tracker,
-    stamp: int,
-    image: Array,
-    parameters: Array | None,
-    reason: str,
-) -> Frame:
-    """Estimate an image with what the track knows, and put it into the track."""
-    answer = _estimated(estimator, image, parameters, reason, tracker.constants(stamp))
-    if isinstance(answer, str):
-        return Frame(stamp, parameters, None, None, answer)
-    try:
-        return Frame(stamp, parameters, answer, enter(tracker, estimator, stamp, answer, image), "")
-    except NoPose as no_pose:
-        return Frame(stamp, parameters, None, None, str(no_pose))
 
 
 Work = Callable[[int], list[Estimate | str]]

@@ -1,0 +1,98 @@
+"""The loop without ROS: conditions act as their laws say, and the follower keeps its station."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import write_scene
+
+from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.vehicles import Vehicle, lead
+from uuv_optical_array.core.geometry import rotation_matrix
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.shared.closed_loop import ClosedLoop
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """An estimator of light alone, without water, noise or converter, that takes no match."""
+    file = write_scene(tmp_path_factory.mktemp("scene"), "bare", [("effects", {})])
+    return Estimator(build_table(load_scene(file)), "sam", max_angle_rad=0.0)
+
+
+def first(estimator, **changes):
+    """Return the first moment under conditions that differ from the scene's."""
+    loop = ClosedLoop(estimator, np.random.default_rng(1))
+    loop.change(replace(loop.conditions, **changes))
+    return loop.step(0.1)
+
+
+def test_water_dims_each_ray_by_its_length(bare):
+    clear, murky = first(bare), first(bare, k_per_m=0.3)
+    turn = rotation_matrix(*clear.pose[3:])
+    places = clear.pose[:3] + build_array(bare.table.scene.array).positions @ turn.T
+    passed = np.exp(-0.3 * np.linalg.norm(places, axis=1))
+    np.testing.assert_allclose(murky.image.ravel(), clear.image.ravel() * passed, rtol=1e-12)
+
+
+def test_light_is_proportional_to_the_power_of_the_lamp(bare):
+    np.testing.assert_allclose(
+        first(bare, lamp_power=0.3).image, 0.3 * first(bare).image, rtol=1e-12
+    )
+
+
+def test_clouds_of_twice_the_depth_dim_twice_in_the_logarithm(bare):
+    clear, once, twice = (first(bare, plume_depth=depth).image for depth in (0.0, 0.4, 0.8))
+    np.testing.assert_allclose(clear * twice, once**2, rtol=1e-12)
+    assert (once < clear).any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"k_per_m": -0.1}, "k_per_m: -0.1"),
+        ({"lamp_power": float("nan")}, "lamp_power"),
+        ({"station_m": (1.0, 0.0, 0.0)}, "not behind the lamp"),
+    ],
+)
+def test_conditions_out_of_bounds_change_nothing(bare, changes, named):
+    loop = ClosedLoop(bare, np.random.default_rng(1))
+    before = loop.conditions
+    with pytest.raises(ValueError, match=named):
+        loop.change(replace(before, **changes))
+    assert loop.conditions == before
+    np.testing.assert_array_equal(loop.step(0.1).image, first(bare).image)
+
+
+def test_the_leader_holds_its_course_over_ground():
+    still, carried = Vehicle(np.zeros(3)), Vehicle(np.zeros(3), sea=Sea((0.2, -0.3, 0.0)))
+    path_s = 0.0
+    for _ in range(300):
+        lead(still, path_s, 0.1)
+        path_s = lead(carried, path_s, 0.1)
+    assert path_s == pytest.approx(30.0)
+    # What remains is the drift while it gathers way against the current: 0.36 m/s at 0.3 m/s^2.
+    assert np.linalg.norm(carried.position - still.position) < 0.4
+    assert carried.yaw == pytest.approx(still.yaw)
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
+    loop = ClosedLoop(Estimator(table), np.random.default_rng(1))
+    station = (-5.0, 0.4, -0.2)
+    sea = replace(loop.conditions, current_m_per_s=(0.0, 0.2, 0.0), station_m=station, k_per_m=0.1)
+    loop.change(replace(sea, lamp_power=0.0))
+    dark = [loop.step(0.2) for _ in range(3)]
+    assert not any(moment.leads or moment.leader_position.any() for moment in dark)
+    assert dark[-1].frame.reason.startswith("no light")
+    np.testing.assert_array_equal(dark[-1].pose, dark[0].pose)  # no current, either
+    loop.change(sea)
+    moments = [loop.step(0.2) for _ in range(130)]
+    off = np.array([moment.pose[:3] for moment in moments[-10:]]) - station
+    assert np.linalg.norm(off, axis=1).max() < 0.4
+    # Over ground: 0.5 m/s for 26 s, less the start.
+    assert moments[-1].leader_position[0] > 10
+    assert all(moment.leads and moment.covariance is not None for moment in moments)

@@ -1,0 +1,202 @@
+"""The whole loop without ROS: vehicles, sea, lamp, array, estimator, track and formation law.
+
+The sea may differ from the scene that the estimator believes, and change while the loop runs.
+"""
+
+import dataclasses
+import math
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.sea import Sea
+from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.settings import Place, Quantity, check
+from uuv_optical_array.estimation.constants import constants_of
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import (
+    ATTENUATION,
+    POWER,
+    Scene,
+    load_scene,
+    scene_from_settings,
+)
+from uuv_optical_array.recording.replay import Frame, FrameByFrame
+
+CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """What the estimator is not told: how the sea is now; and the station that is asked for."""
+
+    k_per_m: Annotated[float, Quantity("attenuation of the water", "1/m", 0, 10)]
+    lamp_power: Annotated[
+        float, Quantity("power of the lamp, by that of the scene; 0: off", "", 0, 100)
+    ] = 1.0
+    plume_depth: Annotated[
+        float, Quantity("optical depth in the middle of a cloud; 0: none", "", 0, 20)
+    ] = 0.0
+    current_m_per_s: Annotated[
+        Place, Quantity("velocity of the current in the world", "m/s", -2, 2)
+    ] = (0.0, 0.0, 0.0)
+    station_m: Annotated[
+        Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
+    ] = FormationSettings.station_m
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Conditions":
+        """Return the sea that a scene tells of."""
+        return cls(
+            scene.effects.get("attenuation", {}).get("k_per_m", 0.0),
+            plume_depth=scene.effects.get("plume", {}).get("depth", 0.0),
+        )
+
+
+class Moment(NamedTuple):
+    """One tick of the loop.
+
+    Parameters
+    ----------
+    t_s
+        Since the start, s.
+    leader_position, leader_rotation
+        Of the leader, whose lamp is at its origin, in the world: m, shape ``(3,)``, and
+        ``(3, 3)``.
+    pose
+        True pose of the follower in ``beacon``, m and rad, shape ``(5,)``.
+    image
+        What the array reads, counts, shape ``(side, side)``.
+    frame
+        What is made of the image.
+    covariance
+        Of the pose of the track, shape ``(5, 5)``; ``None`` where there is no track.
+    leads
+        Whether the leader has set off.
+    """
+
+    t_s: float
+    leader_position: Array
+    leader_rotation: Array
+    pose: Array
+    image: Array
+    frame: Frame
+    covariance: Array | None
+    leads: bool
+
+
+class ClosedLoop:
+    """A leader on its path, and a follower that keeps station by its light alone.
+
+    As on ROS the leader waits until the follower is commanded for the first time.
+
+    Parameters
+    ----------
+    estimator
+        Believes its scene, whatever the conditions are.
+    rng
+        Source of the noise.
+    conditions
+        At the start; ``None``: those of the scene.
+
+    Raises
+    ------
+    ValueError
+        As `change`.
+    """
+
+    def __init__(
+        self, estimator: Estimator, rng: np.random.Generator, conditions: Conditions | None = None
+    ) -> None:
+        self._estimator, self._rng = estimator, rng
+        self._scene = scene = estimator.table.scene
+        self.conditions = conditions or Conditions.of(scene)
+        self._tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
+        self._frames = FrameByFrame(estimator, self._tracker)
+        self._controller = FormationController(FormationSettings())
+        self.t_s = 0.0
+        self._path_s: float | None = None  # on the leader's path, once the follower is commanded
+        self._command: tuple[Array, Array] = np.zeros(3), np.zeros(3)
+        self._leader = Vehicle(np.zeros(3))
+        self.change(self.conditions)
+        self._follower = start_behind(self._leader, self.conditions.station_m)
+
+    def change(self, conditions: Conditions) -> None:
+        """Let other conditions hold from now on; a ValueError leaves everything as it was.
+
+        Raises
+        ------
+        ValueError
+            For a condition out of its bounds, or a station that is not behind the lamp.
+        """
+        for field in dataclasses.fields(conditions):
+            check(field.type, getattr(conditions, field.name), field.name)
+        formation = FormationSettings(station_m=conditions.station_m)
+        self._model, self._offsets = _sea(self._scene, conditions)
+        self._controller.configure(formation)
+        self.conditions = conditions
+        self._stir()
+
+    def _stir(self) -> None:
+        """Let the current act, once the vehicles swim."""
+        if self._path_s is not None:
+            self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
+
+    def step(self, dt: float) -> Moment:
+        """Move on by `dt`, s, > 0; take an image there, and command by it."""
+        if self._path_s is not None:
+            self._path_s = lead(self._leader, self._path_s, dt)
+        self._follower.step(*self._command, dt)
+        self.t_s += dt
+        leader, follower = self._leader, self._follower
+        pose, roll = relative_pose(
+            leader.position, leader.rotation, follower.position, follower.rotation
+        )
+        light = self._model.light(pose, roll, self._offsets, self.t_s)
+        image = self._model.read(light, self._rng)
+        frame = self._frames.answer(round(self.t_s * 1e9), image)
+        covariance = None
+        if frame.track is not None:
+            aim = self._estimator.aim_covariance(frame.track.pose, roll)
+            covariance = frame.track.covariance + aim
+            try:
+                self._controller.update(self.t_s, frame.track.pose, covariance)
+            except (NoPose, ValueError) as reason:
+                frame = frame._replace(reason=str(reason))
+        command = self._controller.command(self.t_s)
+        if command is not None:
+            self._command = command
+            if self._path_s is None:
+                self._path_s = 0.0
+                self._stir()
+        return Moment(
+            self.t_s,
+            leader.position,
+            leader.rotation,
+            pose,
+            image,
+            frame,
+            covariance,
+            self._path_s is not None,
+        )
+
+
+def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, Any]]:
+    """Return the model of a scene that can attenuate and have clouds, and its offsets."""
+    settings = scene.settings()
+    effects = settings["effects"]
+    clouds = effects.pop("plume", None)
+    believed = effects.setdefault("attenuation", {"k_per_m": 0.0})
+    # The offset is what differs, as the lamp stays as bright as it is in the scene.
+    offsets = {ATTENUATION: np.array(conditions.k_per_m - believed["k_per_m"])}
+    power = conditions.lamp_power
+    offsets[POWER] = np.array(math.log(power) if power > 0 else -math.inf)
+    if conditions.plume_depth > 0:
+        clouds = clouds or load_scene(CLOUDS).effects["plume"]
+        effects["plume"] = {**clouds, "depth": conditions.plume_depth}
+    return ForwardModel(scene_from_settings(settings, scene.name)), offsets

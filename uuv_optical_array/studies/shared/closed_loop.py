@@ -17,7 +17,8 @@ from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Place, Quantity, check
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.tracker import Tracker, TrackerSettings
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import (
     ATTENUATION,

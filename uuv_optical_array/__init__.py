@@ -18,7 +18,7 @@ _HOME = {
     "build_table": "estimation.table.signature_table",
     "Estimator": "estimation.estimator",
     "NoPose": "core.errors",
-    "Tracker": "estimation.tracking.tracker",
+    "Pipeline": "estimation.pipeline",
     "cramer_rao_bound": "estimation.cramer_rao",
 }
 __all__ = ["__version__", *_HOME]

@@ -17,12 +17,13 @@ from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
+from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.replay import Frame, replay
+from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.recording.results import write_results
 
 DESCRIPTION = """\

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.recording.bag import BagWriter, message_types
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.recording.replay import Frame
 
 COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 

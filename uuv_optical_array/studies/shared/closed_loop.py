@@ -15,10 +15,8 @@ from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Place, Quantity, check
-from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.pipeline import Frame, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import (
     ATTENUATION,
@@ -27,7 +25,6 @@ from uuv_optical_array.forward.scene import (
     load_scene,
     scene_from_settings,
 )
-from uuv_optical_array.recording.replay import Frame, FrameByFrame
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
 
@@ -117,8 +114,7 @@ class ClosedLoop:
         self._estimator, self._rng = estimator, rng
         self._scene = scene = estimator.table.scene
         self.conditions = conditions or Conditions.of(scene)
-        self._tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
-        self._frames = FrameByFrame(estimator, self._tracker)
+        self._frames = Pipeline(estimator)
         self._controller = FormationController(FormationSettings())
         self.t_s = 0.0
         self._path_s: float | None = None  # on the leader's path, once the follower is commanded

@@ -1,0 +1,121 @@
+"""An image through all stages, as the nodes have them: checks, key parameters, pose, track."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.estimator import Estimate, Estimator
+from uuv_optical_array.estimation.signature.features import (
+    FeatureSettings,
+    key_parameters,
+    no_pattern,
+)
+from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
+from uuv_optical_array.estimation.tracking.enter import enter
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.forward.model import ForwardModel
+
+
+class Frame(NamedTuple):
+    """What is said of one image.
+
+    Parameters
+    ----------
+    stamp_ns
+        Of the image, ns.
+    parameters
+        Key parameters, shape ``(5,)``; ``None`` where the image shows no lamp.
+    estimate
+        The pose of this image by itself; ``None`` where there is none.
+    track
+        The track with it; ``None`` where there is none or none is wanted.
+    reason
+        Why there is no pose; empty where there is one.
+    """
+
+    stamp_ns: int
+    parameters: Array | None
+    estimate: Estimate | None
+    track: Track | None
+    reason: str
+
+
+class Pipeline:
+    """Estimate images as they come, each with what the track has learnt by then.
+
+    Parameters
+    ----------
+    estimator
+        Of the scene.
+    tracker
+        Gets every frame that has a pose; ``None``: one with the default settings, which learns the
+        scene's unknown constants.
+    """
+
+    def __init__(self, estimator: Estimator, tracker: Tracker | None = None) -> None:
+        self._estimator = estimator
+        self._tracker = tracker or Tracker(TrackerSettings(), constants=estimator.constants)
+        self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
+
+    def answer(self, stamp_ns: int, image: Array) -> Frame:
+        """Return what is said of the next image.
+
+        Parameters
+        ----------
+        stamp_ns
+            Of the image, ns.
+        image
+            Counts, shape ``(side, side)``; the roll of the follower is taken as 0.
+        """
+        ((parameters, why_not),) = shown(image[None], self._estimator, self._frozen)
+        known = self._tracker.constants(stamp_ns)
+        answer = estimated(self._estimator, image, parameters, why_not, known)
+        if isinstance(answer, str):
+            return Frame(stamp_ns, parameters, None, None, answer)
+        try:
+            track = enter(self._tracker, self._estimator, stamp_ns, answer, image)
+        except NoPose as no_pose:
+            return Frame(stamp_ns, parameters, None, None, str(no_pose))
+        return Frame(stamp_ns, parameters, answer, track, "")
+
+
+def shown(
+    images: Array, estimator: Estimator, frozen: FrozenFrames
+) -> Iterator[tuple[Array | None, str]]:
+    """Yield the key parameters of each image, or why it shows no lamp."""
+    scene = estimator.table.scene
+    lowest = FeatureSettings.min_peak_counts
+    dark = [no_pattern(image, lowest) or "" for image in images]
+    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+    for image, of_image, why_not in zip(images, parameters, dark, strict=True):
+        try:
+            check_full_scale(image, scene)
+            if why_not:
+                raise NoPose(why_not)
+            frozen.check(image, partial(np.asarray, image))
+        except NoPose as reason:
+            yield None, str(reason)
+            continue
+        yield of_image, ""
+
+
+def estimated(
+    estimator: Estimator,
+    image: Array,
+    parameters: Array | None,
+    reason: str,
+    constants: tuple[Array, Array] | None = None,
+) -> Estimate | str:
+    """Return the pose of an image, or why there is none."""
+    if parameters is None:
+        return reason
+    try:
+        return estimator.estimate(image, parameters, 0.0, constants)
+    except NoPose as no_pose:
+        return str(no_pose)

@@ -7,7 +7,7 @@ import math
 import pytest
 from measured import row
 
-from uuv_optical_array.studies.shared.results import Results, for_json, read
+from uuv_optical_array.studies.shared.results import Results, read
 from uuv_optical_array.studies.tradeoff.results import Measurement, Origin
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
@@ -94,8 +94,3 @@ def test_rows_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
     assert results.lines == [row()]
-
-
-def test_json_gets_none_for_what_is_not_finite():
-    values = {"a": math.nan, "b": -math.inf, "c": 0.0, "d": 3, "e": "nan", "f": None}
-    assert for_json(values) == {"a": None, "b": None, "c": 0.0, "d": 3, "e": "nan", "f": None}

@@ -1,7 +1,6 @@
 """``uuv_array calibrate``: lamp, water, background and gains from a recorded bag."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.commands import cli, outputs, progress
 from uuv_optical_array.commands.bag_options import add_bag, read_bag
 from uuv_optical_array.core import files
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene, save_scene
@@ -163,12 +163,7 @@ def report(found: Calibration, recording: Recording, bag: Path, start: str) -> s
 
 
 def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
-    """Return what was found as plain values; what is not known is null."""
-
-    def plain(values: Array) -> Any:
-        nested: list[list[float]] = values.tolist()
-        return [[x if np.isfinite(x) else None for x in row] for row in nested]
-
+    """Return what was found; what is not known is nan."""
     return {
         "images": len(recording.images),
         "left_out": dict(recording.refused),
@@ -177,14 +172,14 @@ def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
                 "unit": p.unit,
                 "start": p.start,
                 "fitted": p.value,
-                "std_error": None if np.isnan(p.std) else p.std,
+                "std_error": p.std,
                 "note": p.note,
             }
             for p in found.parameters
         },
-        "gains": found.gains.tolist(),
-        "gain_std_errors": plain(found.gain_std),
-        "correlation": plain(found.correlation),
+        "gains": found.gains,
+        "gain_std_errors": found.gain_std,
+        "correlation": found.correlation,
         "mean_squared_residual": found.misfit,
         "outlying_readings": found.outliers,
         "outlying_images_s": [float(_seconds(recording)[i]) for i in found.outlying_images],
@@ -226,7 +221,7 @@ def run(options: argparse.Namespace) -> int:
         comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
         save_scene(found.scene, output, comment)
     if options.json:
-        print(json.dumps(as_json(found, recording)))
+        print(json_text(as_json(found, recording)))
     else:
         print(report(found, recording, bag, scene.name))
         if written:

@@ -1,6 +1,5 @@
 """What a replay found, as a bag, as CSV, and as trajectories in TUM's format."""
 
-import csv
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.core import files
+from uuv_optical_array.core.formats import csv_text
 from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.estimation.estimator import Estimator
@@ -57,18 +58,17 @@ def write_results(
 
 def write_csv(path: Path, frames: Iterable[Frame]) -> None:
     """Write a line for each image: the pose and its standard deviations, or why there is none."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(
-            ["stamp_s", *COLUMNS, *(f"std_{name}" for name in COLUMNS), "misfit", "no_pose"]
-        )
-        for frame in frames:
-            found = [""] * 11
-            if frame.estimate is not None:
-                stds = np.sqrt(frame.estimate.covariance.diagonal())
-                figures = [*frame.estimate.pose, *stds, frame.estimate.misfit]
-                found = ["" if math.isnan(value) else f"{value:.9g}" for value in figures]
-            rows.writerow([_seconds(frame.stamp_ns), *found, frame.reason])
+    columns = ["stamp_s", *COLUMNS, *(f"std_{name}" for name in COLUMNS), "misfit", "no_pose"]
+    rows = []
+    for frame in frames:
+        found = [""] * 11
+        if frame.estimate is not None:
+            stds = np.sqrt(frame.estimate.covariance.diagonal())
+            figures = [*frame.estimate.pose, *stds, frame.estimate.misfit]
+            found = ["" if math.isnan(value) else f"{value:.9g}" for value in figures]
+        cells = [_seconds(frame.stamp_ns), *found, frame.reason]
+        rows.append(dict(zip(columns, cells, strict=True)))
+    files.write_text(path, csv_text(columns, rows))
 
 
 def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:

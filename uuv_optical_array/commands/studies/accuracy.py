@@ -1,12 +1,12 @@
 """``uuv_array accuracy``: how far estimates are from the truth, beside what one image allows."""
 
 import argparse
-import json
 from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
@@ -186,5 +186,5 @@ def run(options: argparse.Namespace) -> int:
     )
     about += ", nuisances drawn" if options.drawn else ""
     about += ", at random moments" if options.moving else ""
-    print(json.dumps({**told, **answer}) if options.json else f"{about}\n\n{text}")
+    print(json_text({**told, **answer}) if options.json else f"{about}\n\n{text}")
     return 0

@@ -2,17 +2,17 @@
 
 import argparse
 import dataclasses
-import json
 import sys
 from pathlib import Path
 
 from uuv_optical_array.commands import cli
 from uuv_optical_array.commands.studies.tradeoff import measure_rest
 from uuv_optical_array.core import files
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
-from uuv_optical_array.studies.shared.results import for_json, read
+from uuv_optical_array.studies.shared.results import read
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 from uuv_optical_array.studies.tradeoff.advice import (
     Advice,
@@ -152,12 +152,12 @@ def run(options: argparse.Namespace) -> int:
             "scene": scene.name,
             "asked": dataclasses.asdict(need),
             "met": not found.lacks,
-            "lacks": for_json(found.lacks),
-            "found": for_json(found.row.columns()),
+            "lacks": found.lacks,
+            "found": found.row.columns(),
             "change": settings_of(scene, found.row),
             **about,
         }
-        print(json.dumps(told))
+        print(json_text(told))
     else:
         print(report(scene, need, found))
         print(

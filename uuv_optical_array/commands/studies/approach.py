@@ -1,10 +1,10 @@
 """``uuv_array approach``: the published Monte Carlo of approaches to a lamp, beside ours."""
 
 import argparse
-import json
 from typing import Any, get_args
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -150,7 +150,7 @@ def run(options: argparse.Namespace) -> int:
         if not rows:
             print("interrupted: nothing measured")
             return cli.INTERRUPTED
-        print(json.dumps({**told, "rows": rows}) if options.json else comparison(rows))
+        print(json_text({**told, "rows": rows}) if options.json else comparison(rows))
         return 0
     choices = Choices(options.noise, OFFSETS[options.offsets])
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
@@ -165,7 +165,7 @@ def run(options: argparse.Namespace) -> int:
     draw_approach(found, about, output)
     if options.json:
         told |= {"noise": options.noise, "offsets": options.offsets, "cases": cases}
-        print(json.dumps({**told, "picture": str(output)}))
+        print(json_text({**told, "picture": str(output)}))
     else:
         print(f"scene {scene.name}; {about}\n")
         print("\n\n".join(report(name, case) for name, case in cases.items()))

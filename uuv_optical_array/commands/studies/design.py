@@ -1,13 +1,13 @@
 """``uuv_array design``: which array and which lamp to build."""
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
@@ -203,7 +203,7 @@ def run(options: argparse.Namespace) -> int:
         save_scene(taken, written[-1], f"{design.label}, by uuv_array design from {scene.name}")
     if options.json:
         names = [str(path) for path in written]
-        print(json.dumps({"complete": complete, **as_object(study, rows), "files": names}))
+        print(json_text({"complete": complete, **as_object(study, rows), "files": names}))
     else:
         print(f"{table(study, rows)}\n\n{summary(rows)}")
         print(f"{len(rows)} designs: {', '.join(map(str, written))}")

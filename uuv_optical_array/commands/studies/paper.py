@@ -1,10 +1,10 @@
 """``uuv_array paper``: the figures of Eren et al. (2016), and what their text says of them."""
 
 import argparse
-import json
 import math
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
         draw_paper(found.curves, scene.name, output)
     if options.json:
         told = {"scene": scene.name, "seed": seed, "picture": picture}
-        print(json.dumps({**told, **as_object(found)}))
+        print(json_text({**told, **as_object(found)}))
     else:
         print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(found)}\n")
         print(f"picture: {picture}" if picture else "no picture")

@@ -1,11 +1,11 @@
 """``uuv_array robustness``: what estimates are worth where the sea is not the scene."""
 
 import argparse
-import json
 from collections.abc import Sequence
 from typing import Any
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.scene import load_scene
@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
     draw_robustness(rows, about, output)
     if options.json:
         told = {"scene": scene.name, "method": options.method, "seed": seed, "poses": count}
-        print(json.dumps({**told, "complete": complete, "kinds": rows, "picture": str(output)}))
+        print(json_text({**told, "complete": complete, "kinds": rows, "picture": str(output)}))
     else:
         print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
         if not complete:

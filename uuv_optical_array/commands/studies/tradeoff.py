@@ -1,7 +1,6 @@
 """``uuv_array tradeoff``: what accuracy costs in time, by method, array and table."""
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from uuv_optical_array.commands import cli, outputs, progress
+from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
@@ -157,7 +157,7 @@ def run(options: argparse.Namespace) -> int:
         draw_table_cost(costs, rows, f"{about}, {load}", pictures[1])
     if options.json:
         told = {"complete": complete, **vars(measured.origin), **as_object(rows)}
-        print(json.dumps({**told, "pictures": [str(path) for path in pictures]}))
+        print(json_text({**told, "pictures": [str(path) for path in pictures]}))
     else:
         print(f"{about}, {load}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n")
         lost = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)

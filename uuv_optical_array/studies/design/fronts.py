@@ -9,7 +9,6 @@ import numpy as np
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
 from uuv_optical_array.studies.shared.pareto import thinned_front
-from uuv_optical_array.studies.shared.results import for_json
 
 CLEAR_SIGMAS = 3.0
 
@@ -112,7 +111,7 @@ def as_object(study: DesignStudy, rows: Sequence[ScoredDesign]) -> dict[str, Any
         "mount": study.mount,
         "poses": study.poses,
         "seed": study.seed,
-        "designs": [for_json(row.columns()) for row in rows],
+        "designs": [row.columns() for row in rows],
         "fronts": {
             name: [rows.index(row) for row in found] for name, found in fronts(study, rows).items()
         },

@@ -19,7 +19,6 @@ from uuv_optical_array.studies.eren2016.figures import (
     least_detected,
     panels,
 )
-from uuv_optical_array.studies.shared.results import for_json
 from uuv_optical_array.studies.shared.separation import (
     UNITS,
     WANTED,
@@ -131,7 +130,7 @@ def as_object(found: Reproduction) -> dict[str, Any]:
     return {
         "complete": found.complete,
         "figures": figures,
-        "sizes": [for_json(row) for row in found.sizes],
+        "sizes": found.sizes,
         "choices": [
             {
                 "choice": text,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from uuv_optical_array.core.formats import plain
 from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
@@ -19,7 +20,6 @@ from uuv_optical_array.studies.shared.frame_errors import (
     answer_of,
     frame_errors,
 )
-from uuv_optical_array.studies.shared.results import for_json
 from uuv_optical_array.studies.shared.working_volume import lit_poses
 
 FAR_M = 1.0
@@ -69,7 +69,7 @@ class KindResult:
         else:
             keys = ("rms_range_m", "rms_across_m", "rms_angle_deg", "nees_mean")
             told |= dict.fromkeys(keys)
-        return for_json(told)
+        return plain(told)
 
 
 def tail_probability(model: ForwardModel, poses: Array, covariances: Array, images: Array) -> Array:

@@ -2,14 +2,13 @@
 
 import csv
 import dataclasses
-import io
-import math
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from uuv_optical_array.core import files
+from uuv_optical_array.core.formats import csv_text
 
 T = TypeVar("T")
 
@@ -150,17 +149,5 @@ class Results(Generic[RunT, LineT]):
         """Add lines, all or none of them."""
         together = [*self.lines, *lines]
         rows = [{**vars(self.run), **line.columns()} for line in together]
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        files.write_text(self.path, text.getvalue())
+        files.write_text(self.path, csv_text(list(rows[0]) if rows else [], rows))
         self.lines = together
-
-
-def for_json(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values with None in place of what is not finite, which JSON cannot hold."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in values.items()
-    }

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
-from uuv_optical_array.studies.shared.results import for_json
 from uuv_optical_array.studies.shared.working_volume import volume_spread
 from uuv_optical_array.studies.tradeoff.results import Measurement
 
@@ -66,7 +65,7 @@ def numbered(rows: Sequence[Measurement]) -> list[int]:
 def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
     """Return settings as plain values, and which are on a front."""
     return {
-        "settings": [for_json(row.columns()) for row in rows],
+        "settings": [row.columns() for row in rows],
         "fronts": {
             name: [rows[i].label for i in front.nonzero()[0]]
             for name, front in fronts(rows).items()

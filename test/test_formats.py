@@ -1,0 +1,62 @@
+"""Results as text for other programs, read back by the readers of Python."""
+
+import csv
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uuv_optical_array.core.formats import csv_text, json_text
+
+SCALARS = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats() | st.text()
+NESTED = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner) | st.tuples(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+def expected(value):
+    """Return what a reader of JSON finds."""
+    if isinstance(value, dict):
+        return {name: expected(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return list(map(expected, value))
+    if isinstance(value, float) and (math.isnan(value) or math.isinf(value)):
+        return None
+    return value
+
+
+def refuse(constant):
+    raise AssertionError(f"{constant} is no JSON")
+
+
+@given(NESTED)
+def test_json_is_one_line_and_reads_back(value):
+    text = json_text(value)
+    assert "\n" not in text
+    assert json.loads(text, parse_constant=refuse) == expected(value)
+
+
+def test_json_takes_what_numpy_makes():
+    value = {"a": np.array([[1.5, np.nan]]), "b": np.float32(0.5), "c": np.int64(3), "d": np.inf}
+    assert json.loads(json_text(value)) == {"a": [[1.5, None]], "b": 0.5, "c": 3, "d": None}
+
+
+@given(st.lists(st.tuples(st.text('aé,;" \n'), st.floats(allow_nan=False), st.integers())))
+def test_csv_reads_back(rows):
+    columns = ["text", "number", "count"]
+    text = csv_text(columns, [dict(zip(columns, row, strict=True)) for row in rows])
+    head, *lines = csv.reader(io.StringIO(text, newline=""))
+    assert head == columns
+    assert [(a, float(b), int(c)) for a, b, c in lines] == rows
+
+
+def test_csv_without_rows_has_its_columns_and_another_column_is_refused():
+    assert csv_text(["a", "b"], []) == "a,b\n"
+    with pytest.raises(ValueError, match="c"):
+        csv_text(["a", "b"], [{"a": 1, "c": 2}])

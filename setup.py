@@ -1,4 +1,5 @@
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,6 +13,18 @@ setup(
     name=package_name,
     version="0.2.0",
     description="One underwater vehicle follows another by light",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    project_urls={"Method": "https://doi.org/10.1109/JOE.2015.2389592"},
+    keywords=["ROS 2", "underwater", "localization", "photodiode array"],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        *(f"Programming Language :: Python :: 3.{minor}" for minor in range(10, 15)),
+        "Topic :: Scientific/Engineering",
+    ],
     author="uuv_optical_array developers",
     maintainer="uuv_optical_array developers",
     maintainer_email="maintainers@uuv-optical-array.org",

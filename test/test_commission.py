@@ -46,9 +46,18 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys)
     told = capsys.readouterr().out
     assert "readings are of other detectors" in told
     assert load_scene(output).array.wiring == WIRED
-    # Again, from a scene that has a wiring already: the same.
-    run("commission", "--bag", bag, "--scene", output, "-o", output)
-    assert load_scene(output).array.wiring == WIRED
+    # Again, from a scene that has a wiring already: the same, and its comments are kept.
+    output.write_text(f"# My rig.\n{output.read_text('utf-8')}# Mine.\n", encoding="utf-8")
+    for _ in range(2):
+        run("commission", "--bag", bag, "--scene", output, "-o", output)
+        assert load_scene(output).array.wiring == WIRED
+        comments = [line for line in output.read_text("utf-8").splitlines() if line[:1] == "#"]
+        assert comments == [
+            "# Commissioned by uuv_array commission, starting from sea.",
+            "# My rig.",
+            "# Commissioned by uuv_array commission, starting from follow.",
+            "# Mine.",
+        ]
 
 
 @bags

@@ -15,6 +15,7 @@ from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene, save_scene
+from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
@@ -196,6 +197,7 @@ def run(options: argparse.Namespace) -> int:
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
     scene, bag = load_scene(options.scene), files.user_path(options.bag)
+    like = own_text(options.scene)
     output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
     picture = options.picture
     if picture is not None:
@@ -219,7 +221,7 @@ def run(options: argparse.Namespace) -> int:
     written = options.force or not found.refusal
     if written:
         comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
-        save_scene(found.scene, output, comment)
+        save_scene(found.scene, output, comment, like)
     if options.json:
         print(json_text(as_json(found, recording)))
     else:

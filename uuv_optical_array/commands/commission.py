@@ -9,6 +9,7 @@ from uuv_optical_array.commands import cli, outputs
 from uuv_optical_array.core import files
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
+from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Topics, read_recording
 
 DESCRIPTION = """\
@@ -59,7 +60,7 @@ def sweeps_of(scene: Scene) -> TorchSweeps:
 
 def run(options: argparse.Namespace) -> int:
     """Watch both sweeps and write the scene."""
-    scene = load_scene(options.scene)
+    scene, like = load_scene(options.scene), own_text(options.scene)
     output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
     array = dataclasses.replace(scene.array, wiring=None)
     if options.bag is not None:
@@ -84,6 +85,6 @@ def run(options: argparse.Namespace) -> int:
     straight = wiring == list(range(len(wiring)))
     wired = dataclasses.replace(scene.array, wiring=None if straight else wiring)
     comment = f"Commissioned by uuv_array commission, starting from {scene.name}."
-    save_scene(dataclasses.replace(scene, array=wired), output, comment)
+    save_scene(dataclasses.replace(scene, array=wired), output, comment, like)
     print(f"scene: {output}")
     return 0

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-LINE = 1000  # characters, so that no list is broken
+LINE = 10**9  # characters, so that no list is broken
 
 
 def parse(text: str) -> Any:
@@ -50,19 +51,37 @@ def _line(error: MarkedYAMLError) -> str:
     return f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
 
 
-def text_of(values: Mapping[str, Any]) -> str:
+def text_of(values: Mapping[str, Any], like: str = "") -> str:
     """Return plain values as YAML, a list of numbers on one line.
 
     Parameters
     ----------
     values
         Mappings, lists, numbers and words.
+    like
+        A mapping in YAML whose comments, order and spellings are kept, as far as its keys stay.
     """
-    stream = io.StringIO()
-    writer = YAML()
-    writer.width = LINE
-    writer.dump(_document(values), stream)
-    return stream.getvalue()
+    if like:
+        # Comments are lost where keys cannot be set one by one, as where two share an anchor.
+        with suppress(YAMLError, LookupError, ValueError):
+            document = YAML().load(like)
+            if isinstance(document, CommentedMap):
+                _set(document, values)
+                text = _dumped(document)
+                if parse(text) == values:
+                    return text
+    return _dumped(_document(values))
+
+
+def _set(document: CommentedMap, values: Mapping[str, Any]) -> None:
+    """Make a document that was read with its comments hold the values."""
+    for key in [key for key in document if key not in values]:
+        del document[key]
+    for key, value in values.items():
+        if isinstance(value, Mapping) and isinstance(document.get(key), CommentedMap):
+            _set(document[key], value)
+        elif key not in document or document[key] != value:
+            document[key] = _document(value)
 
 
 def _document(values: Any) -> Any:
@@ -74,3 +93,12 @@ def _document(values: Any) -> Any:
             items.fa.set_flow_style()
         return items
     return values
+
+
+def _dumped(document: Any) -> str:
+    stream = io.StringIO()
+    writer = YAML()
+    writer.width = LINE
+    writer.preserve_quotes = True
+    writer.dump(document, stream)
+    return stream.getvalue()

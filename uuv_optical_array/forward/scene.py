@@ -311,7 +311,7 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     return scene
 
 
-def save_scene(scene: Scene, path: Path, comment: str) -> None:
+def save_scene(scene: Scene, path: Path, comment: str, like: str = "") -> None:
     """Write a scene as a YAML file that `load_scene` reads, whole or not at all.
 
     Parameters
@@ -322,8 +322,12 @@ def save_scene(scene: Scene, path: Path, comment: str) -> None:
         The file; one that exists is replaced.
     comment
         First line.
+    like
+        Text of the scene file that it came from, whose comments are kept.
     """
-    files.write_text(path, f"# {comment}\n\n{yaml_text.text_of(scene.settings())}")
+    text = yaml_text.text_of(scene.settings(), like)
+    head = f"# {comment}\n"
+    files.write_text(path, text if text.startswith(head) else f"{head}\n{text}")
 
 
 def load_scene(path: str | Path) -> Scene:

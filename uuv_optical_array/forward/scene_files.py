@@ -77,6 +77,11 @@ def sentence(file: Path) -> str:
     return first.lstrip("# ") if first.startswith("#") else ""
 
 
+def own_text(name: str | Path) -> str:
+    """Return the text of a user's scene file; empty for a ready scene."""
+    return scene_file(name).read_text(encoding="utf-8") if is_file_name(name) else ""
+
+
 def layers(file: Path) -> list[Layer]:
     """Read a scene file, the one that it extends, and so on.
 

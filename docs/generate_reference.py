@@ -1,7 +1,7 @@
-"""Write ``docs/reference/`` from the declarations: ``python docs/generate_reference.py``.
+"""Write ``docs/reference/`` and the schema of scenes: ``python docs/generate_reference.py``.
 
-Parameters, topics, diagnostics, commands, scene keys, effects, kinds of mismatch and public names
-each get a page. A new node, command, key or effect appears by itself.
+They come from the declarations. Parameters, topics, diagnostics, commands, scene keys, effects,
+mismatches and public names each get a page. A new node, command, key or effect appears by itself.
 """
 
 import argparse
@@ -14,12 +14,13 @@ import re
 import typing
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import uuv_optical_array
 from uuv_optical_array import nodes
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.core.settings import Quantity, Span, declared
+from uuv_optical_array.commands.scenes import schema_text
+from uuv_optical_array.core.settings import Setting, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, PRIORS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
@@ -28,6 +29,7 @@ from uuv_optical_array.studies.robustness.kinds import KINDS
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"
+SCHEMA = ROOT / "config/scene.schema.json"
 WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
 # Names, a year and perhaps equations: "Shinozuka and Jan 1972", "Eren et al. 2016, eq. 5".
 SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
@@ -218,11 +220,9 @@ def commands() -> list[str]:
     return parts
 
 
-def limits_of(kind: Any, quantity: Quantity) -> str:
-    """Return the bounds of a declared value, or its choices."""
-    if typing.get_origin(kind) is Literal:
-        return ", ".join(f"`{word}`" for word in typing.get_args(kind))
-    return quantity.bounds()
+def limits_of(setting: Setting) -> str:
+    """Return the bounds of a setting, or its choices."""
+    return ", ".join(f"`{word}`" for word in setting.choices) or setting.quantity.bounds()
 
 
 def shown(default: Any) -> str:
@@ -248,11 +248,14 @@ def scene() -> list[str]:
         "scene's, and `null` takes away a setting, an effect or a group "
         "([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)). A `null` that takes nothing away "
         "is refused. The table in the cache is that of the merged settings.",
+        "An editor with a YAML language server completes and checks scenes by the JSON schema "
+        "`config/scene.schema.json`, which `uuv_array scenes --schema` prints, if a line says "
+        "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     for group, owner in GROUPS.items():
         rows = [
-            (f"`{key}`", limits_of(kind, quantity), shown(default), quantity.text)
-            for key, (kind, quantity, default, _) in declared(owner).items()
+            (f"`{key}`", limits_of(setting), shown(setting.default), setting.quantity.text)
+            for key, setting in declared(owner).items()
         ]
         parts += [
             f"## `{group}`",
@@ -270,7 +273,8 @@ def scene() -> list[str]:
             ],
         ),
         "## Ready scenes",
-        "The files lie in `config/scenes/`; their comments give the source of each value.",
+        "The files lie in `config/scenes/`; their comments give the source of each value. "
+        "`uuv_array scenes` lists them with their key figures, and explains each and every key.",
     ]
     rows = [(f"`{name}`", sentence(scene_file(name))) for name in ready_scenes()]
     return [*parts, table(("scene", "use"), rows)]
@@ -286,9 +290,9 @@ def effects() -> list[str]:
         kinds = inspect.signature(effect.function).return_annotation
         form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
         laws.append((f"`{name}`", law, form, "; ".join(dict.fromkeys(sources))))
-        for key, (kind, quantity, default, _) in declared(effect.function).items():
-            bounds = limits_of(kind, quantity)
-            settings.append((f"`{name}`", f"`{key}`", bounds, shown(default), quantity.text))
+        for key, setting in declared(effect.function).items():
+            about = limits_of(setting), shown(setting.default), setting.quantity.text
+            settings.append((f"`{name}`", f"`{key}`", *about))
     return [
         "# Effects",
         "Only the effects that a scene names are simulated, in this physical order. "
@@ -357,8 +361,9 @@ def text_of(name: str) -> str:
 
 
 def main() -> None:
-    """Write every page."""
+    """Write every page, and the schema."""
     FOLDER.mkdir(exist_ok=True)
+    SCHEMA.write_text(schema_text(), encoding="utf-8")
     for name in PAGES:
         (FOLDER / f"{name}.md").write_text(text_of(name), encoding="utf-8")
 

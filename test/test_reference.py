@@ -2,9 +2,11 @@
 
 import ast
 
+import pytest
 import rclpy
 from generated import reference
 
+from uuv_optical_array.commands import main
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 
@@ -15,6 +17,14 @@ def test_every_page_is_what_the_generator_writes():
     for name in pages:
         text = (reference.FOLDER / f"{name}.md").read_text(encoding="utf-8")
         assert text == reference.text_of(name), cure
+
+
+def test_the_schema_of_scenes_is_what_the_command_prints(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["scenes", "--schema"])
+    assert ended.value.code == 0
+    text = reference.SCHEMA.read_text(encoding="utf-8")
+    assert text == capsys.readouterr().out, "run docs/generate_reference.py"
 
 
 def test_topics_of_a_node_are_those_that_ros_knows():

@@ -15,6 +15,7 @@ from uuv_optical_array.commands import (
     follow,
     render,
     report,
+    scenes,
     table,
 )
 from uuv_optical_array.commands.studies import (
@@ -30,6 +31,7 @@ from uuv_optical_array.commands.studies import (
 
 COMMANDS = (
     follow,
+    scenes,
     render,
     calibrate,
     commission,

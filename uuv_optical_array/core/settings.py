@@ -74,6 +74,19 @@ class Setting(NamedTuple):
     default: Any
     optional: bool
 
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Words to choose from; empty for what is no word."""
+        return typing.get_args(self.kind) if typing.get_origin(self.kind) is Literal else ()
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is inspect.Parameter.empty
+
+
+MOST_VALUES = 10_000  # of a span
+
 
 class Span(NamedTuple):
     """Evenly spaced values: ``number`` of them from ``start`` to ``stop``, both included."""
@@ -100,7 +113,9 @@ def _span(value: Any, quantity: Quantity, name: str) -> Span:
         raise ValueError(f"{name}: {value!r} is not a span; give [from, to, how many]")
     start = float(_number(value[0], quantity, f"{name}[0]", whole=False))
     stop = float(_number(value[1], quantity, f"{name}[1]", whole=False))
-    number = int(_number(value[2], Quantity("", "values", 1, 10_000), f"{name}[2]", whole=True))
+    number = int(
+        _number(value[2], Quantity("", "values", 1, MOST_VALUES), f"{name}[2]", whole=True)
+    )
     if start > stop or (number == 1) != (start == stop):
         raise ValueError(
             f"{name}: [{start:g}, {stop:g}, {number}] is no span; "
@@ -239,6 +254,11 @@ def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: st
     return _number(value, quantity, name, whole=kind is int)
 
 
+def summary(owner: Callable[..., Any]) -> str:
+    """Return the first line of what documents an owner of settings."""
+    return (inspect.getdoc(owner) or "").partition("\n")[0]
+
+
 def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
     """Return the error for a key that is not declared, with the nearest one that is."""
     known = list(known)
@@ -281,7 +301,7 @@ def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, A
         kind, quantity, default, optional = setting
         if name in values:
             checked[name] = _checked(kind, quantity, optional, values[name], f"{where}.{name}")
-        elif default is inspect.Parameter.empty:
+        elif setting.required:
             raise ValueError(f"{where}.{name}: missing; add it to the scene")
         else:
             checked[name] = default

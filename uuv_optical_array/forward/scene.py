@@ -85,9 +85,7 @@ PRIORS: dict[str, dict[str, float]] = {
 class PriorSettings:
     """How well the scene itself is known; what is not known is estimated along with the pose."""
 
-    known: Annotated[
-        Known, Quantity("how well the rest is known: a set of values, as `PRIORS` has them")
-    ] = "exactly"
+    known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
     lamp_power_std: Annotated[
         float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
     ] = 0.0

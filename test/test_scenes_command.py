@@ -1,0 +1,116 @@
+"""``uuv_array scenes``: what it lists is there, and what it explains is as declared."""
+
+import functools
+
+import command_line
+import numpy as np
+import pytest
+from test_scene import READY
+
+from uuv_optical_array.commands import scenes as command
+from uuv_optical_array.core.geometry import IN_DEGREES
+from uuv_optical_array.core.settings import declared
+from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene_files import scene_file, sentence
+from uuv_optical_array.studies.reach import RANGES_M, reach
+
+run = functools.partial(command_line.run, "scenes")
+
+
+@pytest.fixture
+def told(capsys):
+    """Return a function that runs the command and returns what it prints."""
+
+    def printed(*words):
+        run(*words)
+        return capsys.readouterr().out
+
+    return printed
+
+
+def test_every_ready_scene_is_listed_with_its_sentence_and_figures(told):
+    blocks = told().replace("\n  ", "\t").splitlines()
+    assert [block.partition("\t")[0] for block in blocks] == READY
+    for block in blocks:
+        name, words, *figures = block.split("\t")
+        assert words == sentence(scene_file(name))
+        assert len(figures) == 3
+    text = "\n".join(blocks)
+    assert "curved 21 x 21, 1000 of 1023 counts at 4 m, beam 4.5 deg, K 0.1 /m" in text
+    assert "known exactly but for lamp_power_std, k_std_per_m" in text
+    assert "known calibrated but for shade_probability, shade_depth" in text
+    assert "effects: none" in text
+
+
+@pytest.mark.parametrize("name", ["reference", "clear_ocean"])
+def test_reach_is_where_the_bound_of_each_aligned_pose_meets_the_specification(name):
+    scene = load_scene(name)
+    model = ForwardModel(scene)
+
+    def meets(range_m):
+        bound = cramer_rao_bound(model, [-range_m, 0, 0, 0, 0]).std * IN_DEGREES
+        return max(bound[:3]) <= 0.2 and max(bound[3:]) <= 10
+
+    near, far = reach(scene)
+    assert near < scene.lamp.reference_range_m < far
+    assert [meets(x) for x in (near - 0.1, near, far, far + 0.1)] == [False, True, True, False]
+    assert all(meets(x) for x in np.arange(near, far, 0.5))
+
+
+def test_reach_is_nowhere_in_the_dark_and_endless_without_noise():
+    dark = load_scene("reference").settings()
+    dark["lamp"]["reference_counts"] = 1.0
+    assert reach(scene_from_settings(dark, "dark")) is None
+    assert "reach nowhere" in command.figures(scene_from_settings(dark, "dark"))[1]
+    assert reach(load_scene("ideal"))[1] == RANGES_M[-1]
+
+
+def test_a_scene_is_printed_as_a_file_that_makes_the_same_scene(told, tmp_path):
+    text = told("night_plume")
+    assert text.splitlines()[1] == "# night_plume extends coastal, which extends follow."
+    (tmp_path / "night_plume.yaml").write_text(text, encoding="utf-8")
+    assert load_scene(tmp_path / "night_plume.yaml") == load_scene("night_plume")
+    own = tmp_path / "own.yaml"
+    own.write_text("extends: night_plume.yaml\nlamp: {beam_sigma_deg: 9.0}\n", encoding="utf-8")
+    assert told(own).startswith("# own extends night_plume.yaml.\n\nlamp:\n  beam_sigma_deg: 9.0\n")
+
+
+def test_every_key_is_explained_by_its_bounds_and_default():
+    for owner, declares in command.OWNERS.items():
+        found = "\n".join(command.explained(owner))
+        for key, setting in declared(declares).items():
+            name = f"{owner}.{key}"
+            lines = "\n".join(command.explained(name)).splitlines()
+            assert lines[0] == f"{name}: {setting.quantity.text}".removesuffix(": ")
+            words = " or ".join(setting.choices) or setting.quantity.bounds()
+            assert lines[1].startswith(f"  {words}")
+            assert ("must be given" in lines[1]) == setting.required
+            assert f"{lines[0]}\n{lines[1]}\n" in f"{found}\n", "the group has it, too"
+
+
+def test_a_key_an_effect_and_a_group_are_found_by_their_short_names(told):
+    assert told("lamp.beam_sigma_deg").splitlines()[:2] == [
+        "lamp.beam_sigma_deg: standard deviation of the beam",
+        "  from 0.1 to 90 deg; must be given",
+    ]
+    assert told("plume") == told("effects.plume")
+    assert told("x_m").count("default [-8.3, -3.7, 13]") == 1
+    seeds = [line.partition(":")[0] for line in told("seed").splitlines() if ".seed:" in line]
+    assert seeds == [f"effects.{name}.seed" for name in ("lamp_drift", "plume", "responsivity")]
+    assert "exp(-K r)` (Eren et al. 2016, eq. 5)" in told("effects"), "law and source"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("folow", "did you mean follow?"),
+        ("plum", "did you mean plume?"),
+        ("beam_sigma", "did you mean beam_sigma_deg?"),
+        ("xyzzy", "uuv_array scenes lists the ready ones"),
+        ("nowhere.yaml", "nowhere.yaml: no such file"),
+    ],
+)
+def test_an_unknown_name_is_one_line_with_the_nearest(name, words):
+    assert words in run(name, code=1)

@@ -1,0 +1,169 @@
+"""``uuv_array scenes``: the ready scenes, what a key of a scene means, and the schema of all."""
+
+import argparse
+import dataclasses
+import inspect
+import json
+from collections.abc import Callable, Iterator
+from difflib import get_close_matches
+from typing import Any
+
+from uuv_optical_array.commands import cli
+from uuv_optical_array.core import yaml_text
+from uuv_optical_array.core.settings import Setting, Span, declared, summary
+from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.scene import GROUPS, PRIORS, PriorSettings, Scene, load_scene
+from uuv_optical_array.forward.scene_files import (
+    is_file_name,
+    layers,
+    ready_scenes,
+    scene_file,
+    sentence,
+)
+from uuv_optical_array.forward.scene_schema import scene_schema
+
+DESCRIPTION = """\
+List the ready scenes with their key figures; or explain one name: of a scene, ready or a file, with
+all its settings, those of the scene that it extends included, as a file that can be used; of a
+group, an effect or a key, with unit, bounds, default and source."""
+
+EPILOG = """\
+examples:
+  uuv_array scenes                        all ready scenes
+  uuv_array scenes coastal > sea.yaml     all its settings
+  uuv_array scenes plume                  an effect; lamp: a group; seed: all keys of that name
+  uuv_array scenes effects                every effect in a line
+  uuv_array scenes --schema > scene.schema.json
+An editor with a YAML language server completes and checks a scene by the schema, if a line of it
+says: # yaml-language-server: $schema=scene.schema.json
+The reach is where the Cramer-Rao bound of one image of the aligned array is at most 0.2 m and 10
+deg, with all that the scene's prior leaves uncertain; looked for from 0.5 to 25 m."""
+
+OWNERS: dict[str, Callable[..., Any]] = {
+    **GROUPS,
+    **{f"effects.{name}": effect.function for name, effect in EFFECTS.items()},
+}
+
+
+def add_parser(subparsers: cli.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = cli.add_command(
+        subparsers, "scenes", run, "list ready scenes, or explain one or a key", DESCRIPTION, EPILOG
+    )
+    parser.add_argument(
+        "name", nargs="?", help="of a scene, a group, an effect or a key (default: list all scenes)"
+    )
+    parser.add_argument("--schema", action="store_true", help="print the JSON schema of all scenes")
+
+
+def schema_text() -> str:
+    """Return the schema as it is shipped, JSON."""
+    return json.dumps(scene_schema(), indent=1) + "\n"
+
+
+def figures(scene: Scene) -> list[str]:
+    """Return what a scene is like, in lines."""
+    from uuv_optical_array.studies.reach import RANGES_M, reach
+
+    lamp, array, found = scene.lamp, scene.array, reach(scene)
+    side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)
+    full = f" of {scene.full_scale_counts:g}" if scene.effects else ""
+    where = "nowhere"
+    if found is not None:
+        beyond = "beyond " if found[1] == RANGES_M[-1] else ""
+        where = f"from {found[0]:.1f} to {beyond}{found[1]:.1f} m"
+    return [
+        f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
+        f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, K {k_per_m:.3g} /m",
+        f"reach {where}, table to {-scene.table.x_m.start:g} m; known {known(scene.prior)}",
+        f"effects: {', '.join(scene.effects) or 'none'}",
+    ]
+
+
+def known(prior: PriorSettings) -> str:
+    """Say how well a scene is known."""
+    usual = {**dataclasses.asdict(PriorSettings(prior.known)), **PRIORS[prior.known]}
+    others = [key for key, value in usual.items() if getattr(prior, key) != value]
+    return prior.known + (f" but for {', '.join(others)}" if others else "")
+
+
+def listed() -> str:
+    """Return the ready scenes, each with its sentence and its figures."""
+    return "\n".join(
+        "\n  ".join((name, sentence(scene_file(name)), *figures(load_scene(name))))
+        for name in ready_scenes()
+    )
+
+
+def whole(name: str) -> str:
+    """Return a scene with all its settings, as a file that can be used."""
+    file = scene_file(name)
+    bases = [layer.extends for layer in layers(file) if layer.extends]
+    heads = [sentence(file)] if sentence(file) else []
+    if bases:
+        heads.append(f"{file.stem} extends {', which extends '.join(bases)}.")
+    comment = "".join(f"# {head}\n" for head in heads)
+    return f"{comment}\n{yaml_text.text_of(load_scene(name).settings())}".strip()
+
+
+def limits(setting: Setting) -> str:
+    """Return the bounds of a setting, or its words, and its default."""
+    bounds = " or ".join(setting.choices) or setting.quantity.bounds()
+    if setting.kind is Span:
+        bounds += ", as [from, to, how many]"
+    if setting.required:
+        return f"{bounds}; must be given"
+    if setting.default is None:
+        return f"{bounds}; no default"
+    default = setting.default
+    shown = list(default) if isinstance(default, tuple) else default
+    return f"{bounds}; default {f'{shown:g}' if isinstance(shown, float) else shown}"
+
+
+def explained(name: str) -> Iterator[str]:
+    """Yield what a group, an effect or the keys of a name mean; nothing where none has it."""
+
+    def meant(full: str) -> bool:
+        return full == name or full.endswith(f".{name}")
+
+    if name == "effects":
+        yield "Only the effects that a scene names are simulated, in this physical order:"
+        for effect, entry in EFFECTS.items():
+            yield f"  {effect:<17}{summary(entry.function)}"
+    for owner_name, owner in OWNERS.items():
+        keys = declared(owner)
+        if meant(owner_name):
+            yield f"{owner_name}: {inspect.getdoc(owner)}\n"
+        else:
+            keys = {key: keys[key] for key in keys if meant(f"{owner_name}.{key}")}
+        for key, setting in keys.items():
+            text = f": {setting.quantity.text}" if setting.quantity.text else ""
+            yield f"{owner_name}.{key}{text}\n  {limits(setting)}"
+        if keys and not meant(owner_name):
+            yield f"  of {owner_name}: {summary(owner)}"
+
+
+def unknown_name(name: str) -> ValueError:
+    """Return the error for a name that is no scene's and no key's, with the nearest that is."""
+    keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
+    known = [*ready_scenes(), "effects", *OWNERS, *keys]
+    known += [full.rpartition(".")[2] for full in known if "." in full]
+    near = get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]}?" if near else "uuv_array scenes lists the ready ones"
+    return ValueError(f"{name}: no ready scene, .yaml file, group, effect or key; {hint}")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print what is asked for."""
+    name = options.name
+    if options.schema:
+        print(schema_text(), end="")
+    elif name is None:
+        print(listed())
+    elif is_file_name(name) or name in ready_scenes():
+        print(whole(name))
+    elif lines := list(explained(name)):
+        print("\n".join(lines).replace("``", "`"))
+    else:
+        raise unknown_name(name)
+    return 0

@@ -1,0 +1,127 @@
+"""The JSON schema of scene files, by which an editor completes and checks them.
+
+It is made from the declarations: types, bounds, words, defaults and what must be given. What
+depends on several keys, such as the one of two ways to give an effect, is left to
+`scene.scene_from_settings`.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from uuv_optical_array.core.settings import (
+    MOST_VALUES,
+    Cells,
+    Grid,
+    Order,
+    Quantity,
+    Setting,
+    Span,
+    declared,
+    summary,
+)
+from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.scene import GROUPS
+from uuv_optical_array.forward.scene_files import EXTENDS, ready_scenes
+
+Schema = dict[str, Any]
+
+
+def scene_schema() -> Schema:
+    """Return the schema, JSON Schema draft 7, the latest that editors of YAML share."""
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": "Scene of uuv_optical_array",
+        "if": {"required": [EXTENDS]},
+        "then": {"$ref": "#/definitions/changes"},
+        "else": {"$ref": "#/definitions/whole"},
+        "definitions": {"whole": _scene(whole=True), "changes": _scene(whole=False)},
+    }
+
+
+def _scene(whole: bool) -> Schema:
+    """Return the schema of a scene that stands alone, or of what changes another."""
+    effects = {
+        name: _given_or_null(_mapping(effect.function, whole), not whole)
+        for name, effect in EFFECTS.items()
+    }
+    groups = {name: _mapping(owner, whole) for name, owner in GROUPS.items()}
+    groups["effects"] = _object(effects, "Only what is named is simulated.")
+    required = [name for name, group in groups.items() if "required" in group]
+    return {
+        "type": "object",
+        "properties": {
+            EXTENDS: {
+                "description": "The scene that this one changes: a ready one, or a .yaml file.",
+                "type": "string",
+                "anyOf": [{"enum": ready_scenes()}, {"pattern": r"\.ya?ml$"}],
+            },
+            **{
+                name: _given_or_null(group, not whole or name not in required)
+                for name, group in groups.items()
+            },
+        },
+        "additionalProperties": False,
+        "required": required,
+    }
+
+
+def _mapping(owner: Callable[..., Any], whole: bool) -> Schema:
+    settings = declared(owner)
+    found = _object(
+        {
+            key: _given_or_null(_value(setting), setting.optional or not whole)
+            for key, setting in settings.items()
+        },
+        summary(owner),
+    )
+    required = [key for key, setting in settings.items() if setting.required]
+    return {**found, "required": required} if whole and required else found
+
+
+def _object(properties: Schema, description: str) -> Schema:
+    return {
+        "description": description,
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
+
+
+def _given_or_null(schema: Schema, null: bool) -> Schema:
+    """Return a schema that takes null, too, where that is so."""
+    if not null:
+        return schema
+    if "enum" in schema:
+        return {**schema, "enum": [*schema["enum"], None]}
+    return {**schema, "type": [schema["type"], "null"]}
+
+
+def _value(setting: Setting) -> Schema:
+    kind, quantity, default, _ = setting
+    words = [] if setting.choices else [quantity.bounds()]
+    texts = [text for text in (quantity.text, *words) if text]
+    found: Schema = {"description": "; ".join(texts)} if texts else {}
+    if not setting.required and default is not None:
+        found["default"] = list(default) if isinstance(default, tuple) else default
+    if setting.choices:
+        return {**found, "enum": list(setting.choices)}
+    number, whole = _number("number", quantity), _number("integer", quantity)
+    if kind is Span:
+        many = _number("integer", Quantity("", low=1, high=MOST_VALUES))
+        return {**found, **_list([number, number, many], 3)}
+    if kind == Cells:
+        return {**found, **_list(_list(whole, 2))}
+    if kind == Grid:
+        return {**found, **_list({**_list(number), "minItems": 1}), "minItems": 1}
+    if kind == Order:
+        return {**found, **_list(whole), "uniqueItems": True}
+    return {**found, **(whole if kind is int else number)}
+
+
+def _number(kind: str, quantity: Quantity) -> Schema:
+    return {"type": kind, "minimum": quantity.low, "maximum": quantity.high}
+
+
+def _list(items: Schema | list[Schema], length: int | None = None) -> Schema:
+    found: Schema = {"type": "array", "items": items}
+    return found if length is None else {**found, "minItems": length, "maxItems": length}

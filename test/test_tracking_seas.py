@@ -8,7 +8,7 @@ import pytest
 
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.least_squares.coordinates import frame_of
-from uuv_optical_array.estimation.linearised import linearised_readings
+from uuv_optical_array.estimation.linearised import Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
@@ -23,6 +23,7 @@ FOLLOW = load_scene("follow")
 MODEL = ForwardModel(
     dataclasses.replace(FOLLOW, effects={**FOLLOW.effects, "ambient": {"level_counts": 0.0}})
 )
+LINEARISE = Lineariser(MODEL, NAMES)
 
 
 def sweep(rng):
@@ -43,7 +44,7 @@ def fitted(image, start, mean, covariance):
     """Return readings linearised at the fit of pose and constants, and the pose's covariance."""
     at, prior = start, np.linalg.inv(covariance)
     for _ in range(5):
-        found = linearised_readings(MODEL, NAMES, image, at)
+        found = LINEARISE(image, at)
         weights = 1 / (found.variances + np.square(GAIN_STD * found.light))
         precision = found.slopes.T * weights @ found.slopes
         score = found.slopes.T @ (weights * found.residuals)
@@ -51,7 +52,7 @@ def fitted(image, start, mean, covariance):
         score[5:] -= prior @ (at[5:] - mean)
         at = at + np.linalg.solve(precision, score)
     spread = np.linalg.inv(precision)[:5, :5]
-    return linearised_readings(MODEL, NAMES, image, at), (spread + spread.T) / 2
+    return LINEARISE(image, at), (spread + spread.T) / 2
 
 
 def nees(off, covariance):
@@ -78,7 +79,7 @@ def tracked(frame, course=sweep, seas=6):
                 found.at[:5],
                 covariance,
                 found,
-                lambda at, image=image: linearised_readings(MODEL, NAMES, image, at),
+                lambda at, image=image: LINEARISE(image, at),
             )
             of_pose.append(nees(track.pose - pose, track.covariance))
             by_std.append((track.pose - pose) / np.sqrt(track.covariance.diagonal()))

@@ -100,18 +100,36 @@ def lamp_slopes(poses: Array, roll: Any) -> tuple[Array, Array]:
         By x, y, z, pitch and yaw, shape ``(6, 5, ...)``.
     """
     x, y, z, pitch, yaw = poses
-    rows = rotation(pitch, yaw, roll)
     lamp = np.array(np.broadcast_arrays(*lamp_in_body(x, y, z, pitch, yaw, roll)))
     slopes = np.zeros((6, 5, *lamp.shape[1:]))
+    write_lamp_slopes(poses, roll, lamp, slopes)
+    return lamp, slopes
+
+
+def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
+    """Differentiate `lamp_in_body` by the pose.
+
+    Parameters
+    ----------
+    pose
+        Its components, m and rad, numbers or arrays.
+    roll
+        Roll of the follower, rad.
+    lamp
+        What `lamp_in_body` returned.
+    slopes
+        Result, given as zeros, shape ``(6, 5, ...)``.
+    """
+    rows = rotation(pose[PITCH], pose[YAW], roll)
+    place = pitched((lamp[0], lamp[1], lamp[2]), roll)
+    axis = pitched((lamp[3], lamp[4], lamp[5]), roll)
     for i in range(3):
         for j in range(3):
             slopes[i, j] = -rows[j][i]
         # Yaw turns about the beacon's z.
-        slopes[i, YAW] = rows[1][i] * x - rows[0][i] * y
+        slopes[i, YAW] = rows[1][i] * pose[X] - rows[0][i] * pose[Y]
         slopes[3 + i, YAW] = rows[1][i]
-    for i, slope in enumerate((*pitched(lamp[:3], roll), *pitched(lamp[3:], roll))):
-        slopes[i, PITCH] = slope
-    return lamp, slopes
+        slopes[i, PITCH], slopes[3 + i, PITCH] = place[i], axis[i]
 
 
 def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> Array:

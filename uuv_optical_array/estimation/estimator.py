@@ -38,12 +38,16 @@ from uuv_optical_array.estimation.least_squares.frame import (
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds, mixture
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
-from uuv_optical_array.estimation.linearised import LinearisedReadings, linearised_readings
+from uuv_optical_array.estimation.linearised import (
+    LinearisedReadings,
+    Lineariser,
+)
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.tracking import joint_coordinates
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
@@ -220,6 +224,7 @@ class Estimator:
         model, stds = self._model, scene.prior.nuisance_std()
         self._prior = PosePrior(middle, prior_std, stds)
         self._kinds = frame_kinds(model, self._prior, compiled)
+        self._linearise = Lineariser(model, self.constants.names, compiled)
         poses, parameters = self._starts()
         self._guide = Guide(
             np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
@@ -234,6 +239,7 @@ class Estimator:
         )
         self._frame = estimate_frame
         if compiled:
+            joint_coordinates.prepare(self.constants)
             self._frame = compilation.compiled(estimate_frame)
             compilation.prepare(self._frame, self._kinds[0].problem, self._guide, np.ones((5, 1)))
 
@@ -477,10 +483,12 @@ class Estimator:
         image, roll
             As it was given them.
         """
-        model, names, readings = self._model, self.constants.names, self._readings(image)
+        if self._frame is None:
+            self._prepare()
+        readings = self._readings(image)
 
         def near(at: Array) -> LinearisedReadings:
-            found = linearised_readings(model, names, readings, at, roll)
+            found = self._linearise(readings, at, roll)
             return found._replace(variances=estimate.stretch * found.variances)
 
         return near

@@ -1,14 +1,25 @@
 """What the readings of one frame say of pose and constants, as a linear problem."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.likelihood import log_likelihood
+from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import room, zeros
+from uuv_optical_array.estimation.likelihood import likelihood_of
+from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import (
+    BEAM_ROWS,
+    Optics,
+    ReadingNoise,
+    detect,
+    illuminate,
+    project,
+)
 from uuv_optical_array.forward.scene import POWER
 
 LEAST_CURVATURE = 1e-12  # of a reading's log-likelihood, 1/counts^2, below which it says nothing
@@ -43,14 +54,8 @@ class LinearisedReadings(NamedTuple):
     variances: Array
 
 
-def linearised_readings(
-    model: ForwardModel,
-    constants: Sequence[str],
-    readings: ArrayLike,
-    at: ArrayLike,
-    roll: float = 0.0,
-) -> LinearisedReadings:
-    """Linearise the likelihood of an image.
+class Lineariser:
+    """Linearises the likelihood of images of one scene.
 
     Parameters
     ----------
@@ -58,22 +63,87 @@ def linearised_readings(
         The scene's forward model.
     constants
         Dotted names of settings that are not known, as `ForwardModel.nuisances` has them.
+    compiled
+        Whether it runs as Numba compiles it, or as it stands.
+    """
+
+    def __init__(
+        self, model: ForwardModel, constants: Sequence[str], compiled: bool = False
+    ) -> None:
+        # The slope by the logarithm of the lamp's power is the lamp's share of the light.
+        names = [*constants, *([] if POWER in constants else [POWER])]
+        self._size, self._of_lamp = 5 + len(constants), 6 + names.index(POWER)
+        self._at = np.zeros(5 + len(names))
+        self._optics = model.optics(names, compiled)
+        self._noise = model.noise._replace(square=0.0)
+        self._write: Callable[..., None] = write_linear
+        if compiled:
+            self._write = compilation.compiled(write_linear)
+            count = model.array.side**2
+            image, likelihood = np.empty((1 + len(self._at), count)), np.empty((3, count))
+            arguments = self._optics, self._noise, np.zeros(count), self._at, 0.0
+            compilation.prepare(self._write, *arguments, image, likelihood)
+
+    @np.errstate(under="ignore")  # of light too dim for a float64
+    def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:
+        """Linearise the likelihood of an image.
+
+        Parameters
+        ----------
+        readings
+            The image, counts, of n readings in any shape.
+        at
+            Pose, m and rad, then offsets of the constants, shape ``(5 + q,)``.
+        roll
+            Roll of the follower, rad.
+        """
+        readings = np.array(readings, dtype=float).reshape(-1)
+        place = self._at.copy()
+        place[: self._size] = at
+        image = np.empty((1 + len(place), len(readings)))
+        likelihood = np.empty((3, len(readings)))
+        self._write(self._optics, self._noise, readings, place, float(roll), image, likelihood)
+        _, score, curvature = likelihood
+        says = curvature > LEAST_CURVATURE
+        variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
+        residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
+        slopes = image[1 : 1 + self._size].T
+        return LinearisedReadings(
+            place[: self._size], residuals, slopes, image[self._of_lamp], variances
+        )
+
+
+def write_linear(
+    optics: Optics,
+    noise: ReadingNoise,
+    readings: Any,
+    at: Any,
+    roll: float,
+    image: Any,
+    likelihood: Any,
+) -> None:
+    """Write light and likelihood at a place.
+
+    Parameters
+    ----------
+    optics, noise
+        Of the scene; `optics` with the offsets' settings as its nuisances.
     readings
-        The image, counts, of n readings in any shape.
+        Counts, shape ``(n,)``.
     at
-        Pose, m and rad, then offsets of the constants, shape ``(5 + q,)``.
+        Pose, m and rad, then offsets, shape ``(5 + q,)``.
     roll
         Roll of the follower, rad.
+    image
+        Result: light and its slopes by pose and offsets, shape ``(6 + q, n)``.
+    likelihood
+        Result, as of `likelihood_of`, shape ``(3, n)``.
     """
-    at = np.array(at, dtype=float)
-    # The slope by the logarithm of the lamp's power is the lamp's share of the light.
-    names = [*constants, *([] if POWER in constants else [POWER])]
-    offsets = dict(zip(names, [*at[5:], 0.0], strict=False))
-    light, slopes = model.linearised(at[:5], roll, {n: np.array(v) for n, v in offsets.items()})
-    noise = model.noise._replace(square=0.0)
-    _, score, curvature = log_likelihood(np.ravel(readings), light, noise)
-    says = curvature > LEAST_CURVATURE
-    variances = np.divide(1.0, curvature, out=np.full(len(light), np.inf), where=says)
-    residuals = np.divide(score, curvature, out=np.zeros(len(light)), where=says)
-    lamp = slopes[:, 5 + names.index(POWER)]
-    return LinearisedReadings(at, residuals, slopes[:, : len(at)].copy(), lamp.copy(), variances)
+    n, nuisances = len(readings), at[5:]
+    lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
+    write_lamp_slopes(at, roll, lamp, slopes)
+    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    illuminate(optics, lamp, nuisances, rays, beam, True)
+    project(optics, lamp, slopes, rays, beam, image)
+    detect(optics, nuisances, image)
+    likelihood_of(readings, image[0], noise, likelihood)

@@ -67,10 +67,26 @@ def prepare(function: Any, *arguments: Any) -> None:
     folder = cache_folder()
     if folder is None or function.signatures:
         function(*arguments)
-        return
-    with (folder / "turn").open("w") as turn:
-        fcntl.flock(turn, fcntl.LOCK_EX)
-        function(*arguments)
+    else:
+        with (folder / "turn").open("w") as turn:
+            fcntl.flock(turn, fcntl.LOCK_EX)
+            function(*arguments)
+    _PREPARED[_name(function.py_func)] = function
+
+
+_PREPARED: dict[tuple[str, str], Any] = {}  # compiled functions, by module and name
+
+
+def _name(function: Callable[..., Any]) -> tuple[str, str]:
+    return function.__module__, function.__qualname__
+
+
+def if_prepared(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function as compiled where `prepare` was called for it in this process.
+
+    Elsewhere it is returned as it stands: nobody waits for it to be compiled.
+    """
+    return _PREPARED.get(_name(function), function)
 
 
 @cache

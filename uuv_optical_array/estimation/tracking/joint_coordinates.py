@@ -9,12 +9,16 @@ and constants in metres takes the bend for knowledge, a little in every frame, a
 a wrong scene.
 """
 
-import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import zeros
+from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.least_squares.coordinates import (
     AZIMUTH,
     LOG_ATTENUATION,
@@ -24,9 +28,93 @@ from uuv_optical_array.estimation.least_squares.coordinates import (
     to_lamp,
     write_slopes,
 )
+from uuv_optical_array.forward.optics import DEGREE
 from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER
 
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
+
+
+class Joint(NamedTuple):
+    """What the coordinates depend on.
+
+    Parameters
+    ----------
+    frame
+        Of the scene, as `coordinates.frame_of` returns it.
+    power, water, width
+        Places of the constants that change the attenuation, from 5 on; -1: known.
+    """
+
+    frame: Frame
+    power: int
+    water: int
+    width: int
+
+
+def frame_with(joint: Joint, at: Any) -> Frame:
+    """Return the frame of the pose's coordinates under constants, shape ``(5 + q,)``."""
+    frame = joint.frame
+    k_per_m, sigma = frame.k_per_m, frame.beam_sigma_rad
+    if joint.water >= 0:
+        k_per_m = max(k_per_m + at[joint.water], 0.0)
+    if joint.width >= 0:
+        sigma = max(sigma + DEGREE * at[joint.width], LEAST_WIDTH * sigma)
+    return Frame(frame.centre_x, frame.centre_y, frame.centre_z, sigma, k_per_m, frame.share)
+
+
+def coordinates_of(joint: Joint, at: Any) -> Any:
+    """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
+    found, own = at.copy(), from_pose(frame_with(joint, at), at, 0.0)
+    for i in range(5):
+        found[i] = own[i]
+    if joint.power >= 0:
+        found[LOG_ATTENUATION] -= 0.5 * at[joint.power]
+    return found
+
+
+def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
+    """Write pose and constants at coordinates, and their slopes by them.
+
+    Parameters
+    ----------
+    joint, coordinates
+        As in `coordinates_of`, which this turns round.
+    at
+        Result, given as `coordinates`.
+    slopes
+        Result, given as the unit matrix, shape ``(5 + q, 5 + q)``.
+    """
+    frame, own = frame_with(joint, coordinates), coordinates.copy()
+    if joint.power >= 0:
+        own[LOG_ATTENUATION] += 0.5 * coordinates[joint.power]
+    lamp, pose, _ = to_lamp(frame, own, 0.0)
+    lamp_slopes, by_pose = zeros(6, 5, own[0]), zeros(5, 5, own[0])
+    write_slopes(frame, own, 0.0, lamp, lamp_slopes, by_pose)
+    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
+    range_m = sqrt(x * x + y * y + z * z)
+    ahead, _, _ = rotation(own[PITCH], own[YAW], 0.0)
+    loss, _ = beam_loss(frame, (x / range_m, y / range_m, z / range_m), ahead)
+    for i in range(5):
+        at[i] = pose[i]
+        for q in range(5):
+            slopes[i, q] = by_pose[i, q]
+        # Where a constant grows and the brightness stays, the range gives way.
+        gives_way = -by_pose[i, LOG_ATTENUATION]
+        if joint.power >= 0:
+            slopes[i, joint.power] = -0.5 * gives_way
+        if joint.water >= 0:
+            slopes[i, joint.water] = 0.5 * range_m * gives_way
+        if joint.width >= 0:
+            slopes[i, joint.width] = -2 * DEGREE * loss / frame.beam_sigma_rad * gives_way
+
+
+def prepare(constants: Constants) -> None:
+    """Compile what `JointCoordinates` run from then on in this process."""
+    if constants.frame is None:
+        return
+    joint, at = Joint(constants.frame, -1, -1, -1), np.ones(5 + len(constants.names))
+    compilation.prepare(compilation.compiled(coordinates_of), joint, at)
+    compilation.prepare(compilation.compiled(write_place), joint, at, at.copy(), np.eye(len(at)))
 
 
 class AsTheyAre:
@@ -65,55 +153,19 @@ class JointCoordinates(AsTheyAre):
     """
 
     def __init__(self, frame: Frame, names: Sequence[str]) -> None:
-        self._frame = frame
-        places = {name: 5 + i for i, name in enumerate(names)}
-        self._power, self._water, self._width = (
-            places.get(name) for name in (POWER, ATTENUATION, BEAM_SIGMA)
-        )
+        def place(name: str) -> int:
+            return 5 + names.index(name) if name in names else -1
 
-    def _frame_with(self, at: Array) -> Frame:
-        frame = self._frame
-        if self._water is not None:
-            frame = frame._replace(k_per_m=max(frame.k_per_m + float(at[self._water]), 0.0))
-        if self._width is not None:
-            width = frame.beam_sigma_rad + math.radians(at[self._width])
-            least = LEAST_WIDTH * frame.beam_sigma_rad
-            frame = frame._replace(beam_sigma_rad=max(width, least))
-        return frame
+        self._joint = Joint(frame, place(POWER), place(ATTENUATION), place(BEAM_SIGMA))
 
     def of(self, at: Array) -> Array:
         """Return the coordinates of pose and constants."""
-        coordinates = at.copy()
-        coordinates[:5] = from_pose(self._frame_with(at), at[:5], 0.0)
-        if self._power is not None:
-            coordinates[LOG_ATTENUATION] -= 0.5 * at[self._power]
-        return coordinates
+        return np.asarray(compilation.if_prepared(coordinates_of)(self._joint, at))
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants at coordinates, and their slopes by them."""
-        frame, own = self._frame_with(coordinates), coordinates[:5].copy()
-        if self._power is not None:
-            own[LOG_ATTENUATION] += 0.5 * coordinates[self._power]
-        lamp, pose, _ = to_lamp(frame, own, 0.0)
-        slopes = np.eye(len(coordinates))
-        by_pose = np.zeros((5, 5))
-        write_slopes(frame, own, 0.0, lamp, np.zeros((6, 5)), by_pose)
-        slopes[:5, :5] = by_pose
-        # Where a constant grows and the brightness stays, the range gives way.
-        sight = np.subtract(lamp[:3], frame[:3])
-        range_m = math.sqrt(sight @ sight)
-        gives_way = -by_pose[:, LOG_ATTENUATION]
-        if self._power is not None:
-            slopes[:5, self._power] = -0.5 * gives_way
-        if self._water is not None:
-            slopes[:5, self._water] = 0.5 * range_m * gives_way
-        if self._width is not None:
-            ahead, _, _ = rotation(own[PITCH], own[YAW], 0.0)
-            loss, _ = beam_loss(frame, sight / range_m, ahead)
-            by_width = math.radians(-2 * loss / frame.beam_sigma_rad)
-            slopes[:5, self._width] = by_width * gives_way
-        at = coordinates.copy()
-        at[:5] = pose
+        at, slopes = coordinates.copy(), np.eye(len(coordinates))
+        compilation.if_prepared(write_place)(self._joint, coordinates, at, slopes)
         return at, slopes
 
     def difference(self, coordinates: Array, others: Array) -> Array:

@@ -50,13 +50,13 @@ class RandomMotion:
             Shape ``(10, k)``: five rows of the pose, five of its rate.
         """
         rate, pose = self.rate_walk, self.pose_walk
+        width = rate.shape[1]
+        root = np.zeros((10, 2 * width + pose.shape[1]))
         # The first two columns are a root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
-        columns = [
-            np.vstack([step_s / math.sqrt(3) * rate, math.sqrt(3) / 2 * rate]),
-            np.vstack([0 * rate, rate / 2]),
-            np.vstack([pose, 0 * pose]),
-        ]
-        return math.sqrt(step_s) * np.hstack(columns)
+        root[:5, :width], root[5:, :width] = step_s / math.sqrt(3) * rate, math.sqrt(3) / 2 * rate
+        root[5:, width : 2 * width] = rate / 2
+        root[:5, 2 * width :] = pose
+        return math.sqrt(step_s) * root
 
 
 class OwnMotion:

@@ -143,9 +143,9 @@ def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Array, float]:
 
 
 def _upper(stack: Array) -> Array:
-    """Return the triangular factor of a stack of rows, as of Householder's QR."""
+    """Return the triangular factor of rows by Householder; what is below it has no meaning."""
     turned, *_ = lapack.dgeqrf(stack)
-    return np.asarray(np.triu(turned[: stack.shape[1]]))
+    return np.asarray(turned[: stack.shape[1]])
 
 
 def correct(belief: Belief, reading: Reading, gain: Array) -> Belief:

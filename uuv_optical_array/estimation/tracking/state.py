@@ -7,6 +7,7 @@ standard deviations.
 
 import numpy as np
 
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.constants import Constants, drift
 from uuv_optical_array.estimation.tracking.root_filter import Belief, triangular
 from uuv_optical_array.estimation.tracking.track import POSE, RATE
@@ -46,36 +47,39 @@ class StateSpace:
         self.shades = slice(self.gains.stop, self.gains.stop + shades)
         self.size = self.shades.stop
         self.linear = [*range(*POSE.indices(self.size)), *range(*self.constants.indices(self.size))]
-        # Of all that lasts, before any frame.
-        self._stds = np.concatenate([c.stds, np.full(learnt, c.gain_std), np.ones(shades)])
+        # Before any frame, and of what moves 0.
+        self._stds = np.concatenate(
+            [np.zeros(MOVING), c.stds, np.full(learnt, c.gain_std), np.ones(shades)]
+        )
         self._shade_lasts_s = c.shade_lasts_s
 
     def hold(self, constants_hold_s: float) -> None:
         """Let constants and gains drift to new values in a time, s."""
         self._constants_hold_s = constants_hold_s
-        shades = self.shades.stop - self.shades.start
-        self._hold_s = np.full(len(self._stds), constants_hold_s)
-        self._hold_s[len(self._stds) - shades :] = self._shade_lasts_s
+        self._hold_s = np.full(self.size - MOVING, constants_hold_s)
+        self._hold_s[self.shades.start - MOVING :] = self._shade_lasts_s
 
     def unknown(self) -> Belief:
         """Return the belief in what lasts before any frame, and in nothing else."""
-        root = np.diag(np.concatenate([np.zeros(MOVING), self._stds]))
-        return Belief(np.zeros(self.size), root, np.zeros((self.size, self.spoilt)))
+        return Belief(np.zeros(self.size), np.diag(self._stds), np.zeros((self.size, self.spoilt)))
 
     def drifted(self, belief: Belief, step_s: float) -> Belief:
         """Let what lasts drift for a time, s."""
         held = drift(self._constants_hold_s, step_s)
-        kept = drift(self._hold_s, step_s)
-        mean, root = belief.mean.copy(), belief.root.copy()
-        mean[MOVING:] *= kept
-        root[MOVING:] *= kept[:, None]
-        fresh = np.zeros((self.size, len(kept)))
-        fresh[MOVING:] = np.diag(np.sqrt(1 - kept**2) * self._stds)
-        shared = belief.shared.copy()
-        shared[MOVING:] *= kept[:, None]
+        kept = np.concatenate([np.ones(MOVING), drift(self._hold_s, step_s)])
+        fresh = np.diag(np.sqrt(1 - kept**2) * self._stds)[:, MOVING:]
+        root, shared = kept[:, None] * belief.root, kept[:, None] * belief.shared
         # The numbers that spoil the readings drift, too: what came of the old ones is left behind.
         lost = np.sqrt(1 - held**2)
-        return Belief(mean, np.hstack([root, fresh, lost * shared]), held * shared)
+        root = np.concatenate([root, fresh, lost * shared], axis=1)
+        return Belief(kept * belief.mean, root, held * shared)
+
+    def known(self, belief: Belief, step_s: float) -> tuple[Array, Array]:
+        """Return mean and covariance of the constants after a time, s."""
+        held, of = drift(self._constants_hold_s, step_s), self.constants
+        root = np.concatenate([belief.root[of], belief.shared[of]], axis=1)
+        fresh = np.diag((1 - held**2) * self._stds[of] ** 2)
+        return held * belief.mean[of], held**2 * (root @ root.T) + fresh
 
     def held(self, belief: Belief, step_s: float) -> Belief:
         """Return a belief after a time, s, in nothing but what lasts."""

@@ -241,9 +241,9 @@ class Tracker:
             Shape ``(q, q)``, positive definite.
         """
         state = self._history[-1][1] if self._history else self._forgotten
-        belief, held = self._held(state, stamp_ns), self._space.constants
-        covariance = belief.covariance
-        return belief.mean[held].copy(), covariance[held, held]
+        if state is None:
+            return self._space.known(self._space.unknown(), 0.0)
+        return self._space.known(state.belief, (stamp_ns - state.frame.stamp_ns) * 1e-9)
 
     def predict(self, stamp_ns: int) -> Track:
         """Carry the track on to an instant by its rate and the commands.

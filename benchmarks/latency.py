@@ -27,6 +27,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.core.messages import stamp_ns
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.nodes import estimator_node, feature_node
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
@@ -130,7 +131,8 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
         asker, executor = Asker(), fastest_executor()
         nodes: list[Any] = [asker]
         if not apart:
-            originals = feature_node.key_parameters, estimator_node.enter
+            originals = feature_node.key_parameters, estimator_node.enter, Estimator.estimate
+            watched(Estimator, "estimate", spent, "estimate")
             watched(estimator_node, "enter", spent, "track")
             watched(feature_node, "key_parameters", spent, "features")
             feature, estimator, formation = follower()
@@ -141,7 +143,6 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
         if not apart:
             spin(executor, lambda: not estimator.compiler.done)
             executor.spin_once(timeout_sec=0.2)  # the compiled fit takes over
-            watched(estimator.estimator, "estimate", spent, "estimate")
         begun_ns = 10**9
         for rate_hz in options.rates:
             count = round(options.seconds * rate_hz)
@@ -155,7 +156,7 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
                     executor.spin_once(timeout_sec=left)
             report(apart, method, side, rate_hz, count, asker.times, spent)
         if not apart:
-            feature_node.key_parameters, estimator_node.enter = originals
+            feature_node.key_parameters, estimator_node.enter, Estimator.estimate = originals
         rclpy.try_shutdown()
         if process is not None:
             process.send_signal(signal.SIGINT)

@@ -174,7 +174,9 @@ class SerialArrayNode(Node):
             self.diagnostics.refuse(str(reason))
             return
         self.images.publish(image_to_message(readings, header))
-        self.diagnostics.answer(peak_counts=f"{readings.max()}", number=str(number))
+        self.diagnostics.answer(
+            values=lambda: {"peak_counts": f"{readings.max()}", "number": str(number)}
+        )
 
     def stamp_ns(self, number: int, time_us: int, now_ns: int) -> int:
         """Return the ROS time of an exposure, and tell of frames that are missing before it."""

@@ -382,13 +382,20 @@ class EstimatorNode(Node):
         else:
             child = body_beside(header.frame_id, self.child_frame)
             self.send_transform(header, child, pose.pose.pose)
-        shown = figures(estimate)
         if track is not None:
             self.publish_track(track, header, roll)
-            shown |= self.learnt(track)
         method = self.estimator.settings.method
-        shown = {"method": method, **({"fit": self.fit} if method == FIT else {}), **shown}
-        self.diagnostics.answer(stamp, table_margin=self.margin(estimate.pose), **shown)
+        self.diagnostics.answer(stamp, lambda: self.figures(method, estimate, track))
+
+    def figures(self, method: Method, estimate: Estimate, track: Track | None) -> dict[str, str]:
+        """Return what the diagnostics show of an answer."""
+        return {
+            "table_margin": self.margin(estimate.pose),
+            "method": method,
+            **({"fit": self.fit} if method == FIT else {}),
+            **figures(estimate),
+            **({} if track is None else self.learnt(track)),
+        }
 
     def margin(self, pose: Array) -> str:
         """Say how far inside of the table a pose is: 1 in its middle, 0 at its edge, < 0 beyond."""

@@ -86,16 +86,19 @@ class FeatureNode(Node):
             parameters = key_parameters(
                 image, self.scene.full_scale_counts, self.scene.signature.peak
             )
-            full = self.scene.full_scale_counts
-            self.diagnostics.answer(
-                stamp_ns(message.header),
-                peak_counts=f"{image.max():g}",
-                light_level=f"{image.max() / full:.3f}",
-                saturated_share=f"{(image >= math.floor(full)).mean():.3f}",
-            )
+            self.diagnostics.answer(stamp_ns(message.header), lambda: self.figures(image))
         if self.hand_over is not None:
             self.hand_over(message.header, parameters, image)
         self.features.publish(features_to_message(parameters, message.header))
+
+    def figures(self, image: Array) -> dict[str, str]:
+        """Return what the diagnostics show of an image."""
+        full = self.scene.full_scale_counts
+        return {
+            "peak_counts": f"{image.max():g}",
+            "light_level": f"{image.max() / full:.3f}",
+            "saturated_share": f"{(image >= math.floor(full)).mean():.3f}",
+        }
 
 
 def main(args: list[str] | None = None) -> None:

@@ -70,7 +70,7 @@ class FormationNode(Node):
         except (Refused, NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        self.diagnostics.answer(stamp_ns(message.header), range_m=f"{-pose[0]:.2f}")
+        self.diagnostics.answer(stamp_ns(message.header), lambda: {"range_m": f"{-pose[0]:.2f}"})
 
     def on_timer(self) -> None:
         """Publish the command, from the first pose on."""

@@ -153,7 +153,8 @@ class SimulatorNode(Node):
         self.place_array(follower, frame)
         self.images.publish(image_to_message(as_wired(image, self.scene.array.wiring), header))
         self.diagnostics.answer(
-            stamp_ns(header), peak_counts=f"{image.max():g}", range_m=f"{-pose[0]:.2f}"
+            stamp_ns(header),
+            lambda: {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"},
         )
 
     def place_array(self, follower: Odometry, frame: str) -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter, deque
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -36,7 +37,7 @@ class Diagnostics:
         self._kinds: Counter[str] = Counter()
         self._answered = self._passed_over = 0
         self._refusals: dict[str, str] = {}
-        self._values: dict[str, str] = {}
+        self._values: Callable[[], Mapping[str, str]] = dict
         self._failure = self._warning = ""
         self._watched: list[str] = []
         self._heard_s = time.monotonic()
@@ -45,8 +46,13 @@ class Diagnostics:
         self._ages_s: list[float] = []
         self._timer = node.create_timer(PERIOD_S, self.publish)
 
-    def answer(self, stamp_ns: int | None = None, **values: str) -> None:
-        """Note a message that was answered, by its stamp where it has one, and figures of it."""
+    def answer(
+        self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] = dict
+    ) -> None:
+        """Note a message that was answered, by its stamp where it has one.
+
+        Figures of it are asked for only where it is the last before they are published.
+        """
         self._answered += 1
         self._totals["answered"] += 1
         self._values = values
@@ -103,7 +109,7 @@ class Diagnostics:
             **{name: str(count) for name, count in self._totals.items()},
             **{f"refused: {kind}": str(count) for kind, count in self._kinds.items()},
             **self._ages(),
-            **self._values,
+            **self._values(),
         }
         for kind in filter(None, map(kind_of, reasons)):
             values[f"cure: {kind}"] = REASONS[kind].cure
@@ -117,7 +123,7 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-        self._answered, self._passed_over, self._refusals, self._values = 0, 0, {}, {}
+        self._answered, self._passed_over, self._refusals, self._values = 0, 0, {}, dict
         self._stamps_ns, self._ages_s = self._stamps_ns[-1:], []
 
     def _rate(self) -> dict[str, str]:

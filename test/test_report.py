@@ -43,7 +43,7 @@ def test_a_block_takes_the_place_of_that_of_the_same_command_alone(printing, tmp
     run("paper", "--report", page, "--seed", 2)
     first, second = old.split("a figure")[0], old.split("a figure", 1)[1]
     assert page.read_text(encoding="utf-8") == f"{first}another figure{second}"
-    assert "--seed 3" in second
+    assert "\nuuv_array paper --seed 3\n" in second
     assert old.startswith("# Before\n\n")
     assert old.endswith("After.\n")
 

@@ -16,13 +16,16 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow tradeoff test jazzy docs format bench peers clean
+.PHONY: help follow view tradeoff test jazzy docs format bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
 
 follow: $(INSTALLED)  ## let one vehicle follow another; options by ARGS='...'
 	@$(BIN)/uuv_array follow $(ARGS)
+
+view: $(INSTALLED)  ## watch a follow in the browser; options by ARGS='...'
+	@$(BIN)/uuv_array view $(ARGS)
 
 tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options by ARGS='...'
 	@$(BIN)/uuv_array tradeoff $(ARGS)

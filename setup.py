@@ -8,6 +8,7 @@ share = f"share/{package_name}"
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
 BAGS = ["rosbags>=0.10"]
 HARDWARE = ["cobs", "pyserial"]
+VIEW = ["viser>=1.1"]
 
 setup(
     name=package_name,
@@ -70,6 +71,8 @@ setup(
         "bags": BAGS,
         # An array on a serial line or a socket, as examples/serial_array_node.py reads it.
         "hardware": HARDWARE,
+        # The live view; its client is in its wheel.
+        "view": VIEW,
         # What `make peers` measures us against; see benchmarks/peers.
         "peers": ["faiss-cpu", "numba", "scikit-learn", "spectral", "threadpoolctl"],
         # Building the documentation, by `make docs`.
@@ -90,6 +93,7 @@ setup(
             *BAGS,
             *CLUSTER,
             *HARDWARE,
+            *VIEW,
         ],
     },
     entry_points={

@@ -17,6 +17,7 @@ from uuv_optical_array.commands import (
     report,
     scenes,
     table,
+    view,
 )
 from uuv_optical_array.commands.studies import (
     accuracy,
@@ -32,6 +33,7 @@ from uuv_optical_array.commands.studies import (
 COMMANDS = (
     follow,
     scenes,
+    view,
     render,
     calibrate,
     commission,

@@ -18,9 +18,14 @@ NUMBERS = {
 }
 
 
-def add_bag(parser: argparse.ArgumentParser) -> None:
+def add_bag(parser: argparse.ArgumentParser, required: bool = True) -> None:
     """Add the bag and what is said of its messages."""
-    parser.add_argument("bag", type=Path, help="folder of a rosbag2, or its .mcap or .db3 file")
+    parser.add_argument(
+        "bag",
+        type=Path,
+        nargs=None if required else "?",
+        help="folder of a rosbag2, or its .mcap or .db3 file",
+    )
     topics = Topics()
     for name, topic in (
         ("image", topics.image),

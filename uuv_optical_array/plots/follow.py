@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
-from uuv_optical_array.plots.style import save
+from uuv_optical_array.plots.style import IMAGES, save
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 
 LEADER = "#e08a00"
@@ -71,7 +71,7 @@ def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
     for moment, axes in zip(moments, figure.subplots(1, MOMENTS), strict=False):
         image = record.images[moment]
         x, y, z, pitch, yaw = record.truth[moment] * IN_DEGREES
-        axes.imshow(image, cmap="magma", vmin=0)
+        axes.imshow(image, cmap=IMAGES, vmin=0)
         axes.set_title(f"{moment:.0f} s, peak {image.max():.0f}", fontsize=9)
         axes.set_xlabel(f"{x:.1f}, {y:+.2f}, {z:+.2f} m\n{pitch:+.0f}, {yaw:+.0f} deg", fontsize=8)
         axes.set(xticks=[], yticks=[])

@@ -15,6 +15,7 @@ from uuv_optical_array.forward.array import Shape
 
 SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
 SPECIFIED = "#2c9c5a"
+IMAGES = "magma"  # colours of what the array reads
 
 
 def plain_log_ticks(axis: Axis) -> None:

@@ -1,0 +1,148 @@
+"""The page of the live view, in plain numbers and in a real Chromium."""
+
+import socket
+import sys
+import time
+from io import BytesIO
+
+import matplotlib.image
+import numpy as np
+import pytest
+from conftest import PATIENCE_S
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.view.browser import Browser, installed
+from uuv_optical_array.view.page import Page, Slider, ellipsoid
+from uuv_optical_array.view.sight import WINDOW_S, Sight, Window
+
+viser = pytest.importorskip("viser", reason="the view needs the extra view")
+TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
+SPREAD = np.diag([0.04, 0.01, 0.0025, 1e-4, 4e-4])  # sigma 0.2, 0.1, 0.05 m, 0.57, 1.15 deg
+
+
+def sight(t_s, **more):
+    """Return an instant whose estimate is 0.1 m too far and 0.1 rad of yaw beyond pi."""
+    pose = TRUE + np.array([-0.1, 0.0, 0.0, 0.0, 0.1 - 2 * np.pi])
+    known = {"true_pose": TRUE, "pose": pose, "covariance": SPREAD, "image": 400 * np.eye(5)}
+    return Sight(t_s, **{**known, **more})
+
+
+def test_charts_show_errors_about_0_where_the_truth_is_known():
+    window = Window()
+    for i in range(3):
+        window.add(sight(0.1 * i))
+    window.add(sight(0.3, pose=None, covariance=None))
+    t_s, error, low, high = window.bands(0)
+    np.testing.assert_allclose(t_s, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(error, [-0.1] * 3 + [np.nan])
+    np.testing.assert_allclose(high, [0.6] * 3 + [np.nan])
+    np.testing.assert_allclose(low, -high)
+    np.testing.assert_allclose(window.bands(4)[1][:3], np.degrees(0.1))
+    np.testing.assert_allclose(window.bands(4)[3][:3], 3 * np.degrees(0.02))
+    np.testing.assert_allclose(window.peaks()[1], 400)
+
+
+def test_charts_show_the_estimate_where_the_truth_is_not_known():
+    window = Window()
+    window.add(sight(0.0, true_pose=None))
+    value, low, high = (band[0] for band in window.bands(1)[1:])
+    assert (value, low, high) == pytest.approx((0.3, 0.0, 0.6))
+
+
+def test_charts_show_the_last_minute_and_begin_anew_with_time():
+    window = Window()
+    assert window.add(sight(0.0))
+    assert not window.add(sight(1.0))
+    assert not window.add(sight(WINDOW_S + 0.5))
+    assert list(window.bands(0)[0]) == [1.0, WINDOW_S + 0.5]
+    assert window.add(sight(2.0))
+    assert list(window.peaks()[0]) == [2.0]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_ellipsoid_is_where_the_mahalanobis_distance_is_three(seed):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3)) + 3 * np.eye(3)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    half_axes, axes = ellipsoid(root @ root.T, turn)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    ball = rng.normal(size=(20, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    in_beacon = (ball * half_axes) @ axes.T @ turn.T
+    distances = np.linalg.norm(np.linalg.solve(root, in_beacon.T), axis=0)
+    np.testing.assert_allclose(distances, 3, rtol=1e-9)
+
+
+def test_without_viser_it_says_what_to_install(scene, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(ValueError, match=r"pip install 'uuv_optical_array\[view\]'"):
+        Page(scene, "none")
+
+
+@pytest.fixture
+def page(scene):
+    page = Page(scene, "a test", port=18080)
+    yield page
+    page.close()
+
+
+def test_the_page_is_for_this_machine_only(page):
+    port = int(page.url.rpartition(":")[2])
+    socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S).close()
+    with pytest.raises(ConnectionRefusedError):
+        # Loopback, too, but another address: served where all addresses are.
+        socket.create_connection(("127.0.0.2", port), timeout=PATIENCE_S)
+
+
+CHARTS = """(() => {
+  const charts = Object.values((window.__viserTestpoints || {}).uplots || {});
+  const shown = charts.map(c => c.chart.data.map(row => Array.from(row)));
+  return shown.length == 6 && shown.every(data => data[0].length == 30) ? shown : null;
+})()"""
+SLIDER = "document.querySelector('[role=slider]')"
+
+
+def colours(browser):
+    """Return the picture's colours, 0 to 255, shape ``(height, width, 3)``."""
+    picture = matplotlib.image.imread(BytesIO(browser.picture()), format="png")
+    return np.rint(255 * picture[..., :3]).astype(int)
+
+
+def orange(picture):
+    """Return how many pixels have a colour that only the leader has."""
+    red, green, blue = np.moveaxis(picture[:, 300:-360], -1, 0)
+    return np.sum((red > 150) & (green > 80) & (green < 190) & (blue < 60))
+
+
+@pytest.mark.skipif(installed() is None, reason="no Chromium: apt-get install chromium")
+def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page):
+    chosen = []
+    sliders = [Slider("K (1/m)", "attenuation", 0.0, 1.0, 0.1, 0.5)]
+    page.add_sliders("sea", sliders, lambda values: chosen.append(values))
+    for i in range(30):
+        page.show(sight(0.1 * i, note="no light: it is off"))
+    with Browser(page.url, (1240, 480)) as browser:
+        charts = browser.until(CHARTS)
+        text = browser.until("document.body.innerText.includes('2.9 s') && document.body.innerText")
+        for words in ("a test", "K (1/m)", "x error and 3 sigma (m)", "no light: it is off"):
+            assert words in text
+        assert "brightest detector 400 counts" in text
+        assert "-6.10" in text  # the estimate of x
+        (light,) = (data for data in charts if len(data) == 2)
+        np.testing.assert_allclose(light[1], 400)
+        errors = [data for data in charts if len(data) == 4]
+        assert sum(np.allclose(data[1], -0.1) and np.allclose(data[3], 0.6) for data in errors) == 1
+        browser.evaluate(f"{SLIDER}.focus()")
+        browser.key("ArrowRight")
+        browser.until(f"{SLIDER}.getAttribute('aria-valuenow') == '0.6'")
+        assert chosen[-1] == [pytest.approx(0.6)]
+        end = time.monotonic() + PATIENCE_S
+        while orange(colours(browser)) < 50:  # without a graphics card the first takes its time
+            assert time.monotonic() < end, "no leader to be seen"
+        assert browser.evaluate(
+            "performance.getEntriesByType('resource').every("
+            "r => r.name.startsWith(location.origin)"
+            " || r.name.startsWith('data:') || r.name.startsWith('blob:'))"
+        )

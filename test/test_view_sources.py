@@ -1,0 +1,132 @@
+"""What feeds the live view: the simulation and its sliders, a recording and its time line."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from command_line import run
+from conftest import PATIENCE_S
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.studies.shared.closed_loop import Conditions
+from uuv_optical_array.view.recorded import Player, sights_of
+from uuv_optical_array.view.simulation import chosen, simulate, sliders
+
+
+class Paper:
+    """A page that keeps what it is to show."""
+
+    def __init__(self):
+        self.seen, self.sliders, self.buttons = [], None, {}
+
+    def show(self, sight):
+        self.seen.append(sight)
+
+    def add_sliders(self, title, sliders, on_change):
+        self.sliders, self.on_change = sliders, on_change
+
+    def add_button(self, label, on_click):
+        self.buttons[label] = on_click
+
+
+def test_sliders_and_conditions_are_each_others_inverse():
+    conditions = Conditions(0.2, 1.5, 0.7, (0.1, -0.2, 0.0), (-5.0, 0.3, -0.1))
+    assert chosen([slider.value for slider in sliders(conditions)]) == conditions
+    for slider in sliders(conditions):
+        assert slider.low <= slider.value <= slider.high, slider.label
+
+
+def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
+    paper = Paper()
+    estimator = Estimator(table, "sam", max_angle_rad=0.0)
+
+    def goes_on(t_s):
+        if len(paper.seen) == 3:
+            paper.on_change(
+                [slider.value * (slider.label != "lamp power") for slider in paper.sliders]
+            )
+        if len(paper.seen) == 5:
+            paper.buttons["start again"]()
+        return len(paper.seen) < 7
+
+    simulate(paper, estimator, 1, goes_on)
+    peaks = [sight.image.max() for sight in paper.seen]
+    assert min(peaks[:3]) > 50 > 10 > max(peaks[3:])  # counts; only noise without the lamp
+    np.testing.assert_allclose(
+        [sight.t_s for sight in paper.seen], [0.1, 0.2, 0.3, 0.4, 0.5, 0.1, 0.2]
+    )
+    assert paper.seen[-1].note.startswith("no light")
+    assert paper.seen[0].pose is None
+    assert paper.seen[0].true_pose[0] == pytest.approx(-6.5)  # half a metre off the station
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_a_recording_is_shown_with_the_truth_that_it_has(scene, table):
+    rng = np.random.default_rng(2)
+    poses = np.array([[-6 + 0.05 * i, 0.1, 0.0, 0.0, 0.05] for i in range(6)])
+    images = ForwardModel(scene).expose(poses, rng)
+    images[4] = 0
+    truth = poses.copy()
+    truth[1] = np.nan
+    stamps = 10**18 + 10**8 * np.arange(6)
+    seen = list(sights_of(Recording(images, truth, np.zeros(6), stamps), Estimator(table)))
+    np.testing.assert_allclose([sight.t_s for sight in seen], 0.1 * np.arange(6), atol=1e-6)
+    assert [sight.true_pose is None for sight in seen] == [False, True, *[False] * 4]
+    assert [sight.pose is None for sight in seen] == [*[False] * 4, True, False]
+    assert seen[4].note.startswith("no light")
+    for sight, pose in zip(seen, poses, strict=True):
+        if sight.pose is not None:
+            off = sight.pose - pose
+            assert off @ np.linalg.solve(sight.covariance, off) < 30  # chi-square of 5: 1.5e-5
+
+
+def test_the_time_line_jumps_pauses_and_runs_to_the_end():
+    player = Player([0.0, 0.01, 0.02, 0.03])
+    assert [player.next() for _ in range(3)] == [(0, True), (1, False), (2, False)]
+    player.choose(0.015, True)
+    assert [player.next() for _ in range(3)] == [(1, True), (2, False), (3, False)]
+    player.choose(0.02, False)
+    assert player.next() == (2, True)
+    # Paused, and at the end, it waits for a choice.
+    for t_s, runs, at in ((0.01, False, 1), (99.0, True, 3), (-1.0, False, 0)):
+        waits = threading.Timer(0.05, player.choose, (t_s, runs))
+        waits.start()
+        assert player.next() == (at, True)
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
+    pytest.importorskip("viser", reason="the view needs the extra view")
+    words = ["view", "--scene", scene_file, "--port", "18200"]
+    code = "from uuv_optical_array.programs import uuv_array; uuv_array()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    ) as process:
+        assert process.stdout.readline().startswith("open http://127.0.0.1:18")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
+    assert (out, err, process.returncode) == ("", "interrupted\n", 130)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--port", "0"], "--port"),
+        (["--screenshot", "/nowhere/view.png"], "make it first"),
+        (["--scene", "nosuch"], "neither a .yaml file nor a ready scene"),
+        (["/nowhere/bag"], "no such file or folder"),
+    ],
+)
+def test_the_command_refuses_before_it_serves(words, named, capsys):
+    assert named in run("view", *words, code=1)
+    assert "open http" not in capsys.readouterr().out

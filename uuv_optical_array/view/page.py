@@ -1,0 +1,504 @@
+"""The page: leader, follower, beam and array in 3-D beside charts, drawn of plain numbers.
+
+It is seen from the leader: the world moves past the lamp, which keeps its place and heading, so
+that the camera is still. Where nobody knows where the leader is, the lamp's frame is the world.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.core.geometry import (
+    DOF_NAMES,
+    DOF_UNITS,
+    IN_DEGREES,
+    PITCH,
+    YAW,
+    Array,
+    roll_pitch_yaw,
+    rotation_matrix,
+)
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
+from uuv_optical_array.plots.style import IMAGES
+from uuv_optical_array.view.sight import Sight, Window
+
+LOOPBACK, PORT = "127.0.0.1", 8080
+CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
+SIDES = 32  # of what is round
+PATH_POINTS = 300  # of a vehicle's path behind it
+STEP_M = 0.2  # between them
+FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
+NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark ground
+WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 96, 300, 250
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One that acts while the page is open.
+
+    Parameters
+    ----------
+    label, hint
+        What it sets, with its unit, and more of it.
+    low, high, step, value
+        In that unit.
+    """
+
+    label: str
+    hint: str
+    low: float
+    high: float
+    step: float
+    value: float
+
+
+class Page:
+    """A page that a browser shows, served until it is closed.
+
+    Parameters
+    ----------
+    scene
+        Of the lamp and the array.
+    title
+        What is shown.
+    host, port
+        Where it is served; the next free port where that one is taken.
+
+    Raises
+    ------
+    ValueError
+        Where viser is not installed.
+    OSError
+        Where `host` is no address of this machine.
+    """
+
+    def __init__(self, scene: Scene, title: str, host: str = LOOPBACK, port: int = PORT) -> None:
+        try:
+            viser = import_module("viser")
+        except ImportError as error:
+            raise ValueError(
+                f"{error}; the view needs the extra: pip install 'uuv_optical_array[view]'"
+            ) from None
+        self._scene = scene
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up
+        with redirect_stdout(StringIO()):  # its banner, which no option suppresses
+            self._server = viser.ViserServer(host, port, label=title, verbose=False)
+        self.url = f"http://{host}:{self._server.get_port()}"
+        self._window, self._drawn = Window(), 0
+        self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}
+        self._range_m = -scene.table.x_m[0]
+        self._floor_at: tuple[float, float] | None = None
+        self._draw_sea()
+        self._draw_vehicles()
+        self._lay_out(title)
+
+    def close(self) -> None:
+        """Serve no more."""
+        with redirect_stdout(StringIO()):
+            self._server.stop()
+
+    # The page as it is laid out once.
+
+    def _draw_sea(self) -> None:
+        server, sea = self._server, self._server.scene
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        sea.set_background_image(_night())
+        sea.configure_default_lights(cast_shadow=False)
+        middle = self._range_m * np.array([-0.42, 0.0, -0.02])
+        server.initial_camera.position = middle + self._range_m * np.array([-0.4, -0.85, 0.3])
+        server.initial_camera.look_at = middle
+        server.initial_camera.fov = np.radians(50)
+        self._sea = sea.add_frame("/sea", show_axes=False)
+        self._floor = sea.add_grid(
+            "/sea/floor",
+            *(80.0, 80.0),
+            cell_size=1.0,
+            section_size=SECTION_M,
+            cell_color=(38, 66, 98),
+            section_color=(58, 94, 134),
+            fade_distance=45.0,
+            position=(0.0, 0.0, -FLOOR_M),
+        )
+
+    def _draw_vehicles(self) -> None:
+        sea, array = self._server.scene, build_array(self._scene.array)
+        half_m = max(self._scene.array.bow_m, 0.3)
+        hull = _hull(half_m, 0.35 * half_m)
+        fin = _fin(half_m)
+        self._frames = {
+            name: sea.add_frame(f"/{name}", show_axes=False)
+            for name in ("leader", "follower", "estimate", "station")
+        }
+        for name, colour in (("leader", LEADER), ("follower", FOLLOWERS[0])):
+            for part, mesh in (("hull", hull), ("fin", fin)):
+                # The lamp is at the leader's origin, at its stern.
+                ahead = half_m + 0.05 if name == "leader" else 0.0
+                sea.add_mesh_simple(
+                    f"/{name}/{part}",
+                    *mesh,
+                    color=_rgb(colour),
+                    position=(ahead, 0.0, 0.0),
+                    opacity=0.5 if name == "follower" else None,  # the ellipsoid is within
+                    side="double",
+                )
+            sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
+        sea.add_icosphere("/leader/lamp", 0.09, LAMP, subdivisions=2)
+        sigma = np.radians(self._scene.lamp.beam_sigma_deg)
+        for stds, opacity in ((1, 0.2), (2, 0.1)):
+            sea.add_mesh_simple(
+                f"/leader/beam_{stds}_sigma",
+                *_cone(min(stds * sigma, 1.4), self._range_m),
+                color=LAMP,
+                opacity=opacity,
+                side="double",
+                material="toon3",
+            )
+        self._detectors = sea.add_point_cloud(
+            "/follower/array",
+            array.positions,
+            np.zeros((len(array.positions), 3), np.uint8),
+            point_size=0.5 * array.spacing_m,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
+        outline = _hull(half_m, 0.35 * half_m, 8)
+        sea.add_mesh_simple("/estimate/hull", *outline, color=_rgb(ESTIMATE), wireframe=True)
+        self._ellipsoid = sea.add_icosphere(
+            "/estimate/three_sigma", 1.0, _rgb(ESTIMATE), opacity=0.6, subdivisions=3
+        )
+        sea.add_label("/estimate/label", "estimate, 3 sigma", position=(0.0, 0.0, -1.6 * half_m))
+        cross = 0.3 * np.stack([-np.eye(3), np.eye(3)], axis=1)
+        sea.add_line_segments("/station/cross", cross, (255, 255, 255), thickness=0.02)
+        sea.add_label("/station/label", "station", position=(-1.0, 0.0, 0.0))
+        for name in ("follower", "estimate", "station"):
+            self._frames[name].visible = False
+
+    def _lay_out(self, title: str) -> None:
+        gui = self._server.gui
+        gui.set_panel_label(title)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH_PX)
+        self._left = gui.add_panel()
+        self._left.dock_left()
+        self._left.set_width(LEFT_PX)
+        self._tab = self._left.add_tab("now")
+        with self._tab:
+            self._words = gui.add_html("")
+            self._image = gui.add_image(
+                np.zeros((8, 8, 3), np.uint8),
+                label="image of the array, port on the left, up on top",
+                format="png",
+            )
+        empty = np.zeros(0)
+        self._charts = [
+            gui.add_uplot(
+                (empty,) * 4,
+                (
+                    {"label": "t (s)"},
+                    {"label": "value", "stroke": "#ffffff", "width": 1.5},
+                    {"label": "-3 sigma", "stroke": ESTIMATE, "width": 1},
+                    {"label": "+3 sigma", "stroke": ESTIMATE, "width": 1},
+                ),
+                bands=({"series": (3, 2), "fill": f"{ESTIMATE}55"},),
+                **_chart_style(f"{name} ({unit})"),
+            )
+            for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)
+        ]
+        full = self._scene.full_scale_counts
+        self._light = gui.add_uplot(
+            (empty,) * 2,
+            (
+                {"label": "t (s)"},
+                {"label": "peak", "stroke": "#ffd66e", "width": 1.5, "fill": "#ffd66e33"},
+            ),
+            **_chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full)),
+        )
+
+    def add_sliders(
+        self, title: str, sliders: Sequence[Slider], on_change: Callable[[list[float]], None]
+    ) -> None:
+        """Add sliders.
+
+        Parameters
+        ----------
+        title
+            Above them.
+        sliders
+            From top to bottom.
+        on_change
+            Called, from any thread, with all of their values.
+        """
+        handles: list[Any] = []
+
+        def changed(_: Any) -> None:
+            on_change([handle.value for handle in handles])
+
+        with self._tab, self._server.gui.add_folder(title):
+            for slider in sliders:
+                handle = self._server.gui.add_slider(
+                    slider.label,
+                    slider.low,
+                    slider.high,
+                    slider.step,
+                    slider.value,
+                    hint=slider.hint,
+                )
+                handle.on_update(changed)
+                handles.append(handle)
+
+    def add_button(self, label: str, on_click: Callable[[], None]) -> None:
+        """Add a button; `on_click` is called from any thread."""
+        with self._tab:
+            self._server.gui.add_button(label).on_click(lambda _: on_click())
+
+    def add_time_line(
+        self, duration_s: float, on_change: Callable[[float, bool], None]
+    ) -> Callable[[float], None]:
+        """Add a time line with a switch that lets time run.
+
+        Parameters
+        ----------
+        duration_s
+            Its end, s.
+        on_change
+            Called, from any thread, with the time that was chosen, s, and whether time runs.
+
+        Returns
+        -------
+        Callable
+            Moves the mark to a time, s.
+        """
+        with self._tab, self._server.gui.add_folder("recording"):
+            line = self._server.gui.add_slider("time (s)", 0.0, max(duration_s, 0.1), 0.1, 0.0)
+            runs = self._server.gui.add_checkbox("play", True)
+
+        def chosen(event: Any) -> None:
+            if event.client is not None:  # not by `move`
+                on_change(line.value, runs.value)
+
+        def move(t_s: float) -> None:
+            line.value = round(t_s, 1)
+
+        line.on_update(chosen)
+        runs.on_update(chosen)
+        return move
+
+    # What changes.
+
+    def show(self, sight: Sight) -> None:
+        """Draw an instant; one that is not later than the last begins a new run."""
+        begins = self._window.add(sight)
+        if begins:
+            self._paths = {name: [] for name in self._paths}
+        with self._server.atomic():
+            self._show_vehicles(sight)
+            self._words.content = words(sight, self._scene)
+            if sight.image is not None:
+                self._show_image(sight.image)
+            self._drawn += 1
+            if begins or self._drawn % CHARTS_EVERY == 0:
+                self._show_charts()
+
+    def remember(self, sights: Sequence[Sight]) -> None:
+        """Let the charts begin anew with these."""
+        self._window.clear()
+        for sight in sights:
+            self._window.add(sight)
+        self._show_charts()
+
+    def _show_charts(self) -> None:
+        for dof, (chart, name, unit) in enumerate(
+            zip(self._charts, DOF_NAMES, DOF_UNITS, strict=True)
+        ):
+            chart.data = self._window.bands(dof)
+            what = "error" if self._window.has_truth else "estimate"
+            title = f"{name} {what} and 3 sigma ({unit})"
+            if chart.title != title:
+                chart.title = title
+        self._light.data = self._window.peaks()
+
+    def _show_image(self, image: Array) -> None:
+        colours = colormaps[IMAGES](image / max(image.max(), 1.0), bytes=True)[..., :3]
+        self._detectors.colors = colours.reshape(-1, 3)
+        cell = max(1, IMAGE_PX // len(image))
+        self._image.image = np.kron(colours, np.ones((cell, cell, 1), np.uint8))
+
+    def _show_vehicles(self, sight: Sight) -> None:
+        place, attitude = sight.leader or (np.zeros(3), np.eye(3))
+        _, _, yaw = roll_pitch_yaw(attitude)
+        heading = rotation_matrix(0.0, yaw)
+        turn = heading.T @ attitude
+        frames = self._frames
+        _place(frames["leader"], np.zeros(3), turn)
+        _place(self._sea, -heading.T @ place, heading.T)
+        # The floor has no end: it is where the leader is, by whole sections.
+        x, y = SECTION_M * np.rint(place[:2] / SECTION_M)
+        if (x, y) != self._floor_at:
+            self._floor_at, self._floor.position = (x, y), (x, y, -FLOOR_M)
+        self._show_pose("follower", sight.true_pose, turn)
+        self._show_pose("estimate", sight.pose, turn)
+        if sight.station_m is not None:
+            _place(frames["station"], turn @ np.array(sight.station_m), turn)
+        frames["station"].visible = sight.station_m is not None
+        if sight.pose is not None and sight.covariance is not None:
+            pitch, yaw = sight.pose[[PITCH, YAW]]
+            scale, axes = ellipsoid(sight.covariance[:3, :3], rotation_matrix(pitch, yaw))
+            self._ellipsoid.scale = tuple(scale)
+            self._ellipsoid.wxyz = _wxyz(axes)
+        if sight.leader is not None:
+            self._follow_path("leader", place, LEADER)
+            if sight.true_pose is not None:
+                at = place + attitude @ sight.true_pose[:3]
+                self._follow_path("follower", at, FOLLOWERS[0])
+
+    def _show_pose(self, name: str, pose: Array | None, turn: Array) -> None:
+        frame = self._frames[name]
+        frame.visible = pose is not None
+        if pose is not None:
+            _place(frame, turn @ pose[:3], turn @ rotation_matrix(pose[PITCH], pose[YAW]))
+
+    def _follow_path(self, name: str, at: Array, colour: str) -> None:
+        path = self._paths[name]
+        if path and np.linalg.norm(path[-1] - at) < STEP_M:
+            return
+        path.append(at)
+        del path[:-PATH_POINTS]
+        points = np.array([*path, at])
+        self._server.scene.add_line_segments(
+            f"/sea/{name}_path",
+            np.stack([points[:-1], points[1:]], axis=1),
+            _rgb(colour),
+            thickness=0.03,
+        )
+
+
+def words(sight: Sight, scene: Scene) -> str:
+    """Return what is told of an instant in numbers, as HTML."""
+    rows = [("true", sight.true_pose), ("estimate", sight.pose)]
+    lines = [
+        (name, *(f"{value:+.2f}" if unit == "m" else f"{value:+.1f}" for value, unit in pairs))
+        for name, pose in rows
+        if pose is not None
+        for pairs in [list(zip(pose * IN_DEGREES, DOF_UNITS, strict=True))]
+    ]
+    if sight.pose is not None:
+        pairs = zip(sight.stds(), DOF_UNITS, strict=True)
+        lines.append(("sigma", *(f"{v:.2f}" if unit == "m" else f"{v:.1f}" for v, unit in pairs)))
+    heads = ["", *(f"{name}<br>{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))]
+    cell = "<td style='text-align:right;padding:1px 3px'>"
+    table = "".join(
+        "<tr>" + "".join(f"{cell}{entry}</td>" for entry in row) + "</tr>"
+        for row in [heads, *lines]
+    )
+    peak = "" if sight.image is None else f"brightest detector {sight.image.max():g} counts"
+    return (
+        "<div style='font-size:12px;padding:6px 10px'>"
+        f"<b>{sight.t_s:.1f} s</b> &nbsp; {peak}<br><table>{table}</table>"
+        f"<span style='color:#ffb070'>{sight.note or '&nbsp;'}</span></div>"
+    )
+
+
+def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
+    """Return the ellipsoid of three sigma of a position.
+
+    Parameters
+    ----------
+    covariance
+        Of the position in ``beacon``, m^2, shape ``(3, 3)``.
+    turn
+        Rotation of the frame in which it is drawn to ``beacon``, shape ``(3, 3)``.
+
+    Returns
+    -------
+    half_axes : Array
+        m, shape ``(3,)``.
+    rotation : Array
+        From the ellipsoid's axes to that frame, proper, shape ``(3, 3)``.
+    """
+    variances, axes = np.linalg.eigh(turn.T @ covariance @ turn)
+    axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
+    return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
+
+
+def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict[str, Any]:
+    small = {
+        "font": "11px sans-serif",
+        "stroke": "#c8d4e4",
+        "grid": {"stroke": "#ffffff18"},
+        "ticks": {"size": 4},
+    }
+    scales: dict[str, Any] = {"x": {"time": False}}
+    if y_range is not None:
+        scales["y"] = {"range": y_range}
+    return {
+        "title": title,
+        "height": CHART_PX,
+        "legend": {"show": False},
+        "cursor": {"show": False},
+        "scales": scales,
+        "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
+        "padding": (4, 10, 0, 0),
+    }
+
+
+def _place(frame: Any, position: Array, turn: Array) -> None:
+    frame.position = position
+    frame.wxyz = _wxyz(turn)
+
+
+def _wxyz(turn: Array) -> Array:
+    return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def _night() -> NDArray[np.uint8]:
+    """Return the water: lighter above than below."""
+    light = np.linspace(1.7, 0.5, 64)[:, None, None]
+    return np.clip(light * np.array(NIGHT), 0, 255).astype(np.uint8).repeat(64, axis=1)
+
+
+def _turned(along: Array, radius: Array, sides: int = SIDES) -> tuple[Array, NDArray[np.int64]]:
+    """Return vertices and faces of what is round about x, shapes ``(n, 3)`` and ``(m, 3)``."""
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    ring = np.stack([np.zeros(sides), np.cos(angle), np.sin(angle)], axis=1)
+    vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
+    i, k = np.meshgrid(np.arange(len(along) - 1), np.arange(sides), indexing="ij")
+    here, beside = i * sides + k, i * sides + (k + 1) % sides
+    faces = np.stack([[here, beside, here + sides], [beside, beside + sides, here + sides]])
+    return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
+
+
+def _hull(half_m: float, radius_m: float, sides: int = SIDES) -> tuple[Array, NDArray[np.int64]]:
+    """Return a hull as long as the array is ahead of ``base_link``, and as long abaft."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
+    along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
+    return _turned(along, np.cos(angle) * radius_m, sides)
+
+
+def _cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return the surface of a beam that shines astern."""
+    return _turned(
+        np.array([0.0, -length_m]), np.array([0.0, length_m * float(np.tan(half_angle))])
+    )
+
+
+def _fin(half_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return an upright fin at the stern, so that the attitude is seen."""
+    corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
+    return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

@@ -1,0 +1,98 @@
+"""What the page shows of one instant, in plain numbers, and what it remembers of those before."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import IN_DEGREES, Array, wrapped
+from uuv_optical_array.core.settings import Place
+
+WINDOW_S = 60.0  # that the charts show
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One instant; ``None`` stands for what is not known.
+
+    Parameters
+    ----------
+    t_s
+        Time since the start, s.
+    image
+        What the array reads, counts, shape ``(side, side)``.
+    true_pose
+        Of the follower in ``beacon``, m and rad, shape ``(5,)``.
+    pose, covariance
+        As estimated, shapes ``(5,)`` and ``(5, 5)``.
+    note
+        Why there is no pose, or what else is to be said.
+    leader
+        Position, m, shape ``(3,)``, and rotation, shape ``(3, 3)``, of the lamp in the world.
+    station_m
+        Where the follower shall be, in ``beacon``, m.
+    """
+
+    t_s: float
+    image: Array | None = None
+    true_pose: Array | None = None
+    pose: Array | None = None
+    covariance: Array | None = None
+    note: str = ""
+    leader: tuple[Array, Array] | None = None
+    station_m: Place | None = None
+
+    def stds(self) -> Array:
+        """Return the standard deviations of the estimate, m and deg, nan without one, ``(5,)``."""
+        if self.covariance is None:
+            return np.full(5, np.nan)
+        return np.sqrt(self.covariance.diagonal()) * IN_DEGREES
+
+    def errors(self) -> Array:
+        """Return estimate less truth, m and deg, nan where either is not known, ``(5,)``."""
+        if self.pose is None or self.true_pose is None:
+            return np.full(5, np.nan)
+        return wrapped(self.pose - self.true_pose) * IN_DEGREES
+
+
+class Window:
+    """What the charts show: the last `WINDOW_S` of sights."""
+
+    def __init__(self) -> None:
+        self._rows: deque[Array] = deque()
+        self.has_truth = False
+
+    def add(self, sight: Sight) -> bool:
+        """Add a sight; return whether it begins anew, not being later than the last."""
+        begins = not self._rows or bool(sight.t_s <= self._rows[-1][0])
+        if begins:
+            self.clear()
+        self.has_truth |= sight.true_pose is not None
+        estimate = np.full(5, np.nan) if sight.pose is None else sight.pose * IN_DEGREES
+        shown = sight.errors() if self.has_truth else estimate
+        peak = np.nan if sight.image is None else sight.image.max()
+        self._rows.append(np.concatenate([[sight.t_s], shown, 3 * sight.stds(), [peak]]))
+        while self._rows[0][0] < sight.t_s - WINDOW_S:
+            self._rows.popleft()
+        return begins
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._rows.clear()
+        self.has_truth = False
+
+    def bands(self, dof: int) -> tuple[Array, Array, Array, Array]:
+        """Return time, value, and its lower and upper three sigma, of a degree of freedom.
+
+        The value is the error, about whose aim, 0, the three sigma lie; where the truth is not
+        known it is the estimate itself, which the three sigma surround.
+        """
+        rows = np.array(self._rows).reshape(-1, 12)
+        t_s, value, wide = rows[:, 0], rows[:, 1 + dof], rows[:, 6 + dof]
+        middle = np.zeros(len(rows)) if self.has_truth else value
+        return t_s, value, middle - wide, middle + wide
+
+    def peaks(self) -> tuple[Array, Array]:
+        """Return time and the reading of the brightest detector, counts."""
+        rows = np.array(self._rows).reshape(-1, 12)
+        return rows[:, 0], rows[:, 11]

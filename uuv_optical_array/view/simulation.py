@@ -1,0 +1,110 @@
+"""The page on a simulation: the closed loop in real time, in a sea that sliders change."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.studies.shared.closed_loop import ClosedLoop, Conditions, Moment
+from uuv_optical_array.view.page import Page, Slider
+from uuv_optical_array.view.sight import Sight
+
+STEP_S = 0.1
+
+
+def sliders(conditions: Conditions) -> list[Slider]:
+    """Return the sliders of conditions, in the order in which `chosen` takes their values."""
+    x, y, z = conditions.station_m
+    along, aside, _ = conditions.current_m_per_s
+    return [
+        Slider(
+            "K (1/m)",
+            "Attenuation of the water: 0.05 clear ocean, 0.1 tropical coastal",
+            *(0.0, max(0.5, conditions.k_per_m), 0.005, conditions.k_per_m),
+        ),
+        Slider(
+            "lamp power", "By that of the scene; 0 is off", 0.0, 2.0, 0.05, conditions.lamp_power
+        ),
+        Slider(
+            "plume",
+            "Optical depth in the middle of a cloud of sediment; 0 is none",
+            *(0.0, max(3.0, conditions.plume_depth), 0.1, conditions.plume_depth),
+        ),
+        Slider("current x (m/s)", "Along the leader's first heading", -0.5, 0.5, 0.05, along),
+        Slider("current y (m/s)", "To port of the leader's first heading", -0.5, 0.5, 0.05, aside),
+        Slider("astern (m)", "Station behind the lamp", 2.0, 10.0, 0.1, -x),
+        Slider("to port (m)", "Station beside the beam's axis", -1.0, 1.0, 0.05, y),
+        Slider("up (m)", "Station above the beam's axis", -1.0, 1.0, 0.05, z),
+    ]
+
+
+def chosen(values: list[float]) -> Conditions:
+    """Return the conditions of the sliders' values."""
+    k_per_m, power, plume, along, aside, astern, port, up = map(float, values)
+    return Conditions(k_per_m, power, plume, (along, aside, 0.0), (-astern, port, up))
+
+
+def sight_of(moment: Moment, conditions: Conditions) -> Sight:
+    """Return what the page shows of a moment."""
+    track = moment.frame.track
+    waits = "" if moment.leads else "the leader waits for its follower to see it"
+    return Sight(
+        moment.t_s,
+        moment.image,
+        moment.pose,
+        None if track is None else track.pose,
+        moment.covariance,
+        moment.frame.reason or waits,
+        (moment.leader_position, moment.leader_rotation),
+        conditions.station_m,
+    )
+
+
+def simulate(
+    page: Page,
+    estimator: Estimator,
+    seed: int | None = None,
+    goes_on: Callable[[float], bool] = lambda t_s: True,
+) -> None:
+    """Let a follower follow a leader on a page, in real time.
+
+    Parameters
+    ----------
+    page
+        Gets the sliders and is drawn on.
+    estimator
+        Believes its scene, whatever the sliders say.
+    seed
+        Of the noise; ``None``: another one in each run.
+    goes_on
+        Asked with the time, s, before each step.
+    """
+    loop = ClosedLoop(estimator, np.random.default_rng(seed))
+    wanted, again = loop.conditions, False
+
+    def change(values: list[float]) -> None:
+        nonlocal wanted
+        wanted = chosen(values)
+
+    def begin_again() -> None:
+        nonlocal again
+        again = True
+
+    page.add_sliders("sea and station", sliders(wanted), change)
+    page.add_button("start again", begin_again)
+    due = time.monotonic()
+    while goes_on(loop.t_s):
+        if again:
+            loop = ClosedLoop(estimator, np.random.default_rng(seed), wanted)
+            again = False
+        # What is set by another thread acts between two steps.
+        if wanted is not loop.conditions:
+            loop.change(wanted)
+        page.show(sight_of(loop.step(STEP_S), loop.conditions))
+        due += STEP_S
+        late_s = time.monotonic() - due
+        if late_s > 0:
+            due += late_s  # a machine that is too slow shows slow motion
+        else:
+            time.sleep(-late_s)

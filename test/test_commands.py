@@ -90,7 +90,7 @@ def test_table_is_written_beside_the_user_under_the_scenes_name(tmp_path, scene_
     ("text", "words"),
     [
         ("lamp: {beam_sigma_deg: -8}", ("scene sea", "lamp.beam_sigma_deg", "-8")),
-        ("", ("scene sea",)),
+        ("", ("sea.yaml", "None is not a mapping of groups")),
         (None, ("sea.yaml", "no such file")),
     ],
 )

@@ -99,6 +99,7 @@ def test_a_key_an_effect_and_a_group_are_found_by_their_short_names(told):
     assert told("x_m").count("default [-8.3, -3.7, 13]") == 1
     seeds = [line.partition(":")[0] for line in told("seed").splitlines() if ".seed:" in line]
     assert seeds == [f"effects.{name}.seed" for name in ("lamp_drift", "plume", "responsivity")]
+    assert "Eren et al. (2017)" in told("drift_per_c"), "source"
     assert "exp(-K r)` (Eren et al. 2016, eq. 5)" in told("effects"), "law and source"
 
 

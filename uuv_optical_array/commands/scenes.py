@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import inspect
 import json
+import textwrap
 from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from typing import Any
@@ -140,7 +141,7 @@ def explained(name: str) -> Iterator[str]:
             text = f": {setting.quantity.text}" if setting.quantity.text else ""
             yield f"{owner_name}.{key}{text}\n  {limits(setting)}"
         if keys and not meant(owner_name):
-            yield f"  of {owner_name}: {summary(owner)}"
+            yield textwrap.indent(f"of {owner_name}: {inspect.getdoc(owner)}", "  ")
 
 
 def unknown_name(name: str) -> ValueError:

@@ -173,9 +173,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "Every text that a node can show on `/diagnostics`. [Operations](../how_to/operations.md) "
-        "says where to begin, and what the values beside the texts mean. What a topic's name and "
-        "a comma come before is of that topic's messages.",
+        "Every text and value that a node can show on `/diagnostics`; "
+        "[operations](../how_to/operations.md) says where to begin. What a topic's name and a "
+        "comma come before is of that topic's messages.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
@@ -184,7 +184,13 @@ def diagnostics() -> list[str]:
     ):
         rows = [(f"`{kind}`", reason.cause, reason.cure) for kind, reason in kinds.items()]
         parts += [f"## {heading}", table(("text begins with", "cause", "cure"), rows)]
-    return parts
+    return [
+        *parts,
+        "## Values",
+        "Counts are since the start; all else is of the last message that was answered, or of the "
+        "last second.",
+        table(("value", "of", "meaning"), reasons.VALUES),
+    ]
 
 
 def options_table(parser: argparse.ArgumentParser) -> str:

@@ -1,4 +1,4 @@
-"""Every kind of text that a node can show on ``/diagnostics``: its cause, and what to do about it.
+"""Every text and value that a node can show on ``/diagnostics``, with cause and cure, or meaning.
 
 The kind of a text stands before its colon; what a topic's name and a comma come before is of that
 topic's messages.
@@ -20,6 +20,24 @@ class Reason(NamedTuple):
 
     cause: str
     cure: str
+
+
+class Value(NamedTuple):
+    """What a value of a status is.
+
+    Parameters
+    ----------
+    names
+        Of this value and of those that go with it, as Markdown.
+    of
+        The nodes that show it.
+    meaning
+        What it says, with its unit.
+    """
+
+    names: str
+    of: str
+    meaning: str
 
 
 _DRIVER = "The node that publishes the topic does not keep to the README's topics table."
@@ -174,6 +192,99 @@ ERRORS = {
         "No pose of the scene's table has light.", "Correct the scene's `table` or its lamp."
     ),
 }
+# Counts are since the start, all else is of the last message that was answered, or
+# of the last second.
+VALUES = (
+    Value(
+        "`answered`, `refused`, `refused: ...`",
+        "all",
+        "messages answered, refused, and refused by kind",
+    ),
+    Value(
+        "`passed_over`",
+        "feature, in `follower_node`",
+        "images that were not looked at because a newer one had come",
+    ),
+    Value(
+        "`Events in window`, `Events since startup`, `Duration of window (s)`, `Actual "
+        "frequency (Hz)`",
+        "all",
+        "answers in the last five seconds; their rate",
+    ),
+    Value(
+        "`Earliest timestamp delay:`, `Latest timestamp delay:`",
+        "all",
+        "least and largest age of the stamps when they were answered, s",
+    ),
+    Value(
+        "`Timestamp jitter (s)`",
+        "all",
+        "standard deviation of the time between stamps",
+    ),
+    Value(
+        "`cure: ...`",
+        "all",
+        "what to do about each text of the message",
+    ),
+    Value(
+        "`peak_counts`",
+        "simulator, feature",
+        "brightest detector, counts",
+    ),
+    Value(
+        "`light_level`, `saturated_share`",
+        "feature",
+        "brightest detector, and share of detectors at full scale: near 0 the light is dim, "
+        "at 1 it saturates",
+    ),
+    Value(
+        "`range_m`",
+        "simulator, formation",
+        "distance behind the lamp, m",
+    ),
+    Value(
+        "`method`, `fit`",
+        "estimator",
+        "the method that answers, and whether its fit is compiled",
+    ),
+    Value(
+        "`angle_rad`, `runner_up_angle_rad`",
+        "estimator",
+        "spectral angle to the nearest signatures",
+    ),
+    Value(
+        "`misfit`, `runner_up_misfit`",
+        "estimator",
+        "chance that an honest image leaves larger residuals; where it stays near 0, the "
+        "sea is not the scene",
+    ),
+    Value(
+        "`unobservable`",
+        "estimator",
+        "degrees of freedom of which the image says next to nothing",
+    ),
+    Value(
+        "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
+        "estimator",
+        "standard deviations of the pose, m and rad",
+    ),
+    Value(
+        "`table_margin`",
+        "estimator",
+        "how far inside of the table the pose is, and on which axis: 1 in its middle, 0 at "
+        "its edge, negative beyond",
+    ),
+    Value(
+        "`learnt_...`",
+        "estimator",
+        "what the track has learnt of a constant that the scene does not know",
+    ),
+    Value(
+        "`scene_...`",
+        "estimator",
+        "what to write into the scene, because the sea differs",
+    ),
+)
 REASONS = {**REFUSALS, **WARNINGS, **ERRORS}
 
 

@@ -16,7 +16,7 @@ unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 # The wheels set this together with LD_LIBRARY_PATH, and trust it.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help follow view tradeoff test jazzy docs format bench peers clean
+.PHONY: help follow view tradeoff test jazzy docs linkcheck format bench peers clean
 
 help:  ## show these lines
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' Makefile
@@ -46,6 +46,9 @@ docs: .venv/documents  ## write the reference and build the documentation, into 
 	$(BIN)/python docs/generate_reference.py
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
 	@echo 'open docs/_build/index.html'
+
+linkcheck: .venv/documents  ## look whether links of the documentation to other sites still lead there
+	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck
 
 .venv/documents: $(INSTALLED)
 	@$(BIN)/pip install -qq --disable-pip-version-check --no-build-isolation -c constraints.txt \

@@ -5,6 +5,7 @@ import functools
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -50,7 +51,38 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+# Modules of tests that fit images. They come last, and of a run of all tests in several processes
+# the idle one compiles the fit beside the others; else every worker would wait for one of them.
+FITTING = re.compile(
+    "test_(accuracy|advise|closed_loop|commands|demo|estimate|estimator_node|examples|fit|"
+    "fit_compiler|follower_node|fuzz|hard_cases|implausible_frames|linearised|misfit|"
+    "mixture|node_parameters|paper|paper_command|plausibility|posterior|programs|readme|"
+    "record|replay|robustness|saturated|store|table_builder|tracking_constants|"
+    "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|view|view_sources|"
+    "code_blocks)"
+)
+COMPILE = """from uuv_optical_array.estimation.estimator import compile_fit
+from uuv_optical_array.forward.scene import load_scene
+compile_fit(load_scene("follow"))"""
+COMPILER = []
+
+
+def pytest_sessionstart(session):
+    config = session.config
+    whole = config.args_source is config.ArgsSource.TESTPATHS
+    if whole and config.pluginmanager.hasplugin("dsession"):
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        COMPILER.append(subprocess.Popen([sys.executable, "-c", COMPILE], **quiet))
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: FITTING.fullmatch(item.path.stem) is not None)
+
+
 def pytest_unconfigure():
+    for process in COMPILER:
+        process.kill()
+        process.wait()
     SCRATCH.cleanup()
     DOMAIN.close()
 

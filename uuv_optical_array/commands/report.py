@@ -53,7 +53,8 @@ def filled(page: str, command: str, text: str) -> str:
         Where the command's block in the page has no end.
     """
     begin = BEGIN.format(command)
-    block = f"{begin}\n\n```sh\n{command}\n```\n\n```text\n{text.strip()}\n```\n\n{END}"
+    text = "\n".join(line.rstrip() for line in text.strip("\n").splitlines())
+    block = f"{begin}\n\n```sh\n{command}\n```\n\n```text\n{text}\n```\n\n{END}"
     before, found, rest = page.partition(begin)
     if not found:
         return f"{page.rstrip()}\n\n{block}\n".lstrip()

@@ -174,8 +174,8 @@ def diagnostics() -> list[str]:
     parts = [
         "# Diagnostics",
         "Every text and value that a node can show on `/diagnostics`; "
-        "[operations](../how_to/operations.md) says where to begin. What a topic's name and a "
-        "comma come before is of that topic's messages.",
+        "[operations](../how_to/operations.md) says where to begin. A text that a topic's name "
+        "and a comma precede is about messages of that topic.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),

@@ -1,7 +1,10 @@
 """``--report`` keeps what a command prints in a page, beside the command."""
 
+import re
+
 import pytest
 from command_line import run
+from test_docs import PAGES
 
 from uuv_optical_array.commands import report
 from uuv_optical_array.commands.studies import paper
@@ -66,3 +69,12 @@ def test_a_page_that_cannot_be_filled_is_refused_before_the_work(printing, tmp_p
     assert "leave --json out" in run("paper", "--json", "--report", page, code=1)
     assert capsys.readouterr().out == ""
     assert page.read_text(encoding="utf-8") == text
+
+
+def test_blocks_of_the_pages_are_as_their_commands_write_them():
+    wrote = re.compile(r"<!-- printed by: (.*) -->(?s:.*?)```text\n((?s:.*?))\n```\n\n<!-- end -->")
+    texts = [page.read_text(encoding="utf-8") for page in PAGES]
+    blocks = [(text, *found) for text in texts for found in wrote.findall(text)]
+    assert len(blocks) == sum(text.count("<!-- printed by: ") for text in texts) > 0
+    for text, command, printed in blocks:
+        assert report.filled(text, command, printed) == text, command

@@ -12,9 +12,9 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.forward.array import ArraySettings
-from uuv_optical_array.nodes.shared.bag_recorder import TOPICS, BagRecorderNode
+from uuv_optical_array.nodes.shared.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
-from uuv_optical_array.recording.bag import BagWriter, opened
+from uuv_optical_array.recording.bag import RUN, BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
 
 pytestmark = pytest.mark.skipif(
@@ -57,7 +57,7 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
 def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp_path):
     from uuv_optical_array.nodes.demo import follow
 
-    counts = dict.fromkeys(TOPICS, 0)
+    counts = dict.fromkeys(RUN, 0)
     with BagWriter(tmp_path / "run") as bag:
         write = bag.write
 
@@ -78,7 +78,7 @@ def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp
         with pytest.raises(Enough):
             follow(parameters, 60.0, tick, bag=bag)
     with opened(tmp_path / "run") as (reader, _):
-        assert set(reader.topics) == {f"/{topic}" for topic in TOPICS}
+        assert set(reader.topics) == {f"/{topic}" for topic in RUN}
         assert {info.msgcount > 0 for info in reader.topics.values()} == {True}
 
 

@@ -35,10 +35,11 @@ from uuv_optical_array.nodes.shared.messages import (
 from uuv_optical_array.nodes.shared.node import spin, start
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
-from uuv_optical_array.recording.bag import BagWriter
+from uuv_optical_array.recording.bag import RUN, BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
+PUBLISHED = (*RUN, "cmd_vel")  # by the nodes of a follower
 MAX_GAP_S = 0.5  # longest gap in an odometry that the record interpolates
 
 
@@ -56,8 +57,6 @@ class RecorderNode(Node):
     options
         Of `Node`.
     """
-
-    TOPICS = ("leader/odometry", "follower/odometry", "array/image", "relative_pose", "cmd_vel")
 
     def __init__(
         self,
@@ -133,7 +132,7 @@ def refuse_company(spaces: Sequence[str]) -> None:
     `spaces` are the namespaces of the followers.
     """
     lookout = rclpy.create_node("lookout")
-    names = [f"{space}/{topic}" for space in spaces for topic in RecorderNode.TOPICS]
+    names = [f"{space}/{topic}" for space in spaces for topic in PUBLISHED]
     topics = [lookout.resolve_topic_name(name.lstrip("/")) for name in [*names, "leader/odometry"]]
     try:
         deadline = time.monotonic() + DISCOVERY_S
@@ -264,7 +263,7 @@ def follow(
 
         def tick() -> None:
             for recorder in recorders:
-                for topic in map(recorder.resolve_topic_name, RecorderNode.TOPICS):
+                for topic in map(recorder.resolve_topic_name, PUBLISHED):
                     text = several_publishers(recorder, topic)
                     if text and UNKNOWN not in text:
                         raise ValueError(text)

@@ -12,6 +12,14 @@ from uuv_optical_array.core.extras import needs
 from uuv_optical_array.recording import mcap, sqlite
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
+RUN = {  # what is recorded of a run
+    "array/image": IMAGE,
+    "array/features": "sensor_msgs/msg/PointCloud2",
+    "relative_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "relative_odometry": ODOMETRY,
+    "leader/odometry": ODOMETRY,
+    "follower/odometry": ODOMETRY,
+}
 STORAGE = {".mcap": mcap, ".db3": sqlite}
 
 

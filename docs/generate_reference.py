@@ -25,6 +25,7 @@ from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, PRIORS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.shared import reasons
+from uuv_optical_array.nodes.shared.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.studies.robustness.kinds import KINDS
 
 ROOT = Path(__file__).parents[1]
@@ -107,15 +108,8 @@ def parameters() -> list[str]:
 
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
     """Yield the name of each launch file and its arguments, each with default and meaning."""
-    for path in sorted((ROOT / "launch").glob("*.launch.py")):
-        found: dict[str, tuple[str, str]] = {}
-        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
-            value = getattr(statement, "value", None)
-            if isinstance(value, ast.Dict) and all(
-                isinstance(item, ast.Tuple) and len(item.elts) == 2 for item in value.values
-            ):
-                found |= ast.literal_eval(value)
-        yield path.name, found
+    yield "follow.launch.py", FOLLOW
+    yield "formation.launch.py", FORMATION
 
 
 def value_of(expression: ast.expr, names: dict[str, Any], *more: dict[str, str]) -> Any:

@@ -13,36 +13,11 @@ from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 from uuv_optical_array.core import yaml_text
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared.launch_arguments import FOLLOW, YES, choices
+from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"
-YES, NO = ("true", "True", "1"), ("false", "False", "0")
 RESPAWN_DELAY_S = 0.2
-# Empty means: not given, so that neither a file's value nor a node's default is replaced.
-ARGUMENTS = {
-    "scene": ("", "ready scene's name or a YAML file: lamp, water, array, electronics"),
-    "params_file": ("", "your parameters; what they leave out keeps its default"),
-    "namespace": ("", "of the follower's nodes"),
-    "leader_odometry": (
-        "leader/odometry",
-        "topic of the leader's odometry, for followers that share a leader",
-    ),
-    "demo": (
-        "true",
-        "whether the two demo vehicles run, or which: follower, without a leader of its own, or "
-        "leader, without any node of a follower",
-    ),
-    "followers": ("1", "how many followers a leader alone waits for"),
-    "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
-    "rviz": ("false", "whether RViz opens"),
-    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
-    "record": ("false", "whether rosbag2 records the topics of the run, as MCAP"),
-    "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
-    "use_respawn": (
-        "false",
-        "whether a node that dies is started again; without, the launch ends with it",
-    ),
-}
-SWITCHES = ("demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn")
 
 
 def generate_launch_description():
@@ -55,19 +30,11 @@ def generate_launch_description():
                     description=description,
                     choices=choices(name, default),
                 )
-                for name, (default, description) in ARGUMENTS.items()
+                for name, (default, description) in FOLLOW.items()
             ),
             OpaqueFunction(function=nodes),
         ]
     )
-
-
-def choices(name, default):
-    """Return what an argument may be; None for anything."""
-    if name not in SWITCHES:
-        return None
-    others = ["follower", "leader"] if name == "demo" else []
-    return [*YES, *NO, *others, *([] if default else [""])]
 
 
 def nodes(context):
@@ -141,8 +108,7 @@ def recorder(namespace, leader_odometry):
                 f"record:=true needs the package {package}, which is not installed; install "
                 "ros-$ROS_DISTRO-ros2bag and ros-$ROS_DISTRO-rosbag2-storage-mcap"
             ) from None
-    own = ("array/image", "array/features", "relative_pose", "relative_odometry")
-    names = (*own, leader_odometry, "follower/odometry")
+    names = [leader_odometry if name == "leader/odometry" else name for name in RUN]
     topics = [name if name.startswith("/") else f"{namespace}/{name}" for name in names]
     # The one way to name topics that all distributions share.
     wanted = f"^({'|'.join('/' + topic.strip('/') for topic in topics)})$"

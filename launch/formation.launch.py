@@ -7,26 +7,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
-
-ARGUMENTS = {
-    "followers": ("3", "how many followers"),
-    "chain": (
-        "true",
-        "whether the third and later ones are lit from a follower ahead, not by the leader",
-    ),
-    "namespace": ("", "of the whole formation"),
-}
-# Handed on to follow.launch.py.
-COMMON = {
-    "scene": ("formation", "ready scene's name or a YAML file: lamp, water, array, electronics"),
-    "params_file": ("", "your parameters; what they leave out keeps its default"),
-    "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
-    "use_respawn": (
-        "false",
-        "whether a node that dies is started again; without, the launch ends with it",
-    ),
-}
-SWITCH = ("true", "True", "1", "false", "False", "0")
+from uuv_optical_array.nodes.shared.launch_arguments import EACH, FORMATION, YES, choices
 
 
 def generate_launch_description():
@@ -37,9 +18,9 @@ def generate_launch_description():
                     name,
                     default_value=default,
                     description=description,
-                    choices=SWITCH if name == "chain" else None,
+                    choices=choices(name, default),
                 )
-                for name, (default, description) in (ARGUMENTS | COMMON).items()
+                for name, (default, description) in FORMATION.items()
             ),
             OpaqueFunction(function=fleet),
         ]
@@ -52,13 +33,13 @@ def fleet(context):
     def given(name):
         return LaunchConfiguration(name).perform(context)
 
-    followers = vee(int(given("followers")), SWITCH.index(given("chain")) < SWITCH.index("false"))
+    followers = vee(int(given("followers")), given("chain") in YES)
     space = given("namespace").strip("/")
     root = f"/{space}/" if space else "/"
     source = PythonLaunchDescriptionSource(
         PathJoinSubstitution([FindPackageShare("uuv_optical_array"), "launch", "follow.launch.py"])
     )
-    common = {name: given(name) for name in COMMON}
+    common = {name: given(name) for name in EACH}
     vehicles = [
         {"demo": "leader", "namespace": space, "followers": str(len(followers))},
         *(

@@ -1,0 +1,54 @@
+"""Arguments of the launch files, each with its default and its meaning.
+
+Empty means: not given, so that neither a file's value nor a node's default is replaced.
+"""
+
+YES, NO = ("true", "True", "1"), ("false", "False", "0")
+SCENE = "ready scene's name or a YAML file: lamp, water, array, electronics"
+COMMON = {
+    "params_file": ("", "your parameters; what they leave out keeps its default"),
+    "use_sim_time": ("", "whether the nodes use simulated time, from /clock"),
+    "use_respawn": (
+        "false",
+        "whether a node that dies is started again; without, the launch ends with it",
+    ),
+}
+FOLLOW = {
+    "scene": ("", SCENE),
+    "namespace": ("", "of the follower's nodes"),
+    "leader_odometry": (
+        "leader/odometry",
+        "topic of the leader's odometry, for followers that share a leader",
+    ),
+    "demo": (
+        "true",
+        "whether the two demo vehicles run, or which: follower, without a leader of its own, or "
+        "leader, without any node of a follower",
+    ),
+    "followers": ("1", "how many followers a leader alone waits for"),
+    "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
+    "rviz": ("false", "whether RViz opens"),
+    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
+    "record": ("false", "whether rosbag2 records the topics of the run, as MCAP"),
+    **COMMON,
+}
+# Of a formation; the launch of each vehicle gets `EACH`.
+EACH = {"scene": ("formation", SCENE), **COMMON}
+FORMATION = {
+    "followers": ("3", "how many followers"),
+    "chain": (
+        "true",
+        "whether the third and later ones are lit from a follower ahead, not by the leader",
+    ),
+    "namespace": ("", "of the whole formation"),
+    **EACH,
+}
+SWITCHES = ("chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn")
+
+
+def choices(name: str, default: str) -> list[str] | None:
+    """Return what an argument may be; None for anything."""
+    if name not in SWITCHES:
+        return None
+    others = ["follower", "leader"] if name == "demo" else []
+    return [*YES, *NO, *others, *([] if default else [""])]

@@ -219,7 +219,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     assert len(table) == 20
     np.testing.assert_array_equal(table["angle_deg"], [r.score.angle_deg for r in rows])
     assert set(table["seed"]) == {1}
-    assert matplotlib.image.imread("follow.design.png").shape[:2] == (1260, 1440)
+    assert matplotlib.image.imread("follow.design.png").shape[:2] == (1170, 1260)
     taken = load_scene("follow.design.2.yaml")
     wanted = numbered(study, rows)[1].design
     assert taken.fingerprint == designed(study.scene, wanted).fingerprint

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from uuv_optical_array.core import files
+from uuv_optical_array.plots import KINDS
 
-PICTURE = (".png", ".svg", ".pdf")
+PICTURE = tuple(KINDS)
 SCENE = (".yaml", ".yml")
 CSV = (".csv",)
 

@@ -1,5 +1,6 @@
 """The picture of the Cramer-Rao bound over the working volume."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,15 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots.style import SHAPE_COLOURS, save
+from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping, save
 from uuv_optical_array.studies.bound_map import BoundMap
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 
 # What a row of the picture shows: the worst of these degrees of freedom.
 ROWS = {"x, along the beam (m)": [0], "y and z, across (m)": [1, 2], "pitch and yaw (deg)": [3, 4]}
+CROWDED_M, LABELLED_M = 0.15, 0.6  # off the beam's axis: least, and wanted
+EDGE = 0.06  # of the map's width, free of labels
 LEVELS = np.outer(10.0 ** np.arange(-3, 4), [1, 3]).ravel()
 
 
@@ -33,23 +37,56 @@ def _curves(axes: Axes, behind_m: Array, bounds: dict[Shape, Array], wanted: flo
     axes.grid(alpha=0.4)
 
 
-def _map(axes: Axes, found: BoundMap, bound: Array, wanted: float, norm: LogNorm) -> Any:
+def _map(
+    axes: Axes, found: BoundMap, bound: Array, wanted: float, norm: LogNorm
+) -> tuple[Any, list[Text]]:
+    """Draw the bound from above; return the mesh, and the labels of its contours."""
     # Where nothing is observable the hatched ground shows.
     axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
     known = np.where(np.isfinite(bound), bound, np.nan).T
     x, y = found.behind_m, found.aside_m
-    mesh = axes.pcolormesh(x, y, known / wanted, norm=norm, cmap="RdYlBu_r", shading="nearest")
+    mesh = axes.pcolormesh(
+        x, y, known / wanted, norm=norm, cmap="RdYlBu_r", shading="nearest", rasterized=True
+    )
+    labels: list[Text] = []
     round_levels = [level for level in LEVELS if 0.01 < level / wanted < 100 and level != wanted]
     low = known.min(initial=np.inf, where=np.isfinite(known))
     high = known.max(initial=-np.inf, where=np.isfinite(known))
-    for levels, width, style in ((round_levels, 0.6, "-"), ([wanted], 2.0, "--")):
+    for levels, width, style in (([wanted], 2.0, "--"), (round_levels, 0.6, "-")):
         # Matplotlib before 3.8 draws a line of its own where no level is inside.
         if inside := [level for level in levels if low < level < high]:
             lines = axes.contour(
                 x, y, known, inside, colors="k", linewidths=width, linestyles=style
             )
-            axes.clabel(lines, fmt="%g", fontsize=9)
-    return mesh
+            places = _label_places(lines.allsegs, x)
+            labels += axes.clabel(lines, fmt="%g", fontsize=9, inline=False, manual=places)
+    for label in labels:
+        label.set_bbox({"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.75})
+    return mesh, labels
+
+
+def _label_places(
+    contours: Sequence[Sequence[Array]], behind_m: Array
+) -> list[tuple[float, float]]:
+    """Return where contours are labelled: off the edges and the beam's axis, where they may meet.
+
+    Parameters
+    ----------
+    contours
+        Pieces of each contour, shape ``(k, 2)``, m.
+    behind_m
+        Of the map, ascending.
+    """
+    room = EDGE * (behind_m[-1] - behind_m[0])
+    places = []
+    for piece in (piece for pieces in contours for piece in pieces):
+        piece = piece[(piece[:, 0] > behind_m[0] + room) & (piece[:, 0] < behind_m[-1] - room)]
+        for port in (True, False):
+            off = piece[(piece[:, 1] > CROWDED_M) if port else (piece[:, 1] < -CROWDED_M)]
+            if len(off):
+                x, y = off[np.abs(np.abs(off[:, 1]) - LABELLED_M).argmin()].tolist()
+                places.append((x, y))
+    return places
 
 
 def draw_bound_map(found: BoundMap, scene_name: str, path: Path) -> None:
@@ -62,18 +99,20 @@ def draw_bound_map(found: BoundMap, scene_name: str, path: Path) -> None:
     scene_name
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(14, 10.5), layout="constrained")
     grid = figure.subplots(3, 3, sharex=True)
     norm = LogNorm(1e-2, 1e2)
+    labels: list[Text] = []
     for (title, dofs), row in zip(ROWS.items(), grid, strict=True):
         wanted = float(SPECIFICATION[dofs[0]])
         worst = {shape: std[..., dofs].max(axis=-1) for shape, std in found.std.items()}
         _curves(row[0], found.behind_m, worst, wanted)
         row[0].set_ylabel(title, fontsize=12)
         for axes, shape in zip(row[1:], found.std, strict=True):
-            mesh = _map(axes, found, worst[shape], wanted, norm)
+            mesh, written = _map(axes, found, worst[shape], wanted, norm)
+            labels += written
             axes.set(ylabel="y, port (m)", yticks=[-1, -0.5, 0, 0.5, 1])
     grid[0, 0].set_title("line: on the beam's axis; band: up to 1 m aside")
     grid[0, 0].legend(loc="upper left")
@@ -88,4 +127,5 @@ def draw_bound_map(found: BoundMap, scene_name: str, path: Path) -> None:
         f"Least standard deviation from one image (the Cramer-Rao bound), scene {scene_name}",
         fontsize=14,
     )
+    drop_overlapping(figure, labels)
     save(figure, path)

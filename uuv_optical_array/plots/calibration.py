@@ -11,9 +11,9 @@ from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.plots.style import save
+from uuv_optical_array.plots.style import array_image, save, signed
 
-DOTS = 20_000  # readings drawn one by one; the bins count all
+DOTS = 1500  # readings drawn one by one; the bins count all
 BINS = 20
 LEAST = 10  # readings in a bin that is drawn
 EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
@@ -23,20 +23,18 @@ DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 def _against(axes: Axes, across: Array, found: Calibration, label: str, log: bool = False) -> None:
     """Draw residuals against something, and the mean of each bin with its standard error."""
     fair, residuals = found.fair, found.residuals
-    every = max(1, int(fair.sum()) // DOTS)
-    axes.plot(
-        across[fair][::every], residuals[fair][::every], ".", ms=1.5, color=DOT, alpha=0.4, zorder=1
-    )
+    x, y = across[fair], residuals[fair]
+    order = np.argsort(x)
+    some = order[:: max(1, len(x) // DOTS)]  # as dense along the axis as all of them are
+    axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
     out = ~found.used & np.isfinite(found.gain_std.ravel())
     if out.any():
         edge = np.clip(residuals[out], -EDGE, EDGE)
         axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)
-    x, y = across[fair], residuals[fair]
     if log:
         axes.set_xscale("log")
     if len(x):
         # As many readings in each bin, so that each mean is as sure.
-        order = np.argsort(x)
         parts = [part for part in np.array_split(order, BINS) if len(part) >= LEAST]
         middle = [np.median(x[part]) for part in parts]
         mean = [y[part].mean() for part in parts]
@@ -77,20 +75,17 @@ def _gains(figure: Figure, axes: Axes, found: Calibration) -> None:
     limit = max(1e-3, float(np.abs(off[known]).max()) if known.any() else 1.0)
     shown = np.where(known, off, np.nan)
     axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
-    mesh = axes.imshow(shown, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    mesh = array_image(axes, shown, cmap="RdBu_r", vmin=-limit, vmax=limit)
     side = len(off)
     if side <= 9:
         for (row, column), value in np.ndenumerate(shown):
-            text = f"{value:+.1f}\n±{100 * found.gain_std[row, column]:.2f}"
             colour = "white" if abs(value) > 0.6 * limit else "black"
             if np.isfinite(value):
+                text = f"{signed(value, 1)}\n±{100 * found.gain_std[row, column]:.2f}"
                 axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
     figure.colorbar(mesh, ax=axes, label="gain (% off the mean), ± std error")
-    ticks = range(0, side, max(1, side // 10))
-    axes.set(
-        xlabel="column, to starboard", ylabel="row, downwards", title="gains", xticks=ticks,
-        yticks=ticks,
-    )  # fmt: skip
+    held = "" if known.any() else ": as they were"
+    axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{held}")
 
 
 def draw_calibration(
@@ -107,7 +102,7 @@ def draw_calibration(
     seconds
         Moment of each, s, shape ``(m,)``.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     title
         Above all.
     """

@@ -14,6 +14,15 @@ from uuv_optical_array.plots.style import SHAPE_COLOURS, save
 from uuv_optical_array.studies.eren2016.figures import FAR, STATEMENTS, STEPS
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
 
+# Where a panel has room for what the text states, in fractions of it.
+FREE = {
+    ("5a", "above"): (0.02, 0.52),
+    ("5a", "below"): (0.6, 0.1),
+    ("5b", "above"): (0.02, 0.72),
+    ("5b", "below"): (0.6, 0.08),
+    ("6b", "above"): (0.6, 0.08),
+    ("6e", "above"): (0.6, 0.08),
+}
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 
 
@@ -29,7 +38,7 @@ def draw_paper(
     scene_name
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(10.5, 12.8), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])
@@ -80,7 +89,7 @@ def _stated(axes: Axes, panel: str, motion: Motion) -> None:
     """Mark what the paper's text states of a panel."""
     if panel == "4a":
         axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0)
-        axes.text(0.75, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
+        axes.text(0.765, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
     if panel[0] == "5":
         axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
     for statement in STATEMENTS:
@@ -88,25 +97,32 @@ def _stated(axes: Axes, panel: str, motion: Motion) -> None:
             continue
         step, angle = statement.conditions[f"{motion}_{UNITS[motion]}"], statement.paper
         if statement.relation == "is":
-            axes.plot(step, angle, "o", color="k", ms=7, zorder=4)
-            text, place = f"{angle:g}", (12, -8)
-        else:
-            up = statement.relation == "above"
-            axes.plot(step, angle, "k_", ms=12, mew=2, zorder=4)
-            side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
-            which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
-            text, place = f"{which}\n{statement.label}", (0, 26 if up else -26)
+            axes.plot(step, angle, "o", color="k", ms=6, zorder=4)
+            # The curved array's angles are above the planar one's here.
+            above = statement.conditions["array"] == "curved"
+            axes.annotate(
+                f"{angle:g}",
+                (step, angle),
+                (-9, 7) if above else (9, -9),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                fontsize=9,
+            )
+            continue
+        up = statement.relation == "above"
+        # A bar with an arrowhead to the side on which the curve should be.
+        axes.plot(step, angle, "k_", ms=12, mew=2, zorder=4)
+        axes.plot(step, angle + (3 if up else -3), "^" if up else "v", color="k", ms=5, zorder=4)
+        side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
+        which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
         axes.annotate(
-            text,
+            f"{which}: {statement.label}",
             (step, angle),
-            place,
-            textcoords="offset points",
-            ha="center",
+            FREE[panel, statement.relation],
+            textcoords="axes fraction",
             va="center",
             fontsize=9,
             zorder=5,
-            arrowprops=None
-            if statement.relation == "is"
-            else {"arrowstyle": "<-", "lw": 1.5, "shrinkA": 0, "shrinkB": 0},
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            arrowprops={"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4},
         )

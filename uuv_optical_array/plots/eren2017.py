@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
-from uuv_optical_array.plots.style import save
+from uuv_optical_array.plots.style import METHOD_COLOURS, save
 from uuv_optical_array.studies.eren2017.approach import CASES, RANGES_M, Case
 from uuv_optical_array.studies.eren2017.monte_carlo import METHODS, SIGMA_95, ApproachErrors
 
-COLOURS = dict(zip(METHODS, ("#c8401e", "#8a8a8a", "#2c9c5a", "#1f4fb4"), strict=True))
 PUBLISHED = "#e08a00"
 ROWS = {
     "x, along the beam (m)": [0],
@@ -24,8 +23,9 @@ def _panel(axes: Axes, case: Case, found: ApproachErrors, dofs: list[int]) -> No
     def worst(values: Array) -> Array:
         return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
 
-    for method, colour in COLOURS.items():
-        axes.plot(RANGES_M, worst(found.percentile_95(method)), color=colour, lw=2, label=method)
+    for method in METHODS:
+        errors = worst(found.percentile_95(method))
+        axes.plot(RANGES_M, errors, color=METHOD_COLOURS[method], lw=2, label=method)
     axes.plot(RANGES_M, SIGMA_95 * worst(found.bound), "k--", lw=1.2, label="bound of one image")
     axes.plot(
         RANGES_M, SIGMA_95 * worst(found.run_bound), "k:", lw=1.5, label="bound of all so far"
@@ -56,7 +56,7 @@ def draw_approach(results: dict[str, ApproachErrors], about: str, path: Path) ->
     about
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(4.6 * len(results), 10.5), layout="constrained")
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
-from uuv_optical_array.plots.style import IMAGES, save
+from uuv_optical_array.plots.style import SPECIFIED, array_image, save, signed
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION
 
 LEADER = "#e08a00"
@@ -23,8 +23,9 @@ def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]
     above, side = figure.subplots(1, 2)
     for axes, vertical, title in (
         (above, 1, "from above"),
-        (side, 2, "from the side, not to scale"),
+        (side, 2, "from the side, z stretched"),
     ):
+        axes.plot([], [], color="0.6", lw=0.8, label="where both are as the images are taken")
         leader_then = position_at(paths[0], together)
         for number, path in enumerate(paths):
             line = np.array(list(path.values()))
@@ -35,8 +36,10 @@ def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]
             )
             axes.plot(*line[-1, [0, vertical]], "o", color=colour)
             for pair in np.stack([position_at(path, together), leader_then], axis=1):
-                axes.plot(pair[:, 0], pair[:, vertical], color="0.75", lw=0.8, zorder=0)
-        axes.set(title=title, xlabel="x (m)", ylabel="y, port (m)" if vertical == 1 else "z (m)")
+                axes.plot(pair[:, 0], pair[:, vertical], color="0.6", lw=0.8, zorder=0)
+        axes.set(
+            title=title, xlabel="x (m)", ylabel="y, port (m)" if vertical == 1 else "z, up (m)"
+        )
         axes.grid(alpha=0.3)
     above.set_aspect("equal", adjustable="datalim")
     above.legend(loc="best")
@@ -47,35 +50,55 @@ def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]
 
 def _errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
     for i, axes in enumerate(figure.subplots(1, 5)):
-        axes.axhspan(-SPECIFICATION[i], SPECIFICATION[i], color="#7fbf7f", alpha=0.25, lw=0)
+        axes.axhspan(
+            -SPECIFICATION[i], SPECIFICATION[i], color=SPECIFIED, alpha=0.2, lw=0,
+            label="specification",
+        )  # fmt: skip
         limit = 3 * SPECIFICATION[i]
         for number, record in enumerate(records):
             stamps, errors = record.errors()
             at_station, off_station = record.station_errors()
             shown, station = errors[:, i] * IN_DEGREES[i], off_station[:, i] * IN_DEGREES[i]
             colour = FOLLOWERS[number % len(FOLLOWERS)]
-            axes.plot(stamps, shown, ".", ms=2.5, color=colour, label="estimate - truth")
+            axes.plot(stamps, shown, ".", ms=2.5, color=colour, label="estimate less truth")
             line = "0.2" if len(records) == 1 else colour
-            axes.plot(at_station, station, color=line, lw=1, label="true - station")
+            axes.plot(at_station, station, color=line, lw=1, label="truth less station")
             limit = max(limit, 1.1 * np.abs([*shown, *station]).max())
-        title = f"{DOF_NAMES[i]} ({DOF_UNITS[i]}, band +-{SPECIFICATION[i]:g})"
-        axes.set(title=title, xlabel="time (s)")
+        title = f"{DOF_NAMES[i]}, specification ±{SPECIFICATION[i]:g} {DOF_UNITS[i]}"
+        axes.set_title(title, fontsize=10)
+        axes.set(xlabel="time (s)", ylabel=f"error of {DOF_NAMES[i]} ({DOF_UNITS[i]})")
         axes.set_ylim(-limit, limit)
         axes.grid(alpha=0.3)
         if i == 0:
             handles, labels = axes.get_legend_handles_labels()
-            axes.legend(handles[:2], labels[:2], loc="upper right", fontsize=7, markerscale=3)
+            shown_once = dict(zip(labels[:3], handles[:3], strict=True))
+    figure.legend(
+        list(shown_once.values()),
+        list(shown_once),
+        loc="outside lower center",
+        ncols=3,
+        fontsize=9,
+        frameon=False,
+        markerscale=3,
+    )
 
 
 def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
-    for moment, axes in zip(moments, figure.subplots(1, MOMENTS), strict=False):
+    grid = figure.subplots(1, MOMENTS)
+    brightest = max(float(record.images[moment].max()) for moment in moments)
+    for moment, axes in zip(moments, grid, strict=False):
         image = record.images[moment]
         x, y, z, pitch, yaw = record.truth[moment] * IN_DEGREES
-        axes.imshow(image, cmap=IMAGES, vmin=0)
-        axes.set_title(f"{moment:.0f} s, peak {image.max():.0f}", fontsize=9)
-        axes.set_xlabel(f"{x:.1f}, {y:+.2f}, {z:+.2f} m\n{pitch:+.0f}, {yaw:+.0f} deg", fontsize=8)
-        axes.set(xticks=[], yticks=[])
-    for axes in figure.axes[len(moments) :]:
+        mesh = array_image(axes, image, vmin=0, vmax=brightest)
+        axes.set_title(
+            f"{moment:.0f} s: x {signed(x, 1)}, y {signed(y, 2)}, z {signed(z, 2)} m\n"
+            f"pitch {signed(pitch, 0)}, yaw {signed(yaw, 0)} deg",
+            fontsize=8.5,
+        )
+        axes.set_xlabel("column, to starboard", fontsize=9)
+    grid[0].set_ylabel("row, downwards", fontsize=9)
+    figure.colorbar(mesh, ax=grid, label="reading (counts)", aspect=15)
+    for axes in grid[len(moments) :]:
         axes.set_visible(False)
 
 
@@ -87,7 +110,7 @@ def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
     records
         The run as each follower saw it, at least one.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
 
     Raises
     ------
@@ -101,7 +124,7 @@ def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
     picks = np.unique(np.linspace(0, len(both) - 1, MOMENTS).round().astype(int))
     moments = [both[pick] for pick in picks]
     figure = Figure(figsize=(15, 11), layout="constrained")
-    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 3.2, 3])
+    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 3.4, 3.2])
     top, middle, bottom = parts
     _paths(top, records, moments)
     _errors(middle, records)
@@ -110,5 +133,5 @@ def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
     who = "Followers keep station" if several else "A follower keeps station"
     figure.suptitle(f"{who} behind a leader by light alone", fontsize=14)
     whose = " of the first follower" if several else ""
-    bottom.suptitle(f"images of the array{whose}, and the true x, y, z, pitch and yaw", fontsize=10)
+    bottom.suptitle(f"images of the array{whose} at its true poses", fontsize=10)
     save(figure, path)

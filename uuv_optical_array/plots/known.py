@@ -26,7 +26,7 @@ def draw_known(rows: Sequence[dict[str, Any]], about: str, path: Path) -> None:
     about
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     grid = figure.subplots(1, 2, width_ratios=(3, 2))

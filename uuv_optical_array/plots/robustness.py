@@ -51,7 +51,7 @@ def draw_robustness(rows: Sequence[dict[str, Any]], about: str, path: Path) -> N
     about
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(14, 2.4 + ROW_INCHES * max(len(rows), 12)), layout="constrained")
     grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))

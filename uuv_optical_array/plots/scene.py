@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.plots.style import save
+from uuv_optical_array.plots.style import array_image, detector_ticks, save
 from uuv_optical_array.studies.shared.working_volume import RANGES_M
 
 COLUMNS = (  # title, degree of freedom, m or deg
@@ -38,22 +38,25 @@ def sheet_poses() -> Array:
 def _sheet(figure: Any, images: Array) -> None:
     grid = figure.subplots(len(RANGES_M), len(COLUMNS))
     for range_m, row, axes_row in zip(RANGES_M, images, grid, strict=True):
-        # A row has one scale, from darkness to its own peak.
-        low, high = min(0.0, row.min()), row.max()
+        # A row has one scale, of its own least and largest reading: background hides no pattern.
+        low, high = row.min(), max(row.max(), row.min() + 1)
         for (title, _, _), image, axes in zip(COLUMNS, row, axes_row, strict=True):
-            axes.imshow(image, cmap="inferno", vmin=low, vmax=high)
-            axes.set(xticks=[], yticks=[])
-            axes.set_xlabel(f"{image.min():.0f} to {image.max():.0f}", fontsize=9, labelpad=2)
+            mesh = array_image(axes, image, vmin=low, vmax=high)
+            axes.tick_params(labelsize=8, length=2)
+            axes.label_outer()
             if range_m == RANGES_M[0]:
                 axes.set_title(title, fontsize=11)
-        axes_row[0].set_ylabel(f"{range_m:g} m", fontsize=11)
+            if range_m == RANGES_M[-1]:
+                axes.set_xlabel("column, to starboard", fontsize=9)
+        axes_row[0].set_ylabel(f"{range_m:g} m\nrow, downwards", fontsize=10)
+        figure.colorbar(mesh, ax=axes_row, pad=0.01, aspect=12, label="reading (counts)")
 
 
 def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
     side = images.shape[-1]
     colours = colormaps["viridis"](np.linspace(0, 0.85, len(RANGES_M)))
     grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
-    detectors = np.arange(side) - (side - 1) / 2
+    detectors = np.arange(side)
     peaks = key_parameters(images, full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
     at = np.rint(peaks).astype(int)
     for place, column in enumerate(PROFILED):
@@ -71,10 +74,9 @@ def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
                 axes[1].plot(detectors, np.gradient(profile), **shown)
             way = "horizontal" if across else "vertical"
             axes[0].set_title(f"{COLUMNS[column][0]}\n{way}", fontsize=10)
-            axes[1].set_xlabel(
-                "detector,\nto starboard" if across else "detector,\ndownwards", fontsize=9
-            )
-    for row, name in zip(grid, ("profile (counts)", "gradient\n(counts a detector)"), strict=True):
+            axes[1].set_xlabel("column" if across else "row", fontsize=9)
+            detector_ticks(axes[1].xaxis, most=4)
+    for row, name in zip(grid, ("profile (counts)", "gradient\n(counts/detector)"), strict=True):
         low = min(axes.get_ylim()[0] for axes in row)
         high = max(axes.get_ylim()[1] for axes in row)
         for axes in row:
@@ -96,7 +98,7 @@ def draw_scene(scene: Scene, images: Array, path: Path) -> None:
     images
         What its array reads at `sheet_poses`, counts, shape ``(ranges, columns, side, side)``.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(13, 15), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[2.3, 1])
@@ -104,8 +106,8 @@ def draw_scene(scene: Scene, images: Array, path: Path) -> None:
     _profiles(parts[1], images, scene.full_scale_counts)
     side = scene.array.detectors_per_side
     figure.suptitle(
-        f"Scene {scene.name}: readings of the {side} x {side} array, each row of images on "
-        "one scale\nrows: base_link behind the lamp; under each image its least and largest count",
+        f"Scene {scene.name}: readings of the {side} x {side} array with base_link 4 to 8 m behind "
+        "the lamp\nimages: each row has its own scale, from its least to its largest reading",
         fontsize=12,
     )
     save(figure, path)

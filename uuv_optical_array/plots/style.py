@@ -1,26 +1,85 @@
-"""What the pictures have in common: colours, marks, axes, and how one is written."""
+"""What the pictures have in common: colours, marks, axes, images, and how one is written."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.text import Text
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from uuv_optical_array.core import files
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.plots import KINDS
 
 SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
+# One colour a method, in every picture.
+METHOD_COLOURS = {
+    "moments": "#8a8a8a",
+    "look_up": "#7a4fa3",
+    "sam": "#c8401e",
+    "sam_interpolated": "#e0a800",
+    "least_squares": "#1f6fb4",
+    "tracker": "#2c9c5a",
+    "docking": "#12305e",
+}
 SPECIFIED = "#2c9c5a"
 IMAGES = "magma"  # colours of what the array reads
+MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
+DPI = 90
+
+
+def signed(value: float, digits: int) -> str:
+    """Return a number with its sign and so many decimals; what rounds to zero has no sign."""
+    rounded = round(float(value), digits) + 0.0
+    return f"{rounded:+.{digits}f}" if rounded else f"{0.0:.{digits}f}"
+
+
+def detector_ticks(*axes: Axis, most: int = 6) -> None:
+    """Mark whole rows or columns, from 0."""
+    for axis in axes:
+        axis.set_major_locator(MaxNLocator(most, integer=True, min_n_ticks=1))
+        axis.set_major_formatter("{x:.0f}")
+
+
+def array_image(axes: Axes, image: Array, cmap: str = IMAGES, **style: Any) -> Any:
+    """Draw an image of an array, rows from the top and columns from port, as vectors.
+
+    Returns
+    -------
+    matplotlib.collections.QuadMesh
+        For a colour bar.
+    """
+    side = len(image)
+    edges = np.arange(side + 1) - 0.5
+    mesh = axes.pcolormesh(edges, edges, image, cmap=cmap, **style)
+    axes.set(xlim=(-0.5, side - 0.5), ylim=(side - 0.5, -0.5), aspect="equal")
+    detector_ticks(axes.xaxis, axes.yaxis)
+    return mesh
+
+
+def drop_overlapping(figure: Figure, labels: Iterable[Text]) -> None:
+    """Remove each label whose box overlaps that of one before it, once the figure is laid out."""
+    figure.draw_without_rendering()
+    kept: list[Any] = []
+    for label in labels:
+        box = label.get_window_extent()
+        if any(box.overlaps(other) for other in kept):
+            label.remove()
+        else:
+            kept.append(box)
 
 
 def plain_log_ticks(axis: Axis) -> None:
-    """Mark 1, 2 and 5 of each decade, as plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    """Mark 1, 2 and 5 of each decade as it is shown now, of many decades 1, as plain numbers."""
+    low, high = axis.get_view_interval()
+    few = high <= low * 10.0**MOST_DECADES
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
@@ -68,6 +127,23 @@ def number_label(
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as its suffix says, PNG, SVG or PDF, whole or not at all."""
+    """Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    path
+        File whose name ends as one of `KINDS` does.
+
+    Raises
+    ------
+    ValueError
+        For another ending.
+    """
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise ValueError(f"{path}: no kind of picture; let its name end in {', '.join(KINDS)}")
+    smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if kind == ".png" else {}
     with files.whole_file(path) as scratch:
-        figure.savefig(scratch, format=path.suffix[1:].lower(), dpi=90)
+        figure.savefig(scratch, format=kind[1:], dpi=DPI, metadata=KINDS[kind], **smaller)

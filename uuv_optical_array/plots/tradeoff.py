@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots.style import (
+    METHOD_COLOURS,
     SPECIFIED,
     apart,
     mark,
@@ -23,13 +24,6 @@ from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volum
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
 
-COLOURS = {
-    "look_up": "#7a4fa3",
-    "moments": "#8a8a8a",
-    "sam": "#d9541e",
-    "sam_interpolated": "#e0a800",
-    "least_squares": "#1f6fb4",
-}
 MARKERS: dict[Shape, str] = {"curved": "o", "planar": "s"}
 SIDE_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#08204a", "#000000")
 ERRORS = {
@@ -38,6 +32,7 @@ ERRORS = {
 }
 WANTED = (float(SPECIFICATION[0]), float(SPECIFICATION[3]))
 FLOOR_GAP, LABEL_GAP = 0.035, 0.05  # of the axes' height, between two labels
+MARGIN, LABELS_AT = 0.3, 0.25  # of the axes' width, left of all points: kept for words and numbers
 
 
 def _size(side: int) -> float:
@@ -97,13 +92,16 @@ def _series(rows: Sequence[Measurement]) -> dict[tuple[str, Shape, int], list[Me
 
 def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     column, label, which = ERRORS[name]
+    chosen = fronts(rows)[name]
+    best = [row for row, on in zip(rows, chosen, strict=True) if on]
     for (method, shape, side), tables in _series(rows).items():
         x, y = ([getattr(row, key) for row in tables] for key in ("median_ms", column))
-        colour = COLOURS[method]
-        axes.plot(x, y, color=colour, lw=0.8, alpha=0.6, zorder=2)
+        colour = METHOD_COLOURS[method]
+        axes.plot(x, y, color=colour, lw=0.8, alpha=0.4, zorder=2)
         for row, a, b in zip(tables, x, y, strict=True):
             fair = row.without_pose <= MOST_WITHOUT_POSE
-            axes.plot([a, row.p99_ms], [b, b], color=colour, lw=1.0, alpha=0.35, zorder=1.5)
+            if row in best:
+                axes.plot([a, row.p99_ms], [b, b], color=colour, lw=1.4, alpha=0.6, zorder=2.6)
             axes.scatter(
                 a,
                 b,
@@ -112,8 +110,8 @@ def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
                 facecolor=colour if fair else "none",
                 edgecolor="w" if fair else colour,
                 linewidth=0.6 if fair else 1.1,
-                alpha=0.9,
-                zorder=3,
+                alpha=1.0 if row in best else 0.45,
+                zorder=4 if row in best else 3,
             )
     model_ms = rows[0].model_ms
     axes.set(xscale="log", yscale="log")
@@ -121,8 +119,9 @@ def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     axes.set_ylabel(label, fontsize=12)
     axes.axhline(WANTED[which], color=SPECIFIED, ls="--", lw=1.6, zorder=1)
     axes.axhline(volume_spread()[which], color="0.5", ls=":", lw=1.4, zorder=1)
-    low, high = axes.get_xlim()
-    axes.set_xlim(low / 1.5, high * 1.3)
+    fastest = min(row.median_ms for row in rows)
+    slowest = 1.3 * max(*(row.median_ms for row in rows), *(row.p99_ms for row in best))
+    axes.set_xlim(slowest * (0.85 * fastest / slowest) ** (1 / (1 - MARGIN)), slowest)
     unit = "m" if name == "position" else "deg"
     for value, text, colour in (
         (WANTED[which], f"specification, {WANTED[which]:g} {unit}", SPECIFIED),
@@ -130,7 +129,7 @@ def _panel(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     ):
         axes.annotate(
             text,
-            (0.22, value),
+            (0.01, value),
             xycoords=axes.get_yaxis_transform(),
             xytext=(0, 3),
             textcoords="offset points",
@@ -162,20 +161,12 @@ def _front(axes: Axes, rows: Sequence[Measurement], name: str) -> None:
     members = [(number, rows[i]) for number, i in enumerate(numbered(rows), start=1) if on[i]]
     x, y = ([getattr(row, key) for _, row in members] for key in ("median_ms", column))
     axes.step(x, y, where="post", color="k", lw=1.0, zorder=2.5)
-    # Labels stand left of their points, spread so that none overlaps.
+    # Labels stand in a column left of all points, spread so that none overlaps.
     low, high = np.log(axes.get_ylim())
-    below = np.inf
-    for number, row in members:
-        at = float((np.log(getattr(row, column)) - low) / (high - low))
-        below = min(at - 0.3 * LABEL_GAP, below - LABEL_GAP)
-        point = row.median_ms, getattr(row, column)
-        number_label(axes, number, point, (_fraction(axes, row.median_ms) - 0.055, below))
-
-
-def _fraction(axes: Axes, x: float) -> float:
-    """Place a time along the axes, 0 to 1."""
-    low, high = np.log(axes.get_xlim())
-    return float((np.log(x) - low) / (high - low))
+    members.sort(key=lambda member: float(getattr(member[1], column)))
+    heights = [float((np.log(getattr(row, column)) - low) / (high - low)) for _, row in members]
+    for (number, row), place in zip(members, apart(heights, LABEL_GAP), strict=True):
+        number_label(axes, number, (row.median_ms, getattr(row, column)), (LABELS_AT, place))
 
 
 def _key(axes: Axes, rows: Sequence[Measurement]) -> None:
@@ -205,15 +196,16 @@ def _key(axes: Axes, rows: Sequence[Measurement]) -> None:
 def _legend(axes: Axes, rows: Sequence[Measurement]) -> None:
     axes.set_axis_off()
 
-    methods = [method for method in COLOURS if any(row.method == method for row in rows)]
+    methods = [method for method in METHOD_COLOURS if any(row.method == method for row in rows)]
     sides = sorted({row.detectors_per_side for row in rows})
-    left = [mark(method, color=COLOURS[method]) for method in methods]
+    left = [mark(method, color=METHOD_COLOURS[method]) for method in methods]
     left += [mark(f"{shape} array", marker) for shape, marker in MARKERS.items()]
     right = [mark(f"{side} x {side} detectors", ms=_size(side) ** 0.5) for side in sides]
     right += [
         mark("over 1 % of frames without a pose", mfc="none"),
-        mark("to the right: to the 99th percentile", "", lw=1, alpha=0.5),
-        mark("downwards: tables of 1e3 poses and more", "", lw=0.8),
+        mark("pale: on neither front", alpha=0.4),
+        mark("to the right, on the front: the 99th percentile", "", lw=1.4, alpha=0.6),
+        mark("joined: tables of 1e3 poses and more", "", lw=0.8),
         mark("front: nothing is faster and better by 10 %", "", color="k", lw=1),
     ]
     about: dict[str, Any] = {"loc": "upper left", "fontsize": 9.5, "frameon": False}
@@ -232,7 +224,7 @@ def draw_tradeoff(rows: Sequence[Measurement], about: str, path: Path) -> None:
     about
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     rows = at_one_speed(rows)
     figure = Figure(figsize=(14, 9.6), layout="constrained")
@@ -259,7 +251,7 @@ def draw_table_cost(
     about
         For the title.
     path
-        PNG, SVG or PDF file, written whole or not at all.
+        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(12, 7.5), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True)

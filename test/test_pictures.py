@@ -1,0 +1,253 @@
+"""What can be wrong with a picture: labels on one another, odd ticks, colours, kinds of file."""
+
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from designs import study_of
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation, Text
+from measured import row
+
+from uuv_optical_array.control.follow_record import FollowRecord
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots import (
+    bound_map,
+    design,
+    eren2016,
+    eren2017,
+    follow,
+    scene,
+    style,
+    tradeoff,
+)
+from uuv_optical_array.studies.bound_map import bound_map as bounds_of
+from uuv_optical_array.studies.design.designs import Design
+from uuv_optical_array.studies.design.score import Score
+from uuv_optical_array.studies.design.study import ScoredDesign
+from uuv_optical_array.studies.eren2016.figures import STEPS
+from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
+from uuv_optical_array.studies.shared.separation import Conditions
+from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Draw by a module and return the figure, laid out and not written."""
+
+    def draw(module, function, *given):
+        kept = []
+        monkeypatch.setattr(module, "save", lambda figure, path: kept.append(figure))
+        function(*given, Path("nowhere.png"))
+        kept[0].draw_without_rendering()
+        return kept[0]
+
+    return draw
+
+
+def assert_apart(labels):
+    assert len(labels) > 1
+    for i, (one, box) in enumerate(labels):
+        for other, another in labels[:i]:
+            assert not box.overlaps(another), (one.get_text(), other.get_text())
+
+
+def number_boxes(axes):
+    """Return the boxes of numbers of points, without the lines that lead to them."""
+    notes = [note for note in axes.texts if isinstance(note, Annotation)]
+    return [
+        (note, note.get_bbox_patch().get_window_extent())
+        for note in notes
+        if note.get_text().isdigit()
+    ]
+
+
+def test_every_method_has_one_colour_of_its_own(drawn):
+    colours = style.METHOD_COLOURS
+    assert set(colours) >= {*ALL_METHODS, *METHODS}
+    assert len(set(colours.values())) == len(colours)
+    rows = [row(method, ms=1 + i, position=0.1 + i) for i, method in enumerate(ALL_METHODS)]
+    figure = drawn(tradeoff, tradeoff.draw_tradeoff, rows, "about")
+    points = {
+        float(dots.get_offsets()[0, 0]): to_hex(dots.get_facecolor()[0])
+        for dots in figure.axes[0].collections
+        if len(dots.get_offsets()) == 1
+    }
+    assert points == {each.median_ms: colours[each.method] for each in rows}
+    # The other picture of methods.
+    assert eren2017.METHOD_COLOURS is colours
+
+
+def crowded(factor):
+    """Return settings as a busy machine has them: many in one place, some slow by far."""
+    near = [
+        row(
+            "sam_interpolated",
+            side=3 + i,
+            position=0.5 - 0.045 * i,
+            angle=8 - 0.3 * i,
+            ms=0.2 + 0.03 * i,
+        )
+        for i in range(8)
+    ]
+    return [*near, row("least_squares", position=0.04, ms=factor * 2.0)]
+
+
+@pytest.mark.parametrize("factor", [1, 300])
+def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(drawn, factor):
+    figure = drawn(tradeoff, tradeoff.draw_tradeoff, crowded(factor), "about")
+    for axes in figure.axes[:2]:
+        boxes = number_boxes(axes)
+        assert_apart(boxes)
+        points = [axes.transData.transform(d.get_offsets()[0]) for d in axes.collections]
+        assert max(box.x1 for _, box in boxes) < min(x for x, _ in points)
+        ticks = [t for t in axes.get_xticklabels() if t.get_window_extent().width > 1]
+        shown = [t.get_window_extent() for t in ticks if axes.bbox.x0 <= t.get_window_extent().x0]
+        assert all(a.x1 < b.x0 for a, b in itertools.pairwise(shown))
+
+
+def test_contour_labels_lie_apart_and_off_the_axis_where_contours_meet(drawn):
+    exact = load_scene("reference")  # in which the contours of the planar array meet at y = 0
+    found = bounds_of(exact, np.linspace(4, 8, 9), np.linspace(-1, 1, 17))
+    figure = drawn(bound_map, bound_map.draw_bound_map, found, "reference")
+    maps = [axes for axes in figure.axes if axes.get_ylabel() == "y, port (m)"]
+    assert len(maps) == 6
+    labels = [label for axes in maps for label in axes.texts]
+    assert len(labels) > 8
+    assert_apart([(label, label.get_window_extent()) for label in labels])
+    assert min(abs(label.get_position()[1]) for label in labels) > 0.1
+
+
+def run_of(x_m=-6.0):
+    """Return a run that hardly moves, so that much rounds to zero from below."""
+    record = FollowRecord((x_m, 0.0, 0.0))
+    for t in range(20):
+        record.leader_path[t] = np.array([0.5 * t, -1e-4 * t, 0.0])
+        record.follower_path[t] = record.leader_path[t] + [x_m, 0.0, 0.0]
+        record.truth[t] = np.array([x_m, -1e-4, -2e-3, -1e-3, -3e-3])
+        record.estimates[t] = record.truth[t] * 1.001
+        record.images[t] = 10.0 * np.arange(25).reshape(5, 5)
+    return record
+
+
+def test_a_run_has_no_negative_zero_and_says_what_is_drawn(drawn):
+    figure = drawn(follow, follow.draw_follow, [run_of()])
+    texts = [t.get_text() for t in figure.findobj(lambda artist: hasattr(artist, "get_text"))]
+    for text in texts:
+        assert not re.search(r"[-\N{MINUS SIGN}]0(\.0*)?(?![\d.])", text), text
+    assert "reading (counts)" in texts
+    assert "where both are as the images are taken" in texts
+    panels = [axes for part in figure.subfigs for axes in part.axes]
+    for axes in panels:
+        if axes.get_visible() and axes.get_xlabel() == "time (s)":
+            assert re.search(r"\((m|deg)\)$", axes.get_ylabel())
+    images = [a for a in panels if a.get_xlabel() == "column, to starboard" and a.get_visible()]
+    scales = {image.collections[0].get_clim() for image in images}
+    assert scales == {(0.0, 240.0)}  # one colour bar is that of all
+
+
+def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors(drawn):
+    own = load_scene("sunlit_shallow")
+    images = ForwardModel(own).expose(scene.sheet_poses(), np.random.default_rng(0))
+    figure = drawn(scene, scene.draw_scene, own, images)
+    panels = figure.subfigs[0].axes
+    sheet = [axes for axes in panels if axes.get_aspect() == 1.0]
+    assert len(sheet) == images.shape[0] * images.shape[1]
+    for axes, image in zip(sheet, images.reshape(-1, *images.shape[2:]), strict=True):
+        np.testing.assert_array_equal(axes.collections[0].get_array(), image)
+    for first, row_of_images in zip(sheet[::7], images, strict=True):
+        low, high = first.collections[0].get_clim()
+        assert (low, high) == (row_of_images.min(), row_of_images.max())
+        assert first.get_ylim()[0] > first.get_ylim()[1], "rows go down"
+    assert sum("counts" in axes.get_ylabel() for axes in panels) == len(images)
+    whole = [axes.xaxis for axes in sheet]
+    whole += [a.xaxis for a in figure.subfigs[1].axes if a.get_xlabel() in ("column", "row")]
+    for axis in whole:
+        ticks = axis.get_majorticklocs()
+        np.testing.assert_array_equal(ticks, np.round(ticks))
+
+
+def test_what_the_paper_states_stands_beside_the_curves(drawn):
+    """Curves that fill the lower left triangle of each panel, as the true ones do."""
+    curves = []
+    for panel in ("4a", "4b", "5a", "5b", *(f"6{x}" for x in "abcdef")):
+        motion = "shift" if panel in ("4a", "5a", "6a", "6b", "6c") else "yaw"
+        steps = np.asarray(STEPS[motion])
+        share = steps / steps[-1]
+        for shape, slope in (("planar", 45.0), ("curved", 60.0)):
+            curves.append((panel, Conditions(shape, 5, 4.0, motion), slope * share))
+    figure = drawn(eren2016, eren2016.draw_paper, curves, "eren2016")
+    told = 0
+    for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines")):
+        for note in axes.texts:
+            if ">" not in note.get_text() and "<" not in note.get_text():
+                continue
+            told += 1
+            box = Text.get_window_extent(note)  # without its line
+            for line in [line for line in axes.get_lines() if len(line.get_xdata()) > 5]:
+                x = np.linspace(*axes.get_xlim(), 500)
+                y = np.interp(x, line.get_xdata(), line.get_ydata())
+                inside = axes.transData.transform(np.stack([x, y], axis=1))
+                assert not any(box.contains(*point) for point in inside), note.get_text()
+    assert told == 6
+
+
+def test_numbers_of_designs_lie_apart_and_few_are_named(drawn):
+    values = dict.fromkeys(Score.__dataclass_fields__, 1.0)
+    rng = np.random.default_rng(1)
+    rows = [
+        ScoredDesign(
+            Design("curved", side, width, 0.5, sigma),
+            Score(**{**values, "position_m": rng.uniform(0.1, 0.102), "angle_deg": 2.0 / side}),
+        )
+        for side in (3, 5, 7)
+        for width in (0.2, 0.4, 0.6)
+        for sigma in (6.0, 8.0, 11.0)
+    ]
+    figure = drawn(design, design.draw_designs, study_of(), rows)
+    panels = figure.subfigs[0].axes
+    for axes in panels:
+        boxes = number_boxes(axes)
+        assert 1 <= len(boxes) <= 10
+        if len(boxes) > 1:
+            assert_apart(boxes)
+
+
+@given(st.floats(-1e6, 1e6), st.integers(0, 4))
+def test_a_signed_number_is_the_rounded_one_and_zero_has_no_sign(value, digits):
+    text = style.signed(value, digits)
+    assert float(text) == round(value, digits)
+    assert (text[0] in "+-") == (float(text) != 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("a.svg", b"<?xml"), ("a.PDF", b"%PDF"), ("a.png", b"\x89PNG")]
+)
+def test_the_kind_of_a_file_follows_its_name_and_is_the_same_each_time(tmp_path, name, start):
+    figure = Figure()
+    image = np.arange(9.0).reshape(3, 3)
+    style.array_image(figure.subplots(), image)
+    style.save(figure, tmp_path / name)
+    data = (tmp_path / name).read_bytes()
+    assert data.startswith(start)
+    assert b"<image" not in data  # vectors alone
+    assert b"/Subtype /Image" not in data
+    assert not re.search(rb"<dc:date>|/CreationDate", data)
+
+
+def test_another_kind_of_file_is_refused_and_leaves_nothing(tmp_path):
+    with pytest.raises(ValueError, match=r"a.jpg: no kind of picture; .*\.png, \.svg, \.pdf"):
+        style.save(Figure(), tmp_path / "a.jpg")
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_of_the_documents_are_small():
+    assert {path.name for path in DOCS.glob("**/*.png") if path.stat().st_size > 300_000} == set()

@@ -42,6 +42,7 @@ from uuv_optical_array.estimation.linearised import (
     LinearisedReadings,
     Lineariser,
 )
+from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
@@ -239,6 +240,7 @@ class Estimator:
         )
         self._frame = estimate_frame
         if compiled:
+            features.prepare(model.array.side)
             joint_coordinates.prepare(self.constants)
             self._frame = compilation.compiled(estimate_frame)
             compilation.prepare(self._frame, self._kinds[0].problem, self._guide, np.ones((5, 1)))

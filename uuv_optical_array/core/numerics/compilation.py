@@ -81,12 +81,14 @@ def _name(function: Callable[..., Any]) -> tuple[str, str]:
     return function.__module__, function.__qualname__
 
 
-def if_prepared(function: Callable[..., Any]) -> Callable[..., Any]:
+def if_prepared(
+    function: Callable[..., Any], otherwise: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
     """Return a function as compiled where `prepare` was called for it in this process.
 
-    Elsewhere it is returned as it stands: nobody waits for it to be compiled.
+    Elsewhere return another one, or the function as it stands: nobody waits for it to be compiled.
     """
-    return _PREPARED.get(_name(function), function)
+    return _PREPARED.get(_name(function), otherwise or function)
 
 
 @cache

@@ -8,7 +8,7 @@ from numpy import floor, maximum, minimum, sqrt
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.compilation import by_number
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import at_place, choose, each, law, when
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import SignatureSettings
@@ -187,6 +187,12 @@ def write_parameters(
             parameters[0, _] = 0.0
 
 
+def prepare(side: int) -> None:
+    """Compile what `key_parameters` of a few images runs from then on in this process."""
+    write = compilation.compiled(write_parameters)
+    compilation.prepare(write, np.ones((side * side, 1)), side, 1.0, True, np.empty((5, 1)))
+
+
 @np.errstate(under="ignore")  # the least of readings lose digits, no more
 def key_parameters(
     images: ArrayLike, full_scale_counts: float, peak: Literal["detector", "subdetector"]
@@ -229,8 +235,10 @@ def key_parameters(
     readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
     count = readings.shape[1]
     parameters = np.empty((5, count))
-    write = by_number(write_parameters) if count <= FEW_IMAGES else write_parameters
-    write(readings, side, full_scale_counts, peak == "subdetector", parameters)
+    write = write_parameters
+    if count <= FEW_IMAGES:
+        write = compilation.if_prepared(write, compilation.by_number(write))
+    write(readings, side, float(full_scale_counts), peak == "subdetector", parameters)
     return parameters.T.reshape(*images.shape[:-2], 5)
 
 

@@ -286,7 +286,8 @@ def body_twist(
     by_pose = np.zeros((6, 5))
     by_pose[:3, PITCH] = pitched(twist[:3], roll)
     by_pose[3:, PITCH] = rate[YAW] * np.array([-cos_p, -sin_r * sin_p, -cos_r * sin_p])
-    by_pose[:3, YAW] = np.cross(twist[:3], to_body[:, Z])
+    (u, v, w), (a, b, c) = twist[:3], to_body[:, Z]
+    by_pose[:3, YAW] = v * c - w * b, w * a - u * c, u * b - v * a
     slopes = np.hstack([by_pose, by_rate])
     covariance = np.asarray(covariance, dtype=float)
     spread = slopes @ covariance @ slopes.T

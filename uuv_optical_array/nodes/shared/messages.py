@@ -6,7 +6,9 @@ by half a turn about x, and what comes in one is turned back.
 """
 
 import math
-from functools import cache
+from array import array
+from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -54,25 +56,37 @@ def not_finite(message: Any) -> str:
     """Return where in a ROS message a number is not finite; empty where all are."""
     if isinstance(message, PointCloud2):  # of `features_to_message`
         return "" if np.isfinite(np.frombuffer(message.data, dtype="<f8")).all() else "data"
-    for name, nested, several in _fields_of_numbers(message.__class__):
-        value = getattr(message, name)
-        if nested:
-            for part in value if several else [value]:
-                if where := not_finite(part):
-                    return f"{name}.{where}"
-        elif not (np.isfinite(value).all() if several else math.isfinite(value)):
-            return name
+    kind = message.__class__
+    if kind not in _NUMBERS:
+        _NUMBERS[kind] = {path: attrgetter(path) for path in _places_of_numbers(message)}
+    for where, value_of in _NUMBERS[kind].items():
+        value = value_of(message)
+        if isinstance(value, float):
+            if not math.isfinite(value):
+                return where
+        elif isinstance(value, np.ndarray | array):
+            if not np.isfinite(value).all():
+                return where
+        else:
+            for part in value:
+                if inside := not_finite(part):
+                    return f"{where}.{inside}"
     return ""
 
 
-@cache
-def _fields_of_numbers(message_type: Any) -> list[tuple[str, bool, bool]]:
-    """Return the fields that may hold floats, whether each is of messages, and whether of many."""
-    return [
-        (name, "/" in kind, "<" in kind or "[" in kind)
-        for name, kind in message_type.get_fields_and_field_types().items()
-        if "/" in kind or "double" in kind or "float" in kind
-    ]
+_NUMBERS: dict[type, dict[str, Callable[[Any], Any]]] = {}  # of a type of message, by their place
+
+
+def _places_of_numbers(message: Any) -> list[str]:
+    """Return where a message may hold floats, or several messages that may."""
+    places = []
+    for name, kind in message.get_fields_and_field_types().items():
+        several = "<" in kind or "[" in kind
+        if "/" in kind and not several:
+            places += [f"{name}.{inside}" for inside in _places_of_numbers(getattr(message, name))]
+        elif "/" in kind or "double" in kind or "float" in kind:
+            places.append(name)
+    return places
 
 
 class StampOrder:

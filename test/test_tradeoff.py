@@ -231,8 +231,9 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, cap
     assert whole.startswith(kept)
 
     third = counted(monkeypatch)
-    run("--output", folder)
+    run("--output", folder, "--pictures", ".svg")
     assert third == []
+    assert (folder / "tradeoff.svg").read_bytes().startswith(b"<?xml")
     assert (folder / "tradeoff.csv").read_text() == whole
 
 

@@ -43,7 +43,7 @@ examples:
 Ctrl-C ends it early and draws what there is."""
 
 NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
-PICTURE, TABLES_PICTURE = "tradeoff.png", "table_cost.png"
+PICTURE, TABLES_PICTURE = "tradeoff", "table_cost"
 
 
 def add_parser(subparsers: cli.Subparsers) -> None:
@@ -68,6 +68,12 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         type=Path,
         metavar="DIR",
         help="folder of CSV files and pictures (default: SCENE.tradeoff here)",
+    )
+    parser.add_argument(
+        "--pictures",
+        choices=outputs.PICTURE,
+        default=".png",
+        help="suffix of the pictures (default: %(default)s)",
     )
 
 
@@ -150,10 +156,10 @@ def run(options: argparse.Namespace) -> int:
     about = f"scene {scene.name}, {measured.frames} frames each; {measured.origin.machine}"
     from uuv_optical_array.plots.tradeoff import draw_table_cost, draw_tradeoff
 
-    pictures = [folder / PICTURE]
+    pictures = [folder / f"{PICTURE}{options.pictures}"]
     draw_tradeoff(rows, f"{about}, {load}", pictures[0])
     if costs:
-        pictures.append(folder / TABLES_PICTURE)
+        pictures.append(folder / f"{TABLES_PICTURE}{options.pictures}")
         draw_table_cost(costs, rows, f"{about}, {load}", pictures[1])
     if options.json:
         told = {"complete": complete, **vars(measured.origin), **as_object(rows)}

@@ -8,23 +8,25 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-from uuv_optical_array import Estimator, ForwardModel, Tracker, load_scene
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array import Estimator, ForwardModel, Pipeline, load_scene
 
 scene, picture = load_scene([*sys.argv[1:], "follow"][0]), [*sys.argv[2:], "track.png"][0]
-model, rng, estimator = ForwardModel(scene), np.random.default_rng(seed=1), Estimator(scene)
-tracker, times = Tracker(TrackerSettings()), np.arange(0, 6, 0.1)  # s
+model, rng, pipeline = (
+    ForwardModel(scene),
+    np.random.default_rng(seed=1),
+    Pipeline(Estimator(scene)),
+)
+times = np.arange(0, 6, 0.1)  # s
 truth = np.tile([-6.0, 0, 0, 0, 0], (len(times), 1))  # x, y, z in m, pitch and yaw in rad
 truth[:, 1] = 0.5 * np.sin(2 * np.pi * times / 6)
-frames, track = np.empty_like(truth), np.empty_like(truth)
-for i, time in enumerate(times):
-    estimate = estimator.estimate(model.expose(truth[i], rng, time_s=time))
-    frames[i] = estimate.pose
-    track[i] = tracker.update(round(time * 1e9), estimate.pose, estimate.covariance).pose
-for name, found in (("frames", frames), ("track", track)):
-    print(f"{name}: RMS error of y {np.sqrt(np.mean((found - truth)[:, 1] ** 2)):.3f} m")
-    plt.plot(times, found[:, 1], ".-", label=name)
+images = (model.expose(pose, rng, time_s=time) for pose, time in zip(truth, times, strict=True))
+frames = [pipeline.answer(round(t * 1e9), image) for t, image in zip(times, images, strict=True)]
+seen = [frame.track is not None for frame in frames]  # the others say why in their `reason`
+poses = [(frame.estimate.pose, frame.track.pose) for frame in frames if frame.track]
 plt.plot(times, truth[:, 1], "k", label="truth")
+for name, found in zip(("frames", "track"), np.swapaxes(poses, 0, 1), strict=True):
+    print(f"{name}: RMS error of y {np.sqrt(np.mean((found - truth[seen])[:, 1] ** 2)):.3f} m")
+    plt.plot(times[seen], found[:, 1], ".-", label=name)
 plt.gca().set(xlabel="time (s)", ylabel="y, to port (m)")
 plt.legend()
 plt.savefig(picture)

@@ -9,6 +9,7 @@ from uuv_optical_array.core.files import PACKAGE
 NEEDED_BY = {
     "bags": "bags need",
     "cluster": "work in chunks needs",
+    "view": "the view needs",
     "ros": "without a sourced ROS 2 this needs",
 }
 

@@ -154,7 +154,7 @@ def test_what_is_not_known_is_not_exact(known, kept):
 @pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
 def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     rng = np.random.default_rng(10)
-    poses = drive(rng, 30)
+    poses = drive(rng, 12)
     images = ForwardModel(scene_of()).expose(poses, rng)
     start = tmp_path / "start.yaml"
     save_scene(scene_of(), start, "Start.")

@@ -58,7 +58,7 @@ def draw_approach(results: dict[str, ApproachErrors], about: str, path: Path) ->
     path
         Picture, written whole or not at all.
     """
-    figure = Figure(figsize=(4.6 * len(results), 10.5), layout="constrained")
+    figure = Figure(figsize=(max(9.2, 4.6 * len(results)), 10.5), layout="constrained")
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)
     for column, (name, found) in enumerate(results.items()):
         for axes, (title, dofs) in zip(grid[:, column], ROWS.items(), strict=True):

@@ -96,6 +96,15 @@ def test_the_page_is_for_this_machine_only(page):
         socket.create_connection(("127.0.0.2", port), timeout=PATIENCE_S)
 
 
+def test_the_next_free_port_is_taken_and_an_address_of_another_machine_refused(page, scene):
+    other = Page(scene, "another", port=int(page.url.rpartition(":")[2]))
+    other.close()
+    assert other.url != page.url
+    for host in ("192.0.2.1", "no such name"):  # RFC 5737: nobody's
+        with pytest.raises(ValueError, match=f"host: '{host}' cannot be served"):
+            Page(scene, "elsewhere", host)
+
+
 CHARTS = """(() => {
   const charts = Object.values((window.__viserTestpoints || {}).uplots || {});
   const shown = charts.map(c => c.chart.data.map(row => Array.from(row)));

@@ -4,7 +4,9 @@ It is seen from the leader: the world moves past the lamp, which keeps its place
 that the camera is still. Where nobody knows where the leader is, the lamp's frame is the world.
 """
 
+import errno
 import logging
+import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -35,6 +37,7 @@ from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view.sight import Sight, Window
 
 LOOPBACK, PORT = "127.0.0.1", 8080
+PORTS_TRIED = 1000
 CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
 SIDES = 32  # of what is round
 PATH_POINTS = 300  # of a vehicle's path behind it
@@ -79,9 +82,7 @@ class Page:
     Raises
     ------
     ValueError
-        Where viser is not installed.
-    OSError
-        Where `host` is no address of this machine.
+        Where viser is not installed, or no page can be served at `host` and `port`.
     """
 
     def __init__(self, scene: Scene, title: str, host: str = LOOPBACK, port: int = PORT) -> None:
@@ -92,6 +93,7 @@ class Page:
                 f"{error}; the view needs the extra: pip install 'uuv_optical_array[view]'"
             ) from None
         self._scene = scene
+        port = _free_port(host, port)
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up
         with redirect_stdout(StringIO()):  # its banner, which no option suppresses
             self._server = viser.ViserServer(host, port, label=title, verbose=False)
@@ -116,8 +118,8 @@ class Page:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         sea.set_background_image(_night())
         sea.configure_default_lights(cast_shadow=False)
-        middle = self._range_m * np.array([-0.42, 0.0, -0.02])
-        server.initial_camera.position = middle + self._range_m * np.array([-0.4, -0.85, 0.3])
+        middle = self._range_m * np.array([-0.42, 0.0, 0.04])
+        server.initial_camera.position = middle + self._range_m * np.array([-0.25, -1.2, 0.33])
         server.initial_camera.look_at = middle
         server.initial_camera.fov = np.radians(50)
         self._sea = sea.add_frame("/sea", show_axes=False)
@@ -162,7 +164,7 @@ class Page:
                 *_cone(min(stds * sigma, 1.4), self._range_m),
                 color=LAMP,
                 opacity=opacity,
-                side="double",
+                side="front",  # its inside: the far wall, which hides nothing
                 material="toon3",
             )
         self._detectors = sea.add_point_cloud(
@@ -174,11 +176,13 @@ class Page:
             point_shading="flat",
             precision="float32",
         )
-        outline = _hull(half_m, 0.35 * half_m, 8)
-        sea.add_mesh_simple("/estimate/hull", *outline, color=_rgb(ESTIMATE), wireframe=True)
+        # Outlines: what is transparent would hide each other.
         self._ellipsoid = sea.add_icosphere(
-            "/estimate/three_sigma", 1.0, _rgb(ESTIMATE), opacity=0.6, subdivisions=3
+            "/estimate/three_sigma", 1.0, _rgb(ESTIMATE), wireframe=True, subdivisions=2
         )
+        ends = half_m * np.array([[2.0, 0, 0], [0, 0.7, 0], [0, -0.7, 0], [0, 0, 1.2]])
+        axes = np.stack([np.zeros((4, 3)), ends], axis=1)
+        sea.add_line_segments("/estimate/axes", axes, _rgb(ESTIMATE), thickness=0.025)
         sea.add_label("/estimate/label", "estimate, 3 sigma", position=(0.0, 0.0, -1.6 * half_m))
         cross = 0.3 * np.stack([-np.eye(3), np.eye(3)], axis=1)
         sea.add_line_segments("/station/cross", cross, (255, 255, 255), thickness=0.02)
@@ -433,6 +437,22 @@ def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
     return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
 
 
+def _free_port(host: str, port: int) -> int:
+    """Return the first free port from one on; viser would wait for a bad address for ever."""
+    for candidate in range(port, min(port + PORTS_TRIED, 65536)):
+        try:
+            socket.create_server((host, candidate)).close()
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                continue
+            raise ValueError(
+                f"host: {host!r} cannot be served at port {candidate} ({error}); give "
+                f"{LOOPBACK}, or 0.0.0.0 for the network, and a port above 1023"
+            ) from None
+        return candidate
+    raise ValueError(f"port: none is free from {port} on; give another")
+
+
 def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict[str, Any]:
     small = {
         "font": "11px sans-serif",
@@ -473,22 +493,22 @@ def _night() -> NDArray[np.uint8]:
     return np.clip(light * np.array(NIGHT), 0, 255).astype(np.uint8).repeat(64, axis=1)
 
 
-def _turned(along: Array, radius: Array, sides: int = SIDES) -> tuple[Array, NDArray[np.int64]]:
+def _turned(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return vertices and faces of what is round about x, shapes ``(n, 3)`` and ``(m, 3)``."""
-    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    ring = np.stack([np.zeros(sides), np.cos(angle), np.sin(angle)], axis=1)
+    angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
+    ring = np.stack([np.zeros(SIDES), np.cos(angle), np.sin(angle)], axis=1)
     vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
-    i, k = np.meshgrid(np.arange(len(along) - 1), np.arange(sides), indexing="ij")
-    here, beside = i * sides + k, i * sides + (k + 1) % sides
-    faces = np.stack([[here, beside, here + sides], [beside, beside + sides, here + sides]])
+    i, k = np.meshgrid(np.arange(len(along) - 1), np.arange(SIDES), indexing="ij")
+    here, beside = i * SIDES + k, i * SIDES + (k + 1) % SIDES
+    faces = np.stack([[here, beside, here + SIDES], [beside, beside + SIDES, here + SIDES]])
     return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
 
 
-def _hull(half_m: float, radius_m: float, sides: int = SIDES) -> tuple[Array, NDArray[np.int64]]:
+def _hull(half_m: float, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
     """Return a hull as long as the array is ahead of ``base_link``, and as long abaft."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
     along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
-    return _turned(along, np.cos(angle) * radius_m, sides)
+    return _turned(along, np.cos(angle) * radius_m)
 
 
 def _cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:

@@ -107,6 +107,7 @@ setup(
                     "formation",
                     "follower",
                     "vehicles",
+                    "view",
                 )
             ),
             f"uuv_array = {package_name}.programs:uuv_array",

@@ -2,6 +2,7 @@
 
 import math
 import re
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from uuv_optical_array.nodes import (
     formation_node,
     simulator_node,
     vehicles_node,
+    view_node,
 )
 from uuv_optical_array.nodes.shared import node as shared_node
 
@@ -27,8 +29,12 @@ NODES = {
     "estimator_node": (estimator_node, estimator_node.EstimatorNode),
     "formation_node": (formation_node, formation_node.FormationNode),
     "vehicles_node": (vehicles_node, vehicles_node.VehiclesNode),
+    "view_node": (view_node, view_node.ViewNode),
 }
-ALL = pytest.mark.parametrize("name", NODES)
+VISER = pytest.mark.skipif(find_spec("viser") is None, reason="the view needs the extra view")
+ALL = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=VISER if name == "view_node" else ()) for name in NODES]
+)
 FOLLOW = files.shared_file("config/follow.yaml")
 # What ROS itself declares on every node.
 OF_ROS = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
@@ -292,6 +298,7 @@ def test_a_file_with_one_value_changes_that_value_and_nothing_else(lab, tmp_path
         "estimator_node": ("neighbours", 32),
         "formation_node": ("min_distance_m", 3.0),
         "vehicles_node": ("command_timeout_s", 2.0),
+        "view_node": ("max_rate_hz", 5.0),
     }[name]
     mine = tmp_path / "mine.yaml"
     mine.write_text(yaml.safe_dump({f"/**/{name}": {"ros__parameters": {key: value}}}))
@@ -303,7 +310,7 @@ def test_a_file_with_one_value_changes_that_value_and_nothing_else(lab, tmp_path
 
 def another(node, key, value):
     """Return a value for a parameter that is good and not the one it has."""
-    words = {"scene": "reference", "odometry_axes": "frd"}
+    words = {"scene": "reference", "odometry_axes": "frd", "host": "127.0.0.2"}
     if key in words:
         return words[key]
     if isinstance(value, bool):

@@ -1,0 +1,125 @@
+"""The live view of topics: what it shows of an image, its track and both odometries."""
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from uuv_optical_array.core.geometry import covariance_6x6
+from uuv_optical_array.nodes.shared.messages import (
+    image_to_message,
+    odometry_to_message,
+    pose_to_message,
+    write_pose,
+)
+
+pytest.importorskip("viser", reason="the view needs the extra view")
+START_NS = 1_700_000_000 * 10**9
+POSE = np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
+SPREAD = np.diag([0.04, 0.01, 0.01, 1e-4, 1e-4])
+NO_TWIST = np.zeros(6), np.eye(6)
+
+
+def header(i, frame):
+    return Header(stamp=Time(nanoseconds=START_NS + i * 10**8).to_msg(), frame_id=frame)
+
+
+@pytest.fixture
+def view(lab, scene_file):
+    """A view node whose page keeps what it is to show, and the topics to it."""
+    from uuv_optical_array.nodes.view_node import ViewNode
+
+    lab.begin({"scene": scene_file, "port": 18300, "beacon_position_m": [-0.5, 0.0, 0.0]})
+    node = lab.start(ViewNode)
+    node.seen = []
+    lab.patch.setattr(node.page, "show", node.seen.append)
+    node.images = lab.talk(Image, "array/image")
+    node.tracks = lab.talk(Odometry, "relative_odometry")
+    node.vehicles = {
+        name: lab.talk(Odometry, f"{name}/odometry") for name in ("leader", "follower")
+    }
+    lab.connect()
+    return node
+
+
+def send_image(lab, node, i):
+    """Send an image whose brightest detector reads 100 + i, and wait until it is taken."""
+    image = np.zeros((node.scene.array.detectors_per_side,) * 2)
+    image[0, -1] = 100 + i
+    node.images.publish(image_to_message(image, header(i, "array")))
+    stamp = START_NS + i * 10**8
+    lab.until(lambda: node.waiting and node.waiting.stamp_ns == stamp, f"image {i}")
+
+
+def send_track(lab, node, i, frame="beacon", child="base_link"):
+    pose = pose_to_message(POSE, covariance_6x6(POSE, SPREAD, 1e-6), header(i, frame))
+    node.tracks.publish(odometry_to_message(pose, child, *NO_TWIST))
+    lab.until(lambda: node.track and node.track.header.stamp == pose.header.stamp, f"track {i}")
+
+
+def send_vehicle(lab, node, name, i, position, turn):
+    message = Odometry(header=header(i, "odom"), child_frame_id=f"{name}/base_link")
+    yaw, pitch, roll = Rotation.from_matrix(turn).as_euler("ZYX")
+    write_pose(message.pose.pose, position, pitch, yaw, roll)
+    node.vehicles[name].publish(message)
+    stamp = START_NS + i * 10**8
+    known = node.trajectories[name]
+    lab.until(lambda: known._samples and known._samples[-1][0] == stamp, f"{name} {i}")
+
+
+@pytest.mark.parametrize(("frame", "child"), [("beacon", "base_link"), ("lamp_ned", "hull_frd")])
+def test_an_image_is_shown_with_its_track_and_the_next_without(lab, view, frame, child):
+    send_image(lab, view, 0)
+    send_track(lab, view, 0, frame, child)
+    send_image(lab, view, 1)
+    send_image(lab, view, 2)
+    first, second = view.seen
+    np.testing.assert_allclose(first.pose, POSE, atol=1e-12)
+    np.testing.assert_allclose(first.covariance, SPREAD, atol=1e-9)
+    assert (first.image.max(), first.image[0, -1], first.t_s) == (100, 100, 0.0)
+    assert (first.note, first.true_pose, first.leader) == ("", None, None)
+    assert (second.pose, second.covariance, second.t_s) == (None, None, pytest.approx(0.1))
+    assert second.note.startswith("no pose")
+
+
+def test_the_truth_is_that_of_both_odometries_and_the_place_of_the_lamp(lab, view):
+    leads = Rotation.from_euler("ZY", [0.7, 0.1]).as_matrix()
+    leader = np.array([10.0, -4.0, 1.0])
+    follows = leads @ Rotation.from_euler("ZY", POSE[[4, 3]]).as_matrix()
+    follower = leader + leads @ (POSE[:3] - np.array([0.5, 0.0, 0.0]))
+    send_image(lab, view, 1)
+    for i in (0, 2):  # interpolated between
+        send_vehicle(lab, view, "leader", i, leader + np.array([0.3 * (i - 1), 0, 0]), leads)
+        send_vehicle(lab, view, "follower", i, follower, follows)
+    send_image(lab, view, 2)
+    (seen,) = view.seen
+    np.testing.assert_allclose(seen.true_pose, POSE, atol=1e-9)
+    np.testing.assert_allclose(seen.leader[0], leader - 0.5 * leads[:, 0])
+    np.testing.assert_allclose(seen.leader[1], leads, atol=1e-12)
+
+
+def test_fast_images_are_thinned_and_a_clock_set_back_begins_anew(lab, view):
+    lab.set(view, "max_rate_hz", 5.0)
+    for i in range(6):
+        send_image(lab, view, i)
+    assert [sight.t_s for sight in view.seen] == pytest.approx([0.0, 0.2, 0.4])
+    send_image(lab, view, -50)
+    send_image(lab, view, -48)
+    assert view.seen[-1].t_s == 0.0
+    assert view.seen[-1].image.max() == 50
+
+
+def test_an_image_of_another_array_is_refused_and_a_damaged_track_is_no_pose(lab, view):
+    other = image_to_message(np.ones((3, 3)), header(0, "array"))
+    lab.deliver(view, view.images, other)
+    assert view.waiting is None
+    send_image(lab, view, 0)
+    track = Odometry(header=header(0, "beacon"))
+    track.pose.pose.position.x = np.nan
+    view.tracks.publish(track)
+    lab.until(lambda: view.track, "the track")
+    send_image(lab, view, 1)
+    assert view.seen[0].pose is None

@@ -1,0 +1,156 @@
+"""The live view of ROS topics: what the other nodes publish, on a page in the browser."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.core.geometry import Array, covariance_5x5, relative_pose
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.messages import (
+    Refused,
+    covariance_from_message,
+    image_from_message,
+    odometry_pose,
+    pose_from_message,
+    stamp_ns,
+)
+from uuv_optical_array.nodes.shared.node import run, subscribe
+from uuv_optical_array.nodes.shared.parameters import (
+    BEACON_POSITION,
+    SCENE,
+    Parameter,
+    Parameters,
+)
+from uuv_optical_array.view.page import LOOPBACK, PORT, Page
+from uuv_optical_array.view.sight import Sight
+
+PARAMETERS = {
+    "scene": SCENE,
+    "host": Parameter(
+        LOOPBACK,
+        Quantity("address that the page is served at; 0.0.0.0 is for the whole network"),
+        True,
+    ),
+    "port": Parameter(
+        PORT, Quantity("port of the page, or the next that is free", "", 1, 65535), True
+    ),
+    "max_rate_hz": Parameter(10.0, Quantity("most images shown in a second", "Hz", 0.1, 100)),
+    "odometry_axes": Parameter(
+        "flu",
+        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
+        True,
+        ("flu", "frd"),
+    ),
+    "beacon_position_m": BEACON_POSITION,
+    "max_gap_s": Parameter(
+        0.5, Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), True
+    ),
+}
+
+
+class _Waiting(NamedTuple):
+    """An image, shown when the next one comes: by then the rest of its stamp is there."""
+
+    stamp_ns: int
+    image: Array
+
+
+class ViewNode(Node):
+    """Show images and tracks, and the truth where there are odometries; options as of `Node`."""
+
+    page: Page | None = None  # none where the node is refused
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("view_node", **options)
+        self.parameters = Parameters(self, PARAMETERS)
+        self.scene = load_scene(self.parameters["scene"])
+        self.diagnostics = Diagnostics(self)
+        self.waiting: _Waiting | None = None
+        self.track: Odometry | None = None
+        self.first_ns = self.shown_ns = 0
+        self.trajectories = {
+            name: Trajectory(self.parameters["max_gap_s"]) for name in ("leader", "follower")
+        }
+        namespace = self.get_namespace()
+        self.page = Page(
+            self.scene,
+            f"uuv_optical_array: topics of {namespace}",
+            self.parameters["host"],
+            self.parameters["port"],
+        )
+        self.get_logger().info(f"open {self.page.url} in a browser")
+        subscribe(self, Image, "array/image", self.on_image)
+        subscribe(self, Odometry, "relative_odometry", self.on_track)
+        for name in self.trajectories:
+            subscribe(self, Odometry, f"{name}/odometry", partial(self.on_vehicle, name))
+
+    def on_vehicle(self, name: str, message: Odometry) -> None:
+        """Record where a vehicle is."""
+        try:
+            pose = odometry_pose(message, self.parameters["odometry_axes"])
+        except Refused as reason:
+            self.diagnostics.refuse(f"{name}/odometry, {reason}")
+            return
+        self.trajectories[name].add(stamp_ns(message.header), *pose)
+
+    def on_track(self, message: Odometry) -> None:
+        """Keep the newest track."""
+        self.track = message
+
+    def on_image(self, message: Image) -> None:
+        """Show the image before this one, and let this one wait."""
+        stamp = stamp_ns(message.header)
+        try:
+            image = image_from_message(message, self.scene.array)
+        except Refused as reason:
+            self.diagnostics.refuse(str(reason))
+            return
+        if self.waiting is not None:
+            self.show(*self.waiting)
+        self.waiting = _Waiting(stamp, image)
+
+    def show(self, stamp: int, image: Array) -> None:
+        """Draw what is known of an image."""
+        if stamp < self.shown_ns:
+            self.first_ns = self.shown_ns = 0  # the clock was set back
+        if self.shown_ns and stamp - self.shown_ns < 1e9 / self.parameters["max_rate_hz"] - 1e6:
+            return
+        self.first_ns, self.shown_ns = self.first_ns or stamp, stamp
+        pose = covariance = leader = true_pose = None
+        note = "no pose of this image: see the diagnostics of estimator_node"
+        if self.track is not None and stamp_ns(self.track.header) == stamp:
+            try:
+                pose = pose_from_message(self.track)
+                covariance = covariance_5x5(pose, covariance_from_message(self.track))
+                note = ""
+            except (Refused, ValueError) as reason:
+                self.diagnostics.refuse(f"relative_odometry, {reason}")
+                pose = None
+        try:
+            place, attitude = self.trajectories["leader"].at(stamp)
+            leader = place + attitude @ np.array(self.parameters["beacon_position_m"]), attitude
+            true_pose, _ = relative_pose(*leader, *self.trajectories["follower"].at(stamp))
+        except (TooEarly, LookupError):
+            pass  # hardware knows no truth
+        seconds = (stamp - self.first_ns) * 1e-9
+        assert self.page is not None
+        self.page.show(Sight(seconds, image, true_pose, pose, covariance, note, leader))
+        self.diagnostics.answer(stamp, peak_counts=f"{image.max():g}")
+
+    def destroy_node(self) -> None:
+        """Serve the page no more."""
+        if self.page is not None:
+            self.page.close()
+        super().destroy_node()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(ViewNode, args)

@@ -142,7 +142,7 @@ class ViewNode(Node):
         seconds = (stamp - self.first_ns) * 1e-9
         assert self.page is not None
         self.page.show(Sight(seconds, image, true_pose, pose, covariance, note, leader))
-        self.diagnostics.answer(stamp, peak_counts=f"{image.max():g}")
+        self.diagnostics.answer(stamp, lambda: {"peak_counts": f"{image.max():g}"})
 
     def destroy_node(self) -> None:
         """Serve the page no more."""

@@ -10,7 +10,6 @@ import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
-from importlib import import_module
 from io import StringIO
 from typing import Any
 
@@ -20,6 +19,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import (
     DOF_NAMES,
     DOF_UNITS,
@@ -81,17 +81,14 @@ class Page:
 
     Raises
     ------
+    NotInstalled
+        Where viser is not installed.
     ValueError
-        Where viser is not installed, or no page can be served at `host` and `port`.
+        Where no page can be served at `host` and `port`.
     """
 
     def __init__(self, scene: Scene, title: str, host: str = LOOPBACK, port: int = PORT) -> None:
-        try:
-            viser = import_module("viser")
-        except ImportError as error:
-            raise ValueError(
-                f"{error}; the view needs the extra: pip install 'uuv_optical_array[view]'"
-            ) from None
+        viser = needs("view", "viser")
         self._scene = scene
         port = _free_port(host, port)
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array import ForwardModel, load_scene
-from uuv_optical_array.core import yaml_text
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.messages import image_to_message

@@ -10,8 +10,8 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
-from uuv_optical_array.core import yaml_text
 from uuv_optical_array.core.settings import Place, check
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.launch_arguments import FOLLOW, YES, choices
 from uuv_optical_array.recording.bag import RUN

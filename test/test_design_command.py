@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots.design import draw_designs
+from uuv_optical_array.plots.studies.design import draw_designs
 from uuv_optical_array.plots.style import apart
 from uuv_optical_array.studies.design import study as study_module
 from uuv_optical_array.studies.design.designs import Design, designed

@@ -6,7 +6,7 @@ import re
 import pytest
 import yaml
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.estimator_node import PARAMETERS, EstimatorNode
 
 EXAMPLES = sorted(files.shared_file("config/examples").glob("*.yaml"))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uuv_optical_array.core.formats import csv_text, json_text
+from uuv_optical_array.core.storage.formats import csv_text, json_text
 
 SCALARS = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats() | st.text()
 NESTED = st.recursive(

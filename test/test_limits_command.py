@@ -16,7 +16,7 @@ from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots import bound_map as picture
+from uuv_optical_array.plots.studies import bound_map as picture
 from uuv_optical_array.studies.bound_map import bound_map
 
 pytestmark = pytest.mark.filterwarnings("error")

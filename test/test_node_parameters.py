@@ -12,7 +12,7 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rclpy.parameter import Parameter
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes import (
     estimator_node,
     feature_node,

@@ -14,8 +14,8 @@ from command_line import run
 from conftest import PATIENCE_S
 from matplotlib.figure import Figure
 
-from uuv_optical_array.commands import outputs
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import outputs
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.plots.style import save

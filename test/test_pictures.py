@@ -17,16 +17,8 @@ from measured import row
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots import (
-    bound_map,
-    design,
-    eren2016,
-    eren2017,
-    follow,
-    scene,
-    style,
-    tradeoff,
-)
+from uuv_optical_array.plots import follow, scene, style
+from uuv_optical_array.plots.studies import bound_map, design, eren2016, eren2017, tradeoff
 from uuv_optical_array.studies.bound_map import bound_map as bounds_of
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score

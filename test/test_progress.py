@@ -11,8 +11,8 @@ import termios
 import pytest
 from command_line import run
 
-from uuv_optical_array.commands import progress
-from uuv_optical_array.commands.cli import whole_number
+from uuv_optical_array.commands.shared import progress
+from uuv_optical_array.commands.shared.cli import whole_number
 
 
 class Clock:

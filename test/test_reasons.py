@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes import estimator_node
 from uuv_optical_array.nodes.shared import reasons, table_builder
 from uuv_optical_array.nodes.shared.reasons import kind_of

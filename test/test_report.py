@@ -6,7 +6,7 @@ import pytest
 from command_line import run
 from test_docs import PAGES
 
-from uuv_optical_array.commands import report
+from uuv_optical_array.commands.shared import report
 from uuv_optical_array.commands.studies import paper
 
 BEGIN = report.BEGIN.format("uuv_array paper --seed 2")

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from test_scene import FULL, READY
 
-from uuv_optical_array.core import yaml_text
 from uuv_optical_array.core.settings import declared
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 from conftest import PATIENCE_S
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.shared import security
 
 POLICY = files.shared_file("config/security/policy.xml")

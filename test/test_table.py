@@ -13,8 +13,8 @@ import second_forward
 import yaml
 from test_features import slow_key_parameters
 
-from uuv_optical_array.core import files, manifest
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.storage import files, manifest
 from uuv_optical_array.estimation.table import disk, signature_table
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table, grid_axes, signatures

@@ -9,7 +9,7 @@ from asker import Asker, assert_is
 from conftest import PATIENCE_S, write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from conftest import PATIENCE_S
 
-from uuv_optical_array.core import files
 from uuv_optical_array.core.numerics.cluster import on_threads
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.table import store as store_module
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table
 from uuv_optical_array.estimation.table.store import TableStore

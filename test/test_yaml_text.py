@@ -5,7 +5,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.core import yaml_text
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene, save_scene
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=40)

@@ -12,9 +12,9 @@ from peers import light, report
 from peers.exact import hard_cases, verdict
 from peers.libraries import BUILDERS, missing
 from peers.search import compare, figures, one_thread, signatures
-from uuv_optical_array.commands import cli, progress
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import cli, progress
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene, load_scene
 
 DESCRIPTION = """\

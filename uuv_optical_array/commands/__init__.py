@@ -9,16 +9,15 @@ from contextlib import suppress
 from uuv_optical_array import __version__
 from uuv_optical_array.commands import (
     calibrate,
-    cli,
     commission,
     estimate,
     follow,
     render,
-    report,
     scenes,
     table,
     view,
 )
+from uuv_optical_array.commands.shared import cli, report
 from uuv_optical_array.commands.studies import (
     accuracy,
     advise,

@@ -8,12 +8,12 @@ import numpy as np
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.commands.bag_options import add_bag, read_bag
-from uuv_optical_array.core import files
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import load_scene, save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Recording

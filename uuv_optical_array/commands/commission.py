@@ -5,9 +5,9 @@ import dataclasses
 from pathlib import Path
 
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
-from uuv_optical_array.commands import cli, outputs
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Topics, read_recording

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.commands.bag_options import add_bag, read_bag
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
 from uuv_optical_array.estimation.pipeline import Frame

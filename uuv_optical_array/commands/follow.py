@@ -9,11 +9,11 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
-from uuv_optical_array.core import files
 from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.recording.bag import BagWriter
 
 DESCRIPTION = """\

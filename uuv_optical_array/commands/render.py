@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

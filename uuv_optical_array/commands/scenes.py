@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from typing import Any
 
-from uuv_optical_array.commands import cli
-from uuv_optical_array.core import yaml_text
+from uuv_optical_array.commands.shared import cli
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, PRIORS, PriorSettings, Scene, load_scene
 from uuv_optical_array.forward.scene_files import (

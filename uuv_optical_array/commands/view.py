@@ -4,8 +4,8 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from uuv_optical_array.commands import cli, outputs
-from uuv_optical_array.commands.bag_options import add_bag, read_bag
+from uuv_optical_array.commands.shared import cli, outputs
+from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
 from uuv_optical_array.forward.scene import load_scene

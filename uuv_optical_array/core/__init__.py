@@ -1,1 +1,1 @@
-"""What every other folder builds on: geometry, settings, files, numerical methods."""
+"""What every other folder builds on: geometry, settings, errors, numerical methods, files."""

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Any
 
-from uuv_optical_array.core.files import PACKAGE
+from uuv_optical_array.core.storage.files import PACKAGE
 
 # Extra: what needs it.
 NEEDED_BY = {

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from uuv_optical_array.core import files, yaml_text
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
+from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects

@@ -5,7 +5,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from uuv_optical_array.core import files, yaml_text
+from uuv_optical_array.core.storage import files, yaml_text
 
 READY = "config/scenes"
 SUFFIXES = ".yaml", ".yml"

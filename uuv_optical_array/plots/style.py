@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from uuv_optical_array.core import files
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.plots import KINDS
 

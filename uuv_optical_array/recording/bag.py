@@ -7,8 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from uuv_optical_array.core import files
 from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.recording import mcap, sqlite
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"

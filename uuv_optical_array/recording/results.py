@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.core import files
-from uuv_optical_array.core.formats import csv_text
 from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import csv_text
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
@@ -166,7 +166,9 @@ def run(options: argparse.Namespace) -> int:
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
             text = f"{comparison(rows)}\n\npicture: {picture}"
-            from uuv_optical_array.plots.known import draw_known  # matplotlib takes a second
+            from uuv_optical_array.plots.studies.known import (
+                draw_known,  # matplotlib takes a second
+            )
 
             draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:

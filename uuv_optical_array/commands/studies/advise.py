@@ -5,12 +5,12 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from uuv_optical_array.commands import cli
+from uuv_optical_array.commands.shared import cli
 from uuv_optical_array.commands.studies.tradeoff import measure_rest
-from uuv_optical_array.core import files
-from uuv_optical_array.core.formats import json_text
 from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.studies.shared.results import read
 from uuv_optical_array.studies.shared.working_volume import SPECIFICATION

@@ -3,10 +3,10 @@
 import argparse
 from typing import Any, get_args
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.studies.eren2017.approach import CASES, FRAMES, Choices, Noise
 from uuv_optical_array.studies.eren2017.monte_carlo import (
@@ -160,7 +160,7 @@ def run(options: argparse.Namespace) -> int:
         return cli.INTERRUPTED
     cases = {name: as_object(CASES[name], errors) for name, errors in found.items()}
     about = f"noise {options.noise}, offsets {options.offsets}, seed {seed}"
-    from uuv_optical_array.plots.eren2017 import draw_approach
+    from uuv_optical_array.plots.studies.eren2017 import draw_approach
 
     draw_approach(found, about, output)
     if options.json:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
 from uuv_optical_array.studies.design.designs import Mount, Power, Sweep, default_sweep
@@ -190,7 +190,7 @@ def run(options: argparse.Namespace) -> int:
     if not rows:
         print("interrupted: nothing scored")
         return cli.INTERRUPTED
-    from uuv_optical_array.plots.design import draw_designs
+    from uuv_optical_array.plots.studies.design import draw_designs
 
     draw_designs(study, rows, picture)
     written = [csv, picture]

@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from uuv_optical_array.commands import cli, outputs
+from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
     output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
-    from uuv_optical_array.plots.bound_map import draw_bound_map
+    from uuv_optical_array.plots.studies.bound_map import draw_bound_map
 
     draw_bound_map(bound_map(scene), scene.name, output)
     print(f"picture: {output}")

@@ -3,8 +3,8 @@
 import argparse
 import math
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
             return cli.INTERRUPTED
     picture = None
     if found.drawable:
-        from uuv_optical_array.plots.eren2016 import draw_paper
+        from uuv_optical_array.plots.studies.eren2016 import draw_paper
 
         picture = str(output)
         draw_paper(found.curves, scene.name, output)

@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.robustness.kinds import kinds_named
@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
     complete = len(found) == len(kinds) and len(found[-1].frames.errors) == count
     rows = [result.as_object() for result in found]
     about = f"{options.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
-    from uuv_optical_array.plots.robustness import draw_robustness
+    from uuv_optical_array.plots.studies.robustness import draw_robustness
 
     draw_robustness(rows, about, output)
     if options.json:

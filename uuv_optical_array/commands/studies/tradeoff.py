@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from uuv_optical_array.commands import cli, outputs, progress
-from uuv_optical_array.core.formats import json_text
+from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
@@ -154,7 +154,7 @@ def run(options: argparse.Namespace) -> int:
     loads = [row.load_average for row in rows]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {measured.frames} frames each; {measured.origin.machine}"
-    from uuv_optical_array.plots.tradeoff import draw_table_cost, draw_tradeoff
+    from uuv_optical_array.plots.studies.tradeoff import draw_table_cost, draw_tradeoff
 
     pictures = [folder / f"{PICTURE}{options.pictures}"]
     draw_tradeoff(rows, f"{about}, {load}", pictures[0])

@@ -5,7 +5,7 @@ import resource
 from collections.abc import Callable, Sequence
 
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.memory import gigabytes
+from uuv_optical_array.core.storage.memory import gigabytes
 
 Work = Callable[[int], int]
 Tick = Callable[[], object]

@@ -19,8 +19,8 @@ from pathlib import Path
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
-from uuv_optical_array.core import files
 from uuv_optical_array.core.numerics import scalars
+from uuv_optical_array.core.storage import files
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled

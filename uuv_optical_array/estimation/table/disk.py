@@ -2,7 +2,7 @@
 
 A table is a folder of ``poses.npy`` (m, 5), ``parameters.npy`` (m, 5), ``table.yaml`` with the
 scene it was built from and the scene's fingerprint, and the checksums of these files
-(`core.manifest`). One that is too large to be built in memory is a `store.TableStore`.
+(`core.storage.manifest`). One that is too large to be built in memory is a `store.TableStore`.
 """
 
 import logging
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.core import files, manifest, memory, yaml_text
+from uuv_optical_array.core.storage import files, manifest, memory, yaml_text
 from uuv_optical_array.estimation.table import store
 from uuv_optical_array.estimation.table.signature_table import (
     Progress,

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core import manifest, memory
 from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import transmit
 from uuv_optical_array.core.settings import Span
+from uuv_optical_array.core.storage import manifest, memory
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted, write_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
 from uuv_optical_array.forward.light import COSINE, HALF_SQUARE, RANGE, lamp_light, ray

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from uuv_optical_array.core.formats import plain
 from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.studies.robustness.kinds import Kind

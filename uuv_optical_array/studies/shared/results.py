@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from uuv_optical_array.core import files
-from uuv_optical_array.core.formats import csv_text
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import csv_text
 
 T = TypeVar("T")
 

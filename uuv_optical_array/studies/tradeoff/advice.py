@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, simplicity

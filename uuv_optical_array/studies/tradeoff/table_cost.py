@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from uuv_optical_array.core import yaml_text
+from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.disk import ABOUT, load_table, save_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable

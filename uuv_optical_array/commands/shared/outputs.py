@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.plots import KINDS
 
 PICTURE = tuple(KINDS)

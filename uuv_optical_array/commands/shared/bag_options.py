@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Annotated, get_args
 
-from uuv_optical_array.commands import cli, progress
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import cli, progress
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
 

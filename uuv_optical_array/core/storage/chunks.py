@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.core import files, manifest
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage import files, manifest
 
 HEADERS = ".zarray", ".zattrs"
 FINISHED = "finished.json"  # what is only known once every chunk is there

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import TextIO
 
-from uuv_optical_array.commands import outputs
-from uuv_optical_array.core import files
+from uuv_optical_array.commands.shared import outputs
+from uuv_optical_array.core.storage import files
 
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
 

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from uuv_optical_array.core import files
+from uuv_optical_array.core.storage import files
 
 NAME = "SHA256SUMS"
 BLOCK_BYTES = 1 << 20

@@ -1,0 +1,1 @@
+"""What the commands have in common: options, outputs, progress, pages of results."""

@@ -1,0 +1,1 @@
+"""Files: whole or not at all, checked, of YAML, JSON or CSV, and work in chunks that lasts."""

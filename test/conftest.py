@@ -54,9 +54,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Modules of tests that fit images. They come last, and of a run of all tests in several processes
 # the idle one compiles the fit beside the others; else every worker would wait for one of them.
 FITTING = re.compile(
-    "test_(accuracy|advise|closed_loop|commands|demo|estimate|estimator_node|examples|fit|"
+    "test_(accuracy|advise|approach|example_scripts|closed_loop|commands|demo|estimate|estimator_node|examples|fit|"
     "fit_compiler|follower_node|fuzz|hard_cases|implausible_frames|linearised|misfit|"
-    "mixture|node_parameters|paper|paper_command|plausibility|posterior|programs|readme|"
+    "mixture|node_parameters|outputs|paper|paper_command|plausibility|posterior|programs|readme|"
     "record|replay|robustness|saturated|store|table_builder|tracking_constants|"
     "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|view|view_sources|"
     "code_blocks)"

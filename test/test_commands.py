@@ -12,8 +12,10 @@ import pytest
 import yaml
 from command_line import PROGRAM, assert_picture, run
 from conftest import PATIENCE_S
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
 
+from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.table.disk import load_table
 
 
@@ -177,8 +179,14 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
     picture = tmp_path / "run.png"
     lab.begin()
     poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
+    leader = lab.listen(Odometry, "leader/odometry")
+
+    def followed():
+        off = [message.header for message in leader if message.twist.twist != Twist()]
+        return off and [p for p in poses if stamp_ns(p.header) > stamp_ns(off[0])][4:]
+
     with follow("--duration", "600", "--output", picture) as process:
-        lab.until(lambda: len(poses) >= 5 or process.poll() is not None, "poses")
+        lab.until(lambda: followed() or process.poll() is not None, "poses")
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, out + error

@@ -9,10 +9,7 @@ from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.view.browser import Browser
-from uuv_optical_array.view.page import LOOPBACK, PORT, Page
-from uuv_optical_array.view.recorded import play
-from uuv_optical_array.view.simulation import simulate
+from uuv_optical_array.view import LOOPBACK, PORT
 
 DESCRIPTION = """\
 Serves a page that shows leader, follower, beam and array in 3-D, the true pose and the estimated
@@ -62,6 +59,11 @@ def add_parser(subparsers: cli.Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until it is interrupted."""
+    from uuv_optical_array.view.browser import Browser
+    from uuv_optical_array.view.page import Page
+    from uuv_optical_array.view.recorded import play
+    from uuv_optical_array.view.simulation import simulate
+
     port, shown_s = cli.numbers_of(options, NUMBERS)
     picture = options.screenshot and outputs.file_to_write(
         options.screenshot, "--screenshot", (".png",)

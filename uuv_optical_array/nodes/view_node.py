@@ -28,7 +28,8 @@ from uuv_optical_array.nodes.shared.parameters import (
     Parameter,
     Parameters,
 )
-from uuv_optical_array.view.page import LOOPBACK, PORT, Page
+from uuv_optical_array.view import LOOPBACK, PORT
+from uuv_optical_array.view.page import Page
 from uuv_optical_array.view.sight import Sight
 
 PARAMETERS = {

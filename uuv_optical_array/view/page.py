@@ -34,9 +34,9 @@ from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
+from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.sight import Sight, Window
 
-LOOPBACK, PORT = "127.0.0.1", 8080
 PORTS_TRIED = 1000
 CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
 SIDES = 32  # of what is round

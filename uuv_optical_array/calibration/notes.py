@@ -1,7 +1,7 @@
 """What a user should know of a calibration's fit, in words."""
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
@@ -91,7 +91,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
     agreement = fit.agreement
     most = MOST_NOISE**2
     if agreement.freedoms > 0:
-        most *= chi2.isf(SURE, agreement.freedoms) / agreement.freedoms
+        most *= chdtri(agreement.freedoms, SURE) / agreement.freedoms
     independent = not any(_correlated(fit))
     if agreement.misfit <= most or (fit_noise and independent):
         return ""

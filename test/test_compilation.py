@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from uuv_optical_array.control.trajectory import unit_quaternion
+from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
 
 pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
@@ -63,5 +63,5 @@ def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
 
 
 def test_a_function_whose_changes_would_go_unnoticed_is_not_compiled():
-    with pytest.raises(ValueError, match=r"unit_quaternion.*move the function"):
-        compilation.compiled(unit_quaternion)
+    with pytest.raises(ValueError, match=r"least_distance.*move the function"):
+        compilation.compiled(least_distance)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory, unit_quaternion
+from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.core.geometry import unit_quaternion
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -2,7 +2,6 @@
 
 from collections import deque
 
-import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from uuv_optical_array.core.geometry import Array
@@ -84,31 +83,3 @@ class Trajectory:
         fraction = (stamp_ns - before) / (stamp - before)
         turn = Slerp([0.0, 1.0], Rotation.from_quat([old_quaternion, quaternion]))
         return old_position + fraction * (position - old_position), turn(fraction).as_matrix()
-
-
-def unit_quaternion(quaternion_xyzw: Array, tolerance: float = 1e-2) -> Array:
-    """Check and normalise an attitude.
-
-    Parameters
-    ----------
-    quaternion_xyzw
-        Shape ``(4,)``.
-    tolerance
-        Largest deviation of its length from 1 that rounding may explain.
-
-    Returns
-    -------
-    Array
-        Shape ``(4,)``, length 1.
-
-    Raises
-    ------
-    ValueError
-        For a quaternion that is not finite or not of unit length.
-    """
-    length = float(np.linalg.norm(quaternion_xyzw))
-    if not abs(length - 1) <= tolerance:
-        raise ValueError(
-            f"quaternion {np.asarray(quaternion_xyzw).tolist()} has length {length:g}, not 1"
-        )
-    return quaternion_xyzw / length

@@ -377,3 +377,31 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
     mapped = jacobian @ np.asarray(covariance, float) @ jacobian.T
     mapped += roll_std**2 * np.outer(gauge, gauge)
     return (mapped + mapped.T) / 2
+
+
+def unit_quaternion(quaternion_xyzw: Array, tolerance: float = 1e-2) -> Array:
+    """Check and normalise an attitude.
+
+    Parameters
+    ----------
+    quaternion_xyzw
+        Shape ``(4,)``.
+    tolerance
+        Largest deviation of its length from 1 that rounding may explain.
+
+    Returns
+    -------
+    Array
+        Shape ``(4,)``, length 1.
+
+    Raises
+    ------
+    ValueError
+        For a quaternion that is not finite or not of unit length.
+    """
+    length = float(np.linalg.norm(quaternion_xyzw))
+    if not abs(length - 1) <= tolerance:
+        raise ValueError(
+            f"quaternion {np.asarray(quaternion_xyzw).tolist()} has length {length:g}, not 1"
+        )
+    return quaternion_xyzw / length

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from uuv_optical_array.control.trajectory import unit_quaternion
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, unit_quaternion
 
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02

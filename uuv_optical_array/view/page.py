@@ -6,6 +6,7 @@ that the camera is still. Where nobody knows where the leader is, the lamp's fra
 
 import errno
 import logging
+import math
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
@@ -38,13 +39,16 @@ from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
+# What the charts show.
+ERRORS, ESTIMATES = "**estimate less truth**, 3 sigma", "**estimate**, 3 sigma; truth unknown"
+NOTHING = (np.full(2, np.nan),) * 3
 CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
 SIDES = 32  # of what is round
 PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
 NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark ground
-WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 96, 300, 250
+WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
 
 
 @dataclass(frozen=True)
@@ -203,27 +207,26 @@ class Page:
                 label="image of the array, port on the left, up on top",
                 format="png",
             )
-        empty = np.zeros(0)
+        self._what = gui.add_markdown(ESTIMATES)
         self._charts = [
             gui.add_uplot(
-                (empty,) * 4,
+                known(*np.zeros((4, 0))),
                 (
-                    {"label": "t (s)"},
-                    {"label": "value", "stroke": "#ffffff", "width": 1.5},
-                    {"label": "-3 sigma", "stroke": ESTIMATE, "width": 1},
-                    {"label": "+3 sigma", "stroke": ESTIMATE, "width": 1},
+                    {"label": "time (s)"},
+                    _dots("value", "#ffffff"),
+                    _dots("-3 sigma", ESTIMATE),
+                    _dots("+3 sigma", ESTIMATE),
                 ),
-                bands=({"series": (3, 2), "fill": f"{ESTIMATE}55"},),
-                **_chart_style(f"{name} ({unit})"),
+                **_chart_style(f"{name} ({unit})"),  # a chart whose title changes loses its scale
             )
             for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)
         ]
         full = self._scene.full_scale_counts
         self._light = gui.add_uplot(
-            (empty,) * 2,
+            known(*np.zeros((2, 0))),
             (
-                {"label": "t (s)"},
-                {"label": "peak", "stroke": "#ffd66e", "width": 1.5, "fill": "#ffd66e33"},
+                {"label": "time (s)"},
+                _dots("peak", "#ffd66e"),
             ),
             **_chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full)),
         )
@@ -282,8 +285,9 @@ class Page:
         Callable
             Moves the mark to a time, s.
         """
+        end_s = max(math.ceil(10 * duration_s) / 10, 0.1)
         with self._tab, self._server.gui.add_folder("recording"):
-            line = self._server.gui.add_slider("time (s)", 0.0, max(duration_s, 0.1), 0.1, 0.0)
+            line = self._server.gui.add_slider("time (s)", 0.0, end_s, 0.1, 0.0)
             runs = self._server.gui.add_checkbox("play", True)
 
         def chosen(event: Any) -> None:
@@ -318,18 +322,16 @@ class Page:
         self._window.clear()
         for sight in sights:
             self._window.add(sight)
-        self._show_charts()
+        if sights:
+            self._show_charts()
 
     def _show_charts(self) -> None:
-        for dof, (chart, name, unit) in enumerate(
-            zip(self._charts, DOF_NAMES, DOF_UNITS, strict=True)
-        ):
-            chart.data = self._window.bands(dof)
-            what = "error" if self._window.has_truth else "estimate"
-            title = f"{name} {what} and 3 sigma ({unit})"
-            if chart.title != title:
-                chart.title = title
-        self._light.data = self._window.peaks()
+        what = ERRORS if self._window.has_truth else ESTIMATES
+        if self._what.content != what:
+            self._what.content = what
+        for dof, chart in enumerate(self._charts):
+            chart.data = known(*self._window.bands(dof))
+        self._light.data = known(*self._window.peaks())
 
     def _show_image(self, image: Array) -> None:
         colours = colormaps[IMAGES](image / max(image.max(), 1.0), bytes=True)[..., :3]
@@ -450,6 +452,12 @@ def _free_port(host: str, port: int) -> int:
     raise ValueError(f"port: none is free from {port} on; give another")
 
 
+def _dots(label: str, colour: str) -> dict[str, Any]:
+    """Return a series without a line, which would cross what is not known."""
+    points = {"show": True, "size": 2.5, "width": 0, "fill": colour}
+    return {"label": label, "stroke": colour, "width": 0, "points": points}
+
+
 def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict[str, Any]:
     small = {
         "font": "11px sans-serif",
@@ -469,6 +477,16 @@ def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict
         "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
         "padding": (4, 10, 0, 0),
     }
+
+
+def known(t_s: Array, *values: Array) -> tuple[Array, ...]:
+    """Return the times of which all values are known, and these; nan in two rows for fewer.
+
+    A chart finds no scale where a value is not a number, nor in one point.
+    """
+    rows = np.stack([t_s, *values])
+    rows = rows[:, np.isfinite(rows).all(axis=0)]
+    return tuple(rows) if rows.shape[1] > 1 else (np.array([0.0, 1.0]), *NOTHING[: len(values)])
 
 
 def _place(frame: Any, position: Array, turn: Array) -> None:

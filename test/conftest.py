@@ -51,7 +51,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Modules of tests that fit images. They come last, and of a run of all tests in several processes
+# Modules of tests that fit images. They come last in each worker, and of a run of all tests in several processes
 # the idle one compiles the fit beside the others; else every worker would wait for one of them.
 FITTING = re.compile(
     "test_(accuracy|advise|approach|example_scripts|closed_loop|commands|demo|estimate|estimator_node|examples|fit|"
@@ -76,7 +76,17 @@ def pytest_sessionstart(session):
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: FITTING.fullmatch(item.path.stem) is not None)
+    groups = [], []
+    for item in items:
+        groups[FITTING.fullmatch(item.path.stem) is not None].append(item)
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    # Each worker begins with a part of its own, of as many tests as those of the others.
+    items[:] = [
+        item
+        for part in range(workers)
+        for group in groups
+        for item in group[part * len(group) // workers : (part + 1) * len(group) // workers]
+    ]
 
 
 def pytest_unconfigure():

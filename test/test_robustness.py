@@ -134,7 +134,7 @@ def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
         def __init__(self):
             self.table, self.images = table, []
 
-        def estimate(self, parameters, image):
+        def estimate(self, image, parameters):
             self.images.append(image)
             raise NoPose("planted")
 
@@ -179,7 +179,7 @@ def test_the_command_tells_prints_and_draws(capsys, tmp_path, scene_file):
     assert [row["kind"] for row in answer["kinds"]] == ["nothing", "mirrored"]
     assert all(row.keys() >= set(KEYS) for row in answer["kinds"])
     assert [row["frames"] for row in answer["kinds"]] == [12, 12]
-    assert "mirrored: 100%" in err
+    assert "mirrored: 12/12 frame" in err
     assert "12/12" in err
     assert_picture(picture)
     run(*words, *SOME)
@@ -232,7 +232,7 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
     ],
 )
 def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):
-    monkeypatch.setattr(command, "cached_table", None)
+    monkeypatch.setattr(command, "Estimator", None)
     error = run(*words, code=1)
     assert error.startswith("uuv_array robustness: ")
     for word in named:

@@ -131,7 +131,10 @@ def test_a_block_of_dark_poses_is_left_out_as_a_whole(monkeypatch):
     scene = scene_with("table", x_m=[-4.0, 4.0, 3])
     whole = build_table(scene)
     monkeypatch.setattr(signature_table, "BLOCK_POSES", 4)
-    assert_equal_tables(build_table(scene), whole)
+    blocks = build_table(scene)
+    np.testing.assert_array_equal(blocks.poses, whole.poses)
+    # Few images are worked out one by one, and compiled where the fit is.
+    np.testing.assert_allclose(blocks.parameters, whole.parameters, rtol=1e-12, atol=1e-14)
 
 
 numba = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")

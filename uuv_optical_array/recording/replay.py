@@ -1,5 +1,6 @@
 """A recording estimated anew, by the checks and in the order of the feature and estimator nodes."""
 
+import gc
 import math
 import multiprocessing
 import os
@@ -73,6 +74,7 @@ _work: list[Work] = []  # of a process of the pool
 
 def _begin(work: Work) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that waits
+    gc.freeze()  # ROS nodes that the parent has dropped cannot be ended without its threads
     _work.append(work)
 
 

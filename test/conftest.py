@@ -51,15 +51,15 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Modules of tests that fit images. They come last in each worker, and of a run of all tests in several processes
-# the idle one compiles the fit beside the others; else every worker would wait for one of them.
+# Modules of tests that fit images come last in each worker. Where all tests run in several
+# processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
-    "test_(accuracy|advise|approach|example_scripts|closed_loop|commands|demo|estimate|estimator_node|examples|fit|"
-    "fit_compiler|follower_node|fuzz|hard_cases|implausible_frames|linearised|misfit|"
-    "mixture|node_parameters|outputs|paper|paper_command|plausibility|posterior|programs|readme|"
-    "record|replay|robustness|saturated|store|table_builder|tracking_constants|"
-    "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|view|view_sources|"
-    "code_blocks)"
+    "test_(accuracy|advise|approach|closed_loop|code_blocks|commands|demo|estimate|"
+    "estimator_node|example_scripts|examples|fit|fit_compiler|follower_node|fuzz|"
+    "hard_cases|implausible_frames|linearised|misfit|mixture|node_parameters|outputs|"
+    "paper|paper_command|plausibility|posterior|programs|readme|record|replay|"
+    "robustness|saturated|store|table_builder|tracking_constants|tracking_manoeuvres|"
+    "tracking_seas|tracking_shades|tradeoff|view|view_sources)"
 )
 COMPILE = """from uuv_optical_array.estimation.estimator import compile_fit
 from uuv_optical_array.forward.scene import load_scene

@@ -96,6 +96,21 @@ def page(scene):
     page.close()
 
 
+def test_no_browser_opens_a_tunnel_to_the_internet(page, monkeypatch):
+    from viser import _messages, _viser
+
+    tunnels, asked = [], []
+    monkeypatch.setattr(_viser, "ViserTunnel", lambda *address: tunnels.append(address))
+    pool = page._server._thread_executor
+    submit = pool.submit
+    monkeypatch.setattr(pool, "submit", lambda work: asked.append(submit(work)) or asked[-1])
+    for handle in page._server._websock_server._incoming_handlers[_messages.ShareUrlRequest]:
+        handle(0, _messages.ShareUrlRequest())
+    (answer,) = asked
+    assert answer.result(PATIENCE_S) is None
+    assert tunnels == []
+
+
 def test_the_page_is_for_this_machine_only(page):
     port = int(page.url.rpartition(":")[2])
     socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S).close()

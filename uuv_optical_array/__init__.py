@@ -20,6 +20,7 @@ _HOME = {
     "NoPose": "core.errors",
     "Pipeline": "estimation.pipeline",
     "cramer_rao_bound": "estimation.cramer_rao",
+    "array_image": "plots.style",
 }
 __all__ = ["__version__", *_HOME]
 

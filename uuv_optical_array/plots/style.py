@@ -50,6 +50,15 @@ def detector_ticks(*axes: Axis, most: int = 6) -> None:
 def array_image(axes: Axes, image: Array, cmap: str = IMAGES, **style: Any) -> Any:
     """Draw an image of an array, rows from the top and columns from port, as vectors.
 
+    Parameters
+    ----------
+    axes
+        Where it is drawn.
+    image
+        Counts, shape ``(side, side)``.
+    cmap, style
+        Of `Axes.pcolormesh`.
+
     Returns
     -------
     matplotlib.collections.QuadMesh

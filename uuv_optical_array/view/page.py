@@ -98,6 +98,8 @@ class Page:
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up
         with redirect_stdout(StringIO()):  # its banner, which no option suppresses
             self._server = viser.ViserServer(host, port, label=title, verbose=False)
+        # A browser may ask viser for a tunnel through which the whole internet sees the page.
+        self._server.request_share_url = lambda verbose=True: None
         self.url = f"http://{host}:{self._server.get_port()}"
         self._window, self._drawn = Window(), 0
         self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}

@@ -19,7 +19,7 @@ from sensor_msgs.msg import Image
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.scene import load_scene
 
-POSES = 500
+POSES = 250
 NODES = ("simulator_node", "feature_node", "estimator_node")
 
 

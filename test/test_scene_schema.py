@@ -4,6 +4,7 @@ import json
 import math
 import re
 
+import jsonschema
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -17,7 +18,6 @@ from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_setti
 from uuv_optical_array.forward.scene_files import Layer, merged, scene_file
 from uuv_optical_array.forward.scene_schema import scene_schema
 
-jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema, of the extra test")
 SCHEMA = json.loads(json.dumps(scene_schema()))
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 reproducible = settings(deadline=None, derandomize=True, max_examples=200)

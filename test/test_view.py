@@ -17,7 +17,6 @@ from uuv_optical_array.view.browser import Browser, installed
 from uuv_optical_array.view.page import Page, Slider, ellipsoid, known
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window
 
-viser = pytest.importorskip("viser", reason="the view needs the extra view")
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
 SPREAD = np.diag([0.04, 0.01, 0.0025, 1e-4, 4e-4])  # sigma 0.2, 0.1, 0.05 m, 0.57, 1.15 deg
 

@@ -16,7 +16,6 @@ from uuv_optical_array.nodes.shared.messages import (
     write_pose,
 )
 
-pytest.importorskip("viser", reason="the view needs the extra view")
 START_NS = 1_700_000_000 * 10**9
 POSE = np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
 SPREAD = np.diag([0.04, 0.01, 0.01, 1e-4, 1e-4])

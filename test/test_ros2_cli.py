@@ -154,9 +154,9 @@ def launch_that_ends(folder, argument, file="follow.launch.py"):
 
 def without_viewers():
     try:
-        get_package_prefix("tf2_ros")
+        get_package_prefix("rviz2")
     except (PackageNotFoundError, OSError):
-        return [("rviz:=true", ("package tf2_ros is not installed",))]
+        return [("rviz:=true", ("package 'rviz2' not found",))]
     return []
 
 

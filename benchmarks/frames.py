@@ -126,7 +126,7 @@ def main() -> None:
         for frame in frames:
             units.append(cpu_us(yardstick, detectors, readings, start))
             try:
-                times.append(cpu_us(estimator.estimate, None, frame))
+                times.append(cpu_us(estimator.estimate, frame))
             except NoPose:
                 without += 1
         middle, late = np.quantile(times, [0.5, 0.99])

@@ -49,7 +49,7 @@ def test_image_to_features(benchmark, scene, image):
 def test_features_to_estimate(benchmark, scene, image):
     estimator = Estimator(build_table(scene), "sam")
     parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-    estimate = benchmark(estimator.estimate, parameters)
+    estimate = benchmark(estimator.estimate, parameters=parameters)
     assert abs(estimate.pose[0] - POSE[0]) < 2.0
 
 

@@ -51,7 +51,7 @@ def test_planar_image_to_estimate(benchmark, scene, compiled):
     image = ForwardModel(planar).expose(POSE, np.random.default_rng(1))
     estimator = Estimator(build_table(planar), "least_squares", compiled=compiled)
     parameters = key_parameters(image, planar.full_scale_counts, planar.signature.peak)
-    found = benchmark.pedantic(estimator.estimate, (parameters, image), rounds=10, warmup_rounds=1)
+    found = benchmark.pedantic(estimator.estimate, (image, parameters), rounds=10, warmup_rounds=1)
     assert np.abs(found.pose - POSE).max() < 2 * FAR["least_squares"]
 
 

@@ -33,7 +33,7 @@ class Fake:
         self.answers = iter((poses + errors)[again])
         self.covariances = iter(cramer_rao_bound(ForwardModel(scene), poses).covariance[again])
 
-    def estimate(self, parameters, image):
+    def estimate(self, image, parameters):
         assert np.isfinite(parameters).all()
         answer, covariance = next(self.answers), next(self.covariances)
         if np.isnan(answer[0]):

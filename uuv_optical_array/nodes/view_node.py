@@ -125,7 +125,7 @@ class ViewNode(Node):
             return
         self.first_ns, self.shown_ns = self.first_ns or stamp, stamp
         pose = covariance = leader = true_pose = None
-        note = "no pose of this image: see the diagnostics of estimator_node"
+        note = "no pose yet, or none: see the diagnostics of estimator_node"
         if self.track is not None and stamp_ns(self.track.header) == stamp:
             try:
                 pose = pose_from_message(self.track)

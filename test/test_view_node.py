@@ -13,8 +13,10 @@ from uuv_optical_array.nodes.shared.messages import (
     image_to_message,
     odometry_to_message,
     pose_to_message,
+    stamp_ns,
     write_pose,
 )
+from uuv_optical_array.nodes.view_node import WAITING
 
 START_NS = 1_700_000_000 * 10**9
 POSE = np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
@@ -36,7 +38,7 @@ def view(lab, scene_file):
     node.seen = []
     lab.patch.setattr(node.page, "show", node.seen.append)
     node.images = lab.talk(Image, "array/image")
-    node.tracks = lab.talk(Odometry, "relative_odometry")
+    node.odometries = lab.talk(Odometry, "relative_odometry")
     node.vehicles = {
         name: lab.talk(Odometry, f"{name}/odometry") for name in ("leader", "follower")
     }
@@ -50,13 +52,13 @@ def send_image(lab, node, i):
     image[0, -1] = 100 + i
     node.images.publish(image_to_message(image, header(i, "array")))
     stamp = START_NS + i * 10**8
-    lab.until(lambda: node.waiting and node.waiting.stamp_ns == stamp, f"image {i}")
+    lab.until(lambda: node.waiting and node.waiting[-1].stamp_ns == stamp, f"image {i}")
 
 
 def send_track(lab, node, i, frame="beacon", child="base_link"):
     pose = pose_to_message(POSE, covariance_6x6(POSE, SPREAD, 1e-6), header(i, frame))
-    node.tracks.publish(odometry_to_message(pose, child, *NO_TWIST))
-    lab.until(lambda: node.track and node.track.header.stamp == pose.header.stamp, f"track {i}")
+    node.odometries.publish(odometry_to_message(pose, child, *NO_TWIST))
+    lab.until(lambda: stamp_ns(pose.header) in node.tracks, f"track {i}")
 
 
 def send_vehicle(lab, node, name, i, position, turn):
@@ -75,6 +77,7 @@ def test_an_image_is_shown_with_its_track_and_the_next_without(lab, view, frame,
     send_track(lab, view, 0, frame, child)
     send_image(lab, view, 1)
     send_image(lab, view, 2)
+    send_track(lab, view, 2, frame, child)
     first, second = view.seen
     np.testing.assert_allclose(first.pose, POSE, atol=1e-12)
     np.testing.assert_allclose(first.covariance, SPREAD, atol=1e-9)
@@ -82,6 +85,21 @@ def test_an_image_is_shown_with_its_track_and_the_next_without(lab, view, frame,
     assert (first.note, first.true_pose, first.leader) == ("", None, None)
     assert (second.pose, second.covariance, second.t_s) == (None, None, pytest.approx(0.1))
     assert second.note.startswith("no pose")
+
+
+def test_an_image_waits_for_a_track_that_is_late_but_not_for_ever(lab, view):
+    send_image(lab, view, 0)
+    send_track(lab, view, 0)
+    for i in (1, 2, 3):
+        send_image(lab, view, i)
+    assert len(view.seen) == 1
+    send_track(lab, view, 1)
+    assert [sight.t_s for sight in view.seen] == pytest.approx([0.0, 0.1])
+    np.testing.assert_allclose(view.seen[1].pose, POSE, atol=1e-12)
+    for i in range(4, 4 + WAITING):
+        send_image(lab, view, i)
+    assert view.seen[-1].pose is None
+    assert len(view.waiting) == WAITING
 
 
 def test_the_truth_is_that_of_both_odometries_and_the_place_of_the_lamp(lab, view):
@@ -114,11 +132,11 @@ def test_fast_images_are_thinned_and_a_clock_set_back_begins_anew(lab, view):
 def test_an_image_of_another_array_is_refused_and_a_damaged_track_is_no_pose(lab, view):
     other = image_to_message(np.ones((3, 3)), header(0, "array"))
     lab.deliver(view, view.images, other)
-    assert view.waiting is None
+    assert not view.waiting
     send_image(lab, view, 0)
     track = Odometry(header=header(0, "beacon"))
     track.pose.pose.position.x = np.nan
-    view.tracks.publish(track)
-    lab.until(lambda: view.track, "the track")
+    view.odometries.publish(track)
+    lab.until(lambda: view.tracks, "the track")
     send_image(lab, view, 1)
     assert view.seen[0].pose is None

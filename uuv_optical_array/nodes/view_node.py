@@ -1,5 +1,6 @@
 """The live view of ROS topics: what the other nodes publish, on a page in the browser."""
 
+from collections import deque
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -56,8 +57,11 @@ PARAMETERS = {
 }
 
 
+WAITING = 10  # images that wait for a track that is late
+
+
 class _Waiting(NamedTuple):
-    """An image, shown when the next one comes: by then the rest of its stamp is there."""
+    """An image that waits for its track, and for the next image, by when the odometry is there."""
 
     stamp_ns: int
     image: Array
@@ -73,8 +77,8 @@ class ViewNode(Node):
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
         self.diagnostics = Diagnostics(self)
-        self.waiting: _Waiting | None = None
-        self.track: Odometry | None = None
+        self.waiting: deque[_Waiting] = deque()
+        self.tracks: dict[int, Odometry] = {}
         self.first_ns = self.shown_ns = 0
         self.trajectories = {
             name: Trajectory(self.parameters["max_gap_s"]) for name in ("leader", "follower")
@@ -102,20 +106,31 @@ class ViewNode(Node):
         self.trajectories[name].add(stamp_ns(message.header), *pose)
 
     def on_track(self, message: Odometry) -> None:
-        """Keep the newest track."""
-        self.track = message
+        """Keep a track, and show the images that waited for it."""
+        self.tracks[stamp_ns(message.header)] = message
+        while len(self.tracks) > 2 * WAITING:
+            del self.tracks[next(iter(self.tracks))]
+        self.serve()
 
     def on_image(self, message: Image) -> None:
-        """Show the image before this one, and let this one wait."""
+        """Let an image wait, and show those before it that need not wait longer."""
         stamp = stamp_ns(message.header)
         try:
             image = image_from_message(message, self.scene.array)
         except Refused as reason:
             self.diagnostics.refuse(str(reason))
             return
-        if self.waiting is not None:
-            self.show(*self.waiting)
-        self.waiting = _Waiting(stamp, image)
+        self.waiting.append(_Waiting(stamp, image))
+        self.serve()
+
+    def serve(self) -> None:
+        """Show images in order: each with its track, or without where a later one is there."""
+        while len(self.waiting) > 1:
+            first = self.waiting[0].stamp_ns
+            late = bool(self.tracks) and all(stamp < first for stamp in self.tracks)
+            if late and len(self.waiting) <= WAITING:
+                return
+            self.show(*self.waiting.popleft())
 
     def show(self, stamp: int, image: Array) -> None:
         """Draw what is known of an image."""
@@ -125,11 +140,12 @@ class ViewNode(Node):
             return
         self.first_ns, self.shown_ns = self.first_ns or stamp, stamp
         pose = covariance = leader = true_pose = None
-        note = "no pose yet, or none: see the diagnostics of estimator_node"
-        if self.track is not None and stamp_ns(self.track.header) == stamp:
+        note = "no pose of this image: see the diagnostics of estimator_node"
+        track = self.tracks.get(stamp)
+        if track is not None:
             try:
-                pose = pose_from_message(self.track)
-                covariance = covariance_5x5(pose, covariance_from_message(self.track))
+                pose = pose_from_message(track)
+                covariance = covariance_5x5(pose, covariance_from_message(track))
                 note = ""
             except (Refused, ValueError) as reason:
                 self.diagnostics.refuse(f"relative_odometry, {reason}")

@@ -18,7 +18,7 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
@@ -40,7 +40,6 @@ from uuv_optical_array.recording.bag import RUN, BagWriter
 START_S = 15.0  # how long the leader may wait for the follower to see it
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
 PUBLISHED = (*RUN, "cmd_vel")  # by the nodes of a follower
-MAX_GAP_S = 0.5  # longest gap in an odometry that the record interpolates
 
 
 class RecorderNode(Node):

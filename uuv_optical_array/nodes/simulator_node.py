@@ -29,6 +29,8 @@ from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transfo
 from uuv_optical_array.nodes.shared.parameters import (
     BEACON_POSITION,
     FRAME_PREFIX,
+    LONGEST_GAP,
+    ODOMETRY_AXES,
     PUBLISH_TF,
     SCENE,
     Parameter,
@@ -40,22 +42,13 @@ PARAMETERS = {
     "seed": Parameter(
         -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
     ),
-    "odometry_axes": Parameter(
-        "flu",
-        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
-        True,
-        ("flu", "frd"),
-    ),
+    "odometry_axes": ODOMETRY_AXES,
     "beacon_position_m": BEACON_POSITION,
     "frame_prefix": FRAME_PREFIX,
     "array_frame": Parameter(
         "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
     ),
-    "max_gap_s": Parameter(
-        0.5,
-        Quantity("longest gap in leader/odometry that is interpolated", "s", 0.001, 10),
-        True,
-    ),
+    "max_gap_s": LONGEST_GAP,
     "publish_tf": PUBLISH_TF,
 }
 WAITING = 50  # follower poses kept until the leader's odometry catches up

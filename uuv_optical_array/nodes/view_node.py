@@ -25,6 +25,8 @@ from uuv_optical_array.nodes.shared.messages import (
 from uuv_optical_array.nodes.shared.node import run, subscribe
 from uuv_optical_array.nodes.shared.parameters import (
     BEACON_POSITION,
+    LONGEST_GAP,
+    ODOMETRY_AXES,
     SCENE,
     Parameter,
     Parameters,
@@ -44,16 +46,9 @@ PARAMETERS = {
         PORT, Quantity("port of the page, or the next that is free", "", 1, 65535), True
     ),
     "max_rate_hz": Parameter(10.0, Quantity("most images shown in a second", "Hz", 0.1, 100)),
-    "odometry_axes": Parameter(
-        "flu",
-        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
-        True,
-        ("flu", "frd"),
-    ),
+    "odometry_axes": ODOMETRY_AXES,
     "beacon_position_m": BEACON_POSITION,
-    "max_gap_s": Parameter(
-        0.5, Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), True
-    ),
+    "max_gap_s": LONGEST_GAP,
 }
 
 

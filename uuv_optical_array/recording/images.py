@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.control.trajectory import TooEarly, Trajectory
+from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import (
     Readout,
@@ -126,7 +126,7 @@ def read_recording(
     topics: Topics | None = None,
     beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
     axes: Axes = "flu",
-    max_gap_s: float = 0.5,
+    max_gap_s: float = MAX_GAP_S,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
     poses_needed: bool = True,
 ) -> Recording:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, get_args
 
 from uuv_optical_array.commands.shared import cli, progress
+from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
@@ -12,9 +13,7 @@ from uuv_optical_array.recording.images import Axes, Recording, Topics, read_rec
 
 BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 NUMBERS = {
-    "max-gap-s": cli.Number(
-        Quantity("longest gap in an odometry that is interpolated", "s", 0.001, 10), 0.5
-    ),
+    "max-gap-s": cli.Number(MAX_GAP, MAX_GAP_S),
 }
 
 

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.settings import Quantity, check
 
 Settings = TypeVar("Settings")
@@ -153,6 +154,13 @@ BASE_FRAME = Parameter("follower/base_link", Quantity("the follower's own frame"
 BEACON_POSITION = Parameter(
     [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
 )
+ODOMETRY_AXES = Parameter(
+    "flu",
+    Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
+    True,
+    ("flu", "frd"),
+)
+LONGEST_GAP = Parameter(MAX_GAP_S, MAX_GAP, True)
 PUBLISH_TF = Parameter(
     False, Quantity("whether frames go to /tf too, where tf2_msgs is installed"), True
 )

@@ -27,6 +27,14 @@ def run(*words, code=0):
     return ""
 
 
+def python(code, **options):
+    """Run code in a process of its own; return the process, ended, with what it wrote."""
+    words = [sys.executable, "-c", code]
+    return subprocess.run(
+        words, capture_output=True, text=True, timeout=PATIENCE_S, check=False, **options
+    )
+
+
 def interrupted(program, shown, **options):
     """Press Ctrl-C once a process shows a pattern on standard error.
 

@@ -1,11 +1,7 @@
 """Without an extra, what needs it says in one line what to install; the rest does without."""
 
-import os
-import subprocess
-import sys
-
+import command_line
 import pytest
-from conftest import PATIENCE_S
 
 from uuv_optical_array.core.extras import NotInstalled, needs
 
@@ -27,15 +23,7 @@ ROS = ("rclpy", "sensor_msgs", "nav_msgs", "geometry_msgs", "std_msgs", "diagnos
 def without(missing, program, *words, folder=None):
     """Run a program without some packages; return exit code and what it wrote."""
     code = WITHOUT.format(missing=missing, program=program, words=list(map(str, words)))
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-        cwd=folder,
-        env=os.environ,
-    )
+    done = command_line.python(code, cwd=folder)
     return done.returncode, done.stdout, done.stderr
 
 

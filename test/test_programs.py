@@ -1,9 +1,9 @@
 """Ctrl-C while a program is imported ends it with one line, whatever the import is at."""
 
-import os
 import subprocess
 import sys
 
+import command_line
 import pytest
 from conftest import PATIENCE_S
 
@@ -25,14 +25,7 @@ programs.{program}()
 def pressed(program, module, *words):
     """Run a program with Ctrl-C as it imports a module; return exit code and what it wrote."""
     code = PRESS.format(program=program, module=module, words=list(words))
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-        env=os.environ,
-    )
+    done = command_line.python(code)
     return done.returncode, done.stdout + done.stderr
 
 

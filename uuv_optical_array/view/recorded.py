@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.view.page import Page
@@ -37,8 +35,7 @@ def sights_of(
     progress
         Wraps the frames, to show how far it is.
     """
-    constants = constants_of(ForwardModel(estimator.table.scene))
-    tracker = Tracker(TrackerSettings(), constants=constants)
+    tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     frames = replay(recording.images, recording.stamps_ns, estimator, tracker)
     for i, frame in enumerate(progress(frames)):
         true = recording.poses[i]

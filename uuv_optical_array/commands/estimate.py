@@ -15,12 +15,10 @@ from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.estimation.constants import constants_of
-from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
@@ -55,12 +53,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     add_bag(parser)
     cli.add_scene(parser, "follow")
-    parser.add_argument(
-        "--method",
-        choices=METHODS,
-        default=EstimatorSettings.method,
-        help="how poses are found (default: %(default)s)",
-    )
+    cli.add_method(parser)
     parser.add_argument(
         "--track", action="store_true", help="filter the frames, and learn the constants"
     )
@@ -81,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     estimator = Estimator(scene, options.method)
     tracker = None
     if options.track:
-        tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
+        tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     frames: list[Frame] = []
     started, exit_code = time.monotonic(), 0
     answers = replay(recording.images, recording.stamps_ns, estimator, tracker, processes or None)

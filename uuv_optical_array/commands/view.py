@@ -7,7 +7,7 @@ from pathlib import Path
 from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.estimator import METHODS, Estimator, EstimatorSettings
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.view import LOOPBACK, PORT
 
@@ -43,12 +43,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     add_bag(parser, required=False)
     cli.add_scene(parser, "follow")
-    parser.add_argument(
-        "--method",
-        choices=METHODS,
-        default=EstimatorSettings.method,
-        help="how poses are found (default: %(default)s)",
-    )
+    cli.add_method(parser)
     parser.add_argument("--seed", type=int, help="seed of the noise (default: a new one)")
     parser.add_argument(
         "--host", default=LOOPBACK, help="address to serve (default: %(default)s, this machine)"

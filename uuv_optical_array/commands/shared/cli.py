@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_args
 
 from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.estimation.estimator import METHODS, EstimatorSettings
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
@@ -90,6 +91,16 @@ def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the option that names a scene."""
     parser.add_argument(
         "--scene", default=default, help="ready scene or YAML file (default: %(default)s)"
+    )
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the estimator's method."""
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default=EstimatorSettings.method,
+        help="how poses are found (default: %(default)s)",
     )
 
 

@@ -9,7 +9,7 @@ from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.estimation.estimator import METHODS, Estimator
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -58,9 +58,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     cli.add_scene(parser, "reference")
     cli.add_shape(parser)
-    parser.add_argument(
-        "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
-    )
+    cli.add_method(parser)
     cli.add_numbers(parser, NUMBERS)
     parser.set_defaults(poses=None)
     parser.add_argument(

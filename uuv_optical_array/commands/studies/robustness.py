@@ -7,7 +7,7 @@ from typing import Any
 from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.estimation.estimator import METHODS, Estimator
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.robustness.kinds import kinds_named
 from uuv_optical_array.studies.robustness.study import KindResult, measure_kinds
@@ -56,9 +56,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         EPILOG,
     )
     cli.add_scene(parser, "follow")
-    parser.add_argument(
-        "--method", choices=METHODS, default="least_squares", help="default: %(default)s"
-    )
+    cli.add_method(parser)
     parser.add_argument(
         "--kinds",
         metavar="NAME,...",

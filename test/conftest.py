@@ -15,6 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import hypothesis
 import pytest
 import yaml
 
@@ -43,6 +44,11 @@ def pytest_terminal_summary(terminalreporter):
     for file, reason in LEFT_OUT.items():
         terminalreporter.write_line(f"LEFT OUT {file}: {reason}")
 
+
+# Every run tries the same examples; `pytest --hypothesis-profile=search` looks for new ones.
+hypothesis.settings.register_profile("search", deadline=None)
+hypothesis.settings.register_profile("same", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("same")
 
 DOMAIN = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 

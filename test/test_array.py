@@ -12,7 +12,7 @@ from uuv_optical_array.forward.array import ArraySettings, build_array
 sides = st.one_of(st.sampled_from([2, 3, 4, 5, 21, 100, 101]), st.integers(2, 101))
 widths = st.floats(0.05, 5)
 bows = st.floats(-3, 3)
-few = settings(deadline=None, derandomize=True, max_examples=40)
+few = settings(max_examples=40)
 
 
 def every_detector(side, width):

@@ -58,7 +58,7 @@ def test_a_gap_costs_the_images_in_it_alone(sent, tmp_path):
     assert read(bag) == ([*range(5), *range(25, IMAGES)], {})
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.data())
 def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_factory, data):
     content, ends = whole

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -116,7 +116,6 @@ def test_moments_of_a_split_gaussian_spot_are_the_closed_ones():
     assert seen.peak == pytest.approx(1)
 
 
-@settings(deadline=None)
 @given(images_5x5)
 def test_a_mirror_turns_the_sign_of_what_lies_across(image):
     there, mirrored = measure(image, SPACING_M), measure(image[:, ::-1], SPACING_M)
@@ -240,7 +239,6 @@ def test_an_angle_that_no_heading_has_is_no_pose(calibration):
         wild.pose(np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]))
 
 
-@settings(deadline=None)
 @given(images_5x5)
 def test_moments_answer_or_refuse_whatever_the_image(calibration, image):
     try:

@@ -48,7 +48,6 @@ def test_four_level_or_four_upright_thrusters_give_their_published_most(
     force=st.tuples(*[st.floats(-1e4, 1e4)] * 3).map(np.array),
     moment=st.tuples(*[st.floats(-2, 2)] * 3).map(np.array),
 )
-@settings(deadline=None)
 def test_too_strong_a_force_is_cut_and_never_the_moment(force: Array, moment: Array) -> None:
     made = saturated(np.concatenate([force, moment]))
     assert made[3:] == pytest.approx(moment, abs=1e-9)
@@ -140,7 +139,7 @@ def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself() -> None:
         st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.3)), min_size=1, max_size=12
     )
 )
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_any_commands_in_a_rough_sea_leave_it_finite_and_slow(
     commands: list[tuple[float, ...]],
 ) -> None:

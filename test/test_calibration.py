@@ -35,7 +35,7 @@ from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_s
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
-reproducible = settings(deadline=None, derandomize=True, max_examples=25)
+reproducible = settings(max_examples=25)
 
 
 def sea(start="reference", gains=(0.05, 9), **changes):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage, signal, stats
 
@@ -22,7 +22,6 @@ from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
 
-reproducible = settings(deadline=None, derandomize=True)
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 
@@ -105,7 +104,6 @@ def test_forward_scatter_blurs_both_axes_of_a_stack_of_images():
 
 
 @given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), window=st.floats(0.001, 10))
-@reproducible
 def test_every_row_of_the_blur_sums_to_one_and_its_columns_too(side, spacing, window):
     blur = hanning_blur(side, spacing, window)
     assert (blur >= 0).all()
@@ -115,7 +113,6 @@ def test_every_row_of_the_blur_sums_to_one_and_its_columns_too(side, spacing, wi
 
 
 @given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), share=st.floats(0.001, 1))
-@reproducible
 def test_a_window_no_wider_than_two_spacings_changes_nothing(side, spacing, share):
     blur = hanning_blur(side, spacing, 2 * spacing * share)
     np.testing.assert_array_equal(blur, np.eye(side))
@@ -219,7 +216,6 @@ def test_an_effect_that_no_scene_names_is_never_even_called(monkeypatch, left_ou
 
 
 @given(names=st.lists(st.sampled_from(list(EVERY)), unique=True))
-@reproducible
 def test_the_named_effects_are_planned_in_physical_order_whatever_that_in_the_scene(names):
     planned = []
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy import cos, exp, maximum, minimum, sin
 from scipy.special import erfcx, log_ndtr
@@ -36,7 +36,6 @@ from uuv_optical_array.forward.scene import load_scene
 
 numba = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
-reproducible = settings(deadline=None, derandomize=True)
 Pair = namedtuple("Pair", ["value", "vector"])
 
 
@@ -209,7 +208,6 @@ def arithmetic(x, y):
 
 @numba
 @given(st.floats(-700, 5), st.floats(-30, 30))
-@reproducible
 def test_numpys_functions_have_their_values_in_compiled_code(x, y):
     found = compilation.compiled(arithmetic)(x, y)
     np.testing.assert_allclose(found, arithmetic(x, y), rtol=2e-13, atol=1e-15)

@@ -146,7 +146,7 @@ def test_too_few_neighbours_are_refused_or_still_give_a_runner_up(small, neighbo
     assert estimator.estimate(parameters=small.table.parameters[7]).runner_up_angle_rad >= 0
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     st.sampled_from(["small", "flat"]),
     st.floats(1e-6, 1.0),

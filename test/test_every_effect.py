@@ -27,8 +27,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import BEAM_ROWS, detect, illuminate, project
 
 reproducible = settings(
-    deadline=None,
-    derandomize=True,
     max_examples=25,
     suppress_health_check=[HealthCheck.too_slow],  # which is a timed assertion
 )

@@ -98,7 +98,7 @@ def images_with_one_peak(draw):
     return image
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(whole_counts() | whole_counts(high=3), st.sampled_from(PEAKS))
 def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak):
     expected = slow_key_parameters(image, FULL_SCALE, peak)
@@ -215,7 +215,6 @@ def test_skewness_is_the_population_skewness_of_scipy(values):
     assert skewness(values) == pytest.approx(stats.skew(values), abs=1e-9)
 
 
-@settings(deadline=None)
 @given(images_with_one_peak(), st.sampled_from(PEAKS))
 def test_mirroring_negates_one_position_and_its_skewness_and_transposing_swaps(image, peak):
     # p'[i] = p[n-1-i] has the gradient g'[i] = -g[n-1-i]: the same values with the other sign,
@@ -230,7 +229,6 @@ def test_mirroring_negates_one_position_and_its_skewness_and_transposing_swaps(i
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(images_with_one_peak(), st.floats(-300, 300), st.sampled_from(PEAKS))
 def test_brightness_scales_the_peak_and_nothing_else(image, exponent, peak):
     scale = 10.0**exponent

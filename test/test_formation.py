@@ -3,7 +3,7 @@ import contextlib
 import numpy as np
 import pytest
 from followers import PUBLISHED, STATION, TICK_S, covariance, follow, off_station, sam_noise, steady
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tracks import Textbook
@@ -333,7 +333,6 @@ def test_a_pause_between_commands_allows_no_leap() -> None:
         max_size=40,
     )
 )
-@settings(deadline=None)
 def test_speed_and_acceleration_stay_within_their_limits(poses: list[tuple[float, ...]]) -> None:
     # A minimum distance is kept however hard that brakes.
     controller = FormationController(FormationSettings(min_distance_m=0.0))

@@ -42,7 +42,7 @@ number = st.one_of(
         max_size=15,
     )
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @pytest.mark.filterwarnings("error")
 def test_no_numbers_whatever_make_a_command_that_is_none(
     frames: list[tuple[float, list[float], float]],

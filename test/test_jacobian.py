@@ -12,7 +12,7 @@ from uuv_optical_array.core.geometry import lamp_in_body, lamp_slopes
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")
-reproducible = settings(deadline=None, derandomize=True, max_examples=12)
+reproducible = settings(max_examples=12)
 
 EFFECTS = {
     "clear": {},

@@ -20,7 +20,7 @@ offsets = st.tuples(
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(pose=poses, offset=offsets)
 def test_there_and_back_with_slopes_that_are_differences(shape, pose, offset):
     joint = JointCoordinates(frame_of(ForwardModel(scene_with(WATER, shape))), NAMES)

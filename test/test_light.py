@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import second_forward
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.geometry import lamp_in_body
@@ -27,7 +27,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import trace
 from uuv_optical_array.forward.scene import scene_from_settings
 
-reproducible = settings(deadline=None, derandomize=True)
 ONE = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]).T  # a detector at the follower's origin
 SIGMA = math.radians(8)
 
@@ -96,7 +95,6 @@ def test_twice_the_range_gives_a_quarter_of_the_light():
     r=st.floats(0.5, 50),
     sigma=st.floats(math.radians(3), math.radians(60)),
 )
-@reproducible
 def test_the_beam_is_gaussian_in_the_off_axis_angle_and_round(eta, around, r, sigma):
     across = r * math.sin(eta)
     place = (-r * math.cos(eta), across * math.cos(around), across * math.sin(around))
@@ -113,7 +111,6 @@ def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():
 
 
 @given(r_axial=st.floats(0.5, 30), eta=st.floats(0.0, 1.2), k=st.floats(0, 1))
-@reproducible
 def test_beer_dims_along_the_slant_path(r_axial, eta, k):
     range_m = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])[RANGE]
     factor = beer(range_m, 0.0, 1.0, k, 0.0, 0.0)[0]
@@ -129,7 +126,6 @@ def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
 
 
 @given(tilt=st.floats(-math.pi, math.pi), roll=st.floats(-3, 3))
-@reproducible
 def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, roll):
     light = one_detector([-1, 0, 0, 0, tilt], roll=roll)
     assert light == pytest.approx(max(0.0, math.cos(tilt)), abs=1e-15)
@@ -171,7 +167,6 @@ def test_the_turn_stays_finite_on_the_axis_on_either_side():
     power=st.floats(1e-3, 1e6),
     sigma=st.floats(math.radians(3), math.radians(60)),
 )
-@reproducible
 def test_the_slopes_of_the_light_are_those_of_its_logarithm(geometry, power, sigma):
     range_m, half_square, cosine = geometry
     light, *slopes = lamp_light(*geometry, power, sigma)
@@ -199,7 +194,6 @@ def test_no_cosine_exceeds_one_by_rounding():
     turn=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
     slopes=st.tuples(*[st.floats(-3, 3)] * 3),
 )
-@reproducible
 def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slopes):
     """Of a function that is linear in range, half square and cosine."""
     axis = np.array([-1.0, *turn]) / math.hypot(1, *turn)
@@ -235,7 +229,6 @@ def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slop
     yaw=st.floats(-math.pi, math.pi),
     roll=st.floats(-math.pi, math.pi),
 )
-@reproducible
 def test_the_whole_chain_is_that_of_the_second_forward_model(
     array, sigma_deg, k, x, y, z, pitch, yaw, roll
 ):
@@ -267,7 +260,6 @@ def test_stacks_of_poses_give_the_stack_of_their_images(shape):
     direction=st.tuples(st.floats(-math.pi, math.pi), st.floats(-math.pi / 2, math.pi / 2)),
     attitude=st.tuples(st.floats(-math.pi / 2, math.pi / 2), st.floats(-math.pi, math.pi)),
 )
-@reproducible
 def test_extreme_poses_give_finite_light_without_a_warning(
     array, sigma_deg, k, distance, direction, attitude
 ):

@@ -59,7 +59,7 @@ readings = st.sampled_from([0.0, 1.0, 1022.0, 1023.0]) | lights.filter(lambda li
 stds = st.floats(0.2, 30.0)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(readings, lights, lights, stds)
 def test_a_value_differs_from_another_lights_as_scipy_says(reading, light, other, std):
     """Differences, since the value has no constant."""
@@ -68,7 +68,7 @@ def test_a_value_differs_from_another_lights_as_scipy_says(reading, light, other
     assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-9)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(readings, lights, stds)
 def test_the_score_is_the_derivative_of_scipys_log_probability(reading, light, std):
     score = one(reading, light, std**2)[1]
@@ -117,7 +117,7 @@ def test_a_light_beyond_all_reason_leaves_a_finite_likelihood(reading, light):
         assert score == pytest.approx(0.0, abs=1e-200)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.floats(1.0, 1000.0), st.floats(1.0, 1000.0), st.floats(0.01, 10.0), st.floats(0.1, 50))
 def test_noise_that_grows_with_the_light_is_in_value_and_score(reading, light, slope, dark):
     def variance(at):
@@ -237,7 +237,7 @@ def test_without_limits_the_information_is_the_textbooks():
     assert told_by(light, dark, slope, FREE) == pytest.approx(expected, rel=1e-6)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e3), st.floats(0.0, 10.0))
 def test_limits_never_add_information(light, std, slope):
     limited = told_by(light, std**2, slope)

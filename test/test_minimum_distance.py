@@ -105,7 +105,7 @@ def surging() -> tuple[FormationController, float]:
 
 
 @given(st.lists(st.tuples(st.floats(-8, -0.3), st.floats(0.01, 2.0)), min_size=1, max_size=20))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]]) -> None:
     controller, now = surging()
     for x, std in frames:
@@ -122,7 +122,7 @@ def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]
 
 
 @given(st.floats(0, 2 * np.pi), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_nor_does_a_sideways_one_but_it_backs_off(
     round_beam: float, turned: tuple[float, float]
 ) -> None:

@@ -30,7 +30,7 @@ NUISANCES = {"lamp.power": 0.1, "ambient.level_counts": 5.0}
 
 
 @given(inside=st.floats(-8, 40))
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 def test_a_limit_leaves_the_moments_that_quadrature_finds(inside):
     def left(z):
         return max(z, -inside) if inside >= 0 else max(z + inside, 0.0)

@@ -32,7 +32,6 @@ def test_a_motion_without_a_walk_of_the_pose_has_none():
     np.testing.assert_allclose(root @ root.T, van_loan(0.1, np.eye(5))[1], rtol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-3, 3), min_size=10, max_size=10))
 def test_a_twist_is_turned_as_by_scipy(numbers):
     pose, twist = np.split(np.array(numbers), 2)
@@ -47,7 +46,7 @@ def test_each_command_holds_from_its_stamp_until_the_next():
         np.testing.assert_array_equal(own.twist(START_NS + offset), times * ALONG)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.integers(-(10**9), 10**9), unique=True, max_size=6),
     st.integers(-(10**9), 10**9),

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +21,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
 
 PI = np.pi
-reproducible = settings(deadline=None, derandomize=True)
 turn = st.floats(-PI, PI)
 level = st.floats(-1.4, 1.4)
 metres = st.floats(-20, 20)
@@ -65,7 +64,6 @@ def fixed_axis_step(before, after):
 
 
 @given(pitch=turn, yaw=turn, roll=turn)
-@reproducible
 def test_rotation_matrix_is_yaw_then_pitch_then_roll(pitch, yaw, roll):
     matrix = rotation_matrix(pitch, yaw, roll)
     np.testing.assert_allclose(matrix, scipy_rotation(pitch, yaw, roll).as_matrix(), atol=1e-14)
@@ -89,7 +87,6 @@ def test_rotation_matrices_broadcast_over_arrays_of_angles():
 
 
 @given(pitch=level, yaw=turn, roll=turn)
-@reproducible
 def test_roll_pitch_yaw_recovers_the_angles_of_a_scipy_rotation(pitch, yaw, roll):
     angles = roll_pitch_yaw(scipy_rotation(pitch, yaw, roll).as_matrix())
     difference = np.array(angles) - [roll, pitch, yaw]
@@ -102,7 +99,6 @@ def test_roll_pitch_yaw_recovers_the_angles_of_a_scipy_rotation(pitch, yaw, roll
     yaw=turn,
     roll=turn,
 )
-@reproducible
 def test_near_and_at_the_gimbal_the_angles_describe_the_same_rotation(near, distance, yaw, roll):
     rotation = scipy_rotation(near * (PI / 2 - distance), yaw, roll)
     roll_back, pitch_back, yaw_back = roll_pitch_yaw(rotation.as_matrix())
@@ -122,7 +118,6 @@ def test_pitch_near_the_gimbal_keeps_the_digits_that_arcsin_loses():
     pose=st.tuples(metres, metres, metres, level, turn),
     roll=turn,
 )
-@reproducible
 def test_relative_pose_undoes_the_composition_of_beacon_and_follower(beacon, pose, roll):
     beacon_at, beacon_turned = np.array(beacon[:3]), Rotation.from_euler("ZYX", beacon[3:])
     follower_at = beacon_at + beacon_turned.apply(pose[:3])
@@ -141,7 +136,6 @@ def test_relative_pose_undoes_the_composition_of_beacon_and_follower(beacon, pos
     roll_std=st.floats(0.01, 0.5),
     seed=st.integers(0, 2**32 - 1),
 )
-@reproducible
 def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_std, seed):
     pose = np.array(pose)
     root = np.random.default_rng(seed).normal(size=(5, 5))
@@ -186,7 +180,6 @@ def test_covariance_6x6_is_what_a_monte_carlo_of_rotation_vectors_shows():
     roll_std=st.floats(0.01, 0.5),
     seed=st.integers(0, 2**32 - 1),
 )
-@reproducible
 def test_covariance_6x6_is_symmetric_and_positive_definite(pose, roll_std, seed):
     root = np.random.default_rng(seed).normal(size=(5, 5)) + 3 * np.eye(5)
     found = covariance_6x6(pose, root @ root.T + 0.1 * np.eye(5), roll_std)
@@ -206,7 +199,6 @@ def test_covariance_6x6_is_symmetric_and_positive_definite(pose, roll_std, seed)
     roll=turn,
     swing=turn,
 )
-@reproducible
 def test_a_swing_about_the_beam_axis_leaves_the_image_unchanged(pose, roll, swing):
     model = ForwardModel(scene_from_settings(copy.deepcopy(SCENE), "gauge"))
     pose = np.array(pose)

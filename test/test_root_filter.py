@@ -52,7 +52,7 @@ PROBLEMS = st.builds(
 
 
 @given(PROBLEMS, st.sampled_from([5, 6]))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_correction_is_that_of_the_dense_formulas(given_problem, learnt):
     belief, reading = given_problem
     covariance, both, spread = dense(belief, reading)

@@ -135,7 +135,7 @@ def tables_and_queries(draw):
     return rows, query, draw(st.integers(1, 60))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(tables_and_queries())
 def test_the_nearest_rows_are_those_of_an_exact_brute_force(case):
     rows, query, k = case

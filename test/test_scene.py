@@ -6,14 +6,12 @@ import re
 
 import pytest
 import yaml
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-
-reproducible = settings(deadline=None, derandomize=True)
 
 FULL = {
     "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},
@@ -324,7 +322,6 @@ def test_a_missing_file_and_an_unknown_ready_scene_are_told_apart(tmp_path):
 
 
 @given(random=st.randoms(use_true_random=False))
-@reproducible
 def test_the_fingerprint_ignores_key_order_int_spelling_and_name(random):
     scene = valid(FULL)
     other = scene_from_settings(whole_as_int(shuffled(FULL, random)), "another")
@@ -334,7 +331,6 @@ def test_the_fingerprint_ignores_key_order_int_spelling_and_name(random):
 
 
 @given(data=st.data())
-@reproducible
 def test_any_changed_value_changes_the_fingerprint_and_is_the_only_difference(data):
     path = data.draw(st.sampled_from(list(VALUES)))
     value = data.draw(VALUES[path])
@@ -362,7 +358,6 @@ def test_an_effect_left_out_changes_the_fingerprint_and_reads_absent(name):
 
 
 @given(data=st.data())
-@reproducible
 def test_settings_survive_yaml_and_give_an_equal_scene(data):
     values = copy.deepcopy(FULL)
     for path in data.draw(st.lists(st.sampled_from(list(VALUES)), unique=True)):

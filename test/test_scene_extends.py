@@ -4,14 +4,12 @@ import copy
 import json
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_scene import FULL
 
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import DEEPEST, Layer, merged
-
-reproducible = settings(deadline=None, derandomize=True)
 
 
 @pytest.fixture
@@ -140,7 +138,6 @@ PATCHES = st.recursive(
 
 
 @given(base=st.dictionaries(KEYS, TREES), change=st.dictionaries(KEYS, PATCHES))
-@reproducible
 def test_merging_is_that_of_rfc_7396_but_takes_nothing_away_that_is_not_there(base, change):
     before = copy.deepcopy((base, change))
     layers = [Layer("sea.yaml", change, "base.yaml"), Layer("base.yaml", base, "")]

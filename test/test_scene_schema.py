@@ -20,7 +20,7 @@ from uuv_optical_array.forward.scene_schema import scene_schema
 
 SCHEMA = json.loads(json.dumps(scene_schema()))
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
-reproducible = settings(deadline=None, derandomize=True, max_examples=200)
+reproducible = settings(max_examples=200)
 
 OWNERS = {
     **{(group,): owner for group, owner in GROUPS.items()},

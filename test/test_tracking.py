@@ -158,7 +158,7 @@ FRAMES = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(FRAMES, st.integers(0, 2**32))
 def test_frames_out_of_order_give_exactly_the_track_of_frames_in_order(frames, seed):
     # Outliers, tracks found again and gaps longer than the shortest reset, all within the buffer.
@@ -323,7 +323,7 @@ def test_nearly_singular_covariances_lose_nothing_to_rounding(same):
     np.testing.assert_allclose(relative, np.eye(5), atol=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32))
 def test_whatever_is_accepted_gives_a_finite_positive_definite_covariance(seed):
     rng = np.random.default_rng(seed)

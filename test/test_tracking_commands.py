@@ -157,7 +157,7 @@ def test_errors_are_as_large_as_the_track_says_when_the_follower_moves_by_comman
     assert low < sum(ahead) < high
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.permutations(range(10)), st.integers(0, 2**32))
 def test_frames_out_of_order_move_by_the_commands_of_their_own_time(order, seed):
     rng = np.random.default_rng(seed)

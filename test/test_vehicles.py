@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -119,7 +119,6 @@ def test_distance_of_a_ramp() -> None:
         st.tuples(*[st.floats(-1e6, 1e6)] * 6, st.floats(0.0, 0.5)), min_size=1, max_size=30
     )
 )
-@settings(deadline=None)
 def test_limits_are_obeyed(commands: list[tuple[float, ...]]) -> None:
     vehicle, limits = Vehicle(np.zeros(3)), VehicleLimits()
     for *command, dt in commands:

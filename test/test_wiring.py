@@ -66,7 +66,7 @@ def test_each_symmetry_of_the_square_is_found_undone_and_named(words):
     assert description(wiring, 5) == words
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.permutations(range(25)), st.integers(0, 99))
 def test_any_wiring_is_found(order, seed):
     def change(image):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene, save_scene
 
-reproducible = settings(deadline=None, derandomize=True, max_examples=40)
+reproducible = settings(max_examples=40)
 
 MINE = """\
 # The rig of our harbour.

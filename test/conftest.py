@@ -84,7 +84,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Modules of tests that fit images come last in each worker. Where all tests run in several
 # processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
-    "test_(accuracy|advise|approach|closed_loop|code_blocks|commands|demo|estimate|"
+    "test_(accuracy|advise|approach|closed_loop|code_blocks|commands|demo|drives|estimate|"
     "estimator_node|example_scripts|examples|fit|fit_compiler|follower_node|fuzz|"
     "hard_cases|implausible_frames|linearised|misfit|mixture|node_parameters|outputs|"
     "paper|paper_command|plausibility|posterior|programs|readme|record|replay|"

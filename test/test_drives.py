@@ -1,0 +1,98 @@
+"""``uuv_array drives``: the course, figures of planted errors, and the command."""
+
+import functools
+import json
+from types import SimpleNamespace
+
+import command_line
+import numpy as np
+import pytest
+
+from uuv_optical_array.commands.studies.drives import report
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies import drives
+from uuv_optical_array.studies.drives import LAST_S, Drive, as_object, course, drive
+from uuv_optical_array.studies.shared.frame_errors import FrameErrors
+
+run = functools.partial(command_line.run, "drives")
+
+
+def test_a_course_goes_from_afar_to_near_and_back_within_what_a_vehicle_can_do():
+    times_s = np.linspace(0, 60, 6001)
+    poses = course(times_s, 60.0, np.random.default_rng(1))
+    assert poses[[0, 3000, -1], 0] == pytest.approx([-8, -4, -8])
+    assert np.abs(poses[:, 1:3]).max() == pytest.approx(0.36, rel=0.2)
+    assert np.degrees(np.abs(poses[:, 3:]).max()) == pytest.approx(8, rel=0.2)
+    speeds = np.abs(np.diff(poses, axis=0)) / 0.01
+    assert (speeds.max(axis=0) < [0.25, 0.1, 0.1, 0.05, 0.05]).all()
+
+
+def planted(errors, std):
+    spread = np.where(np.isnan(errors[:, :1, None]), np.nan, np.diag(np.square(std)))
+    return FrameErrors(errors, spread, np.empty(0), np.empty(0))
+
+
+def test_figures_are_those_of_planted_errors():
+    std = np.array([0.1, 0.2, 0.2, 0.01, 0.01])
+    # One standard deviation off everywhere, but for one frame 7 off in pitch and one without pose.
+    errors = np.tile(std, (40, 1))
+    errors[0, 3] *= 7
+    errors[1] = np.nan
+    first = Drive(planted(errors, std), planted(3 * np.tile(std, (10, 1)), std))
+    second = Drive(planted(2 * errors[2:], std), planted(3 * np.tile(std, (10, 1)), std))
+    told = as_object([first, second])
+    assert (told["drives"], told["frames"], told["refused"]) == (2, 78, 1)
+    assert told["beyond_6_sigma"] == 1
+    assert told["nees_mean"] == pytest.approx(((38 * 5 + 4 + 49) / 39 + 20) / 2)
+    # Of the last ten frames of both: once and twice the standard deviation, beside three times.
+    assert told["rms_tracked"]["y"] == pytest.approx(0.2 * np.sqrt(2.5))
+    assert told["rms_single"]["pitch"] == pytest.approx(np.degrees(0.03))
+    assert told["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
+
+
+class Blind:
+    """Stands for pipeline and estimator: sees nothing."""
+
+    def __init__(self, scene):
+        self.table = SimpleNamespace(scene=scene)
+
+    def answer(self, stamp_ns, image):
+        return SimpleNamespace(track=None)
+
+    def estimate(self, image):
+        raise NoPose("blind")
+
+
+def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):
+    seas, model = [], drives.ForwardModel
+
+    class Watched(model):
+        def light(self, pose, roll, offsets):
+            seas.append({name: float(off) for name, off in offsets.items()})
+            return super().light(pose, roll, offsets)
+
+    scene = load_scene("follow")
+    monkeypatch.setattr(drives, "ForwardModel", Watched)
+    monkeypatch.setattr(drives, "Pipeline", lambda estimator: estimator)
+    for i in range(200):
+        found = drive(Blind(scene), LAST_S, 0.2, np.random.default_rng(i))
+        assert not found.tracks.posed.any()
+        assert seas[-1] == seas[-2]
+    stds = scene.prior.nuisance_std()
+    drawn = [list(sea.values()) for sea in seas[::2]]
+    assert np.std(drawn, axis=0) == pytest.approx(list(stds.values()), rel=4 / np.sqrt(2 * 200))
+
+
+def test_the_command_tells_as_text_what_it_tells_as_json(capsys):
+    run("--drives", "2", "--seconds", "12", "--rate", "1", "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert told["complete"]
+    assert told["frames"] == 24
+    text = report(told)
+    assert f"mean NEES: {told['nees_mean']:.2f}" in text
+    assert f"tracked over single: {told['range_ratio']:.2f}" in text
+
+
+def test_a_scene_without_a_prior_is_refused():
+    assert "--scene: reference has no prior" in run("--scene", "reference", code=1)

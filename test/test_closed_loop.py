@@ -95,4 +95,4 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
     assert np.linalg.norm(off, axis=1).max() < 0.4
     # Over ground: 0.5 m/s for 26 s, less the start.
     assert moments[-1].leader_position[0] > 10
-    assert all(moment.leads and moment.covariance is not None for moment in moments)
+    assert all(moment.leads and moment.frame.track is not None for moment in moments)

@@ -15,6 +15,7 @@ from uuv_optical_array.estimation.estimator import Estimate
 
 RATE_HZ = 10
 SPREAD = np.diag([4e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+AIM_VARIANCE = 1e-3  # of all five, where it shows
 
 
 def truth(seconds):
@@ -41,7 +42,7 @@ class Mover(Asker):
         self.node.estimator = SimpleNamespace(
             settings=self.node.estimator.settings,
             estimate=lambda *_: Estimate(truth(self.seconds), SPREAD, 0.01, None, 0.02),
-            aim_covariance=self.node.estimator.aim_covariance,
+            aim_covariance=lambda pose, roll: AIM_VARIANCE * np.eye(5),
         )
 
     def run(self, count):
@@ -120,6 +121,10 @@ def test_both_covariances_of_the_odometry_are_full_and_positive_definite(mover):
         covariance = np.reshape(part.covariance, (6, 6))
         np.testing.assert_array_equal(covariance, covariance.T)
         np.linalg.cholesky(covariance)
+    # No frame tells of the array's aim, and so the track by itself is that much too sure.
+    variances = mover.node.tracker.track().covariance.diagonal() + AIM_VARIANCE
+    assert last.pose.covariance[0] == pytest.approx(variances[0], rel=1e-9)
+    assert last.pose.covariance[35] == pytest.approx(variances[4], rel=1e-9)
     # Roll and roll rate are no measurements.
     assert last.pose.covariance[21] >= 0.02**2
     assert last.twist.covariance[21] >= max(last.twist.covariance[28], last.twist.covariance[35])

@@ -138,7 +138,7 @@ def test_what_is_written_reads_back_by_other_readers(drive, estimator, tmp_path)
     known = poses.copy()
     known[0] = np.nan
     rolls = np.where(np.isnan(known[:, 0]), np.nan, 0.2)
-    names = write_results(tmp_path, frames, Recording(images, known, rolls, stamps), estimator)
+    names = write_results(tmp_path, frames, Recording(images, known, rolls, stamps))
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     posed = [i for i in range(10) if i not in BAD]
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -256,3 +257,19 @@ def test_bad_readings_are_refused_and_leave_no_trace(part, value, message):
     assert_same(
         *(each.update(stamps[3], STATION, NOISE, readings[3]) for each in (tracker, untouched))
     )
+
+
+def test_readings_that_cannot_be_linearised_midway_are_taken_as_they_are():
+    stamps, readings = frames(5, 6, 3)
+    plain, asked = Tracker(LINEAR, constants=constants(6)), Tracker(LINEAR, constants=constants(6))
+    places = []
+
+    def nowhere(at, of):
+        places.append(at)
+        return of._replace(residuals=np.full(6, np.nan))
+
+    for stamp, each in zip(stamps, readings, strict=True):
+        near = functools.partial(nowhere, of=each)
+        track = asked.update(stamp, each.at[:5], NOISE, each, near)
+        assert_same(track, plain.update(stamp, each.at[:5], NOISE, each))
+    assert places

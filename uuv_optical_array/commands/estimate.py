@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
             exit_code = cli.INTERRUPTED
     took_s = time.monotonic() - started
     with files.whole_directory(output) as folder:
-        names = write_results(folder, frames, recording, estimator)
+        names = write_results(folder, frames, recording)
     if exit_code:
         print(f"interrupted after {len(frames)} of {len(recording.images)} images")
     print(report(frames, recording, took_s, options.track))

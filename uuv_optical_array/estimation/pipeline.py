@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.signature.features import (
     no_pattern,
 )
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
-from uuv_optical_array.estimation.tracking.enter import enter
+from uuv_optical_array.estimation.tracking.enter import enter, entered
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -79,9 +79,10 @@ class Pipeline:
         if isinstance(answer, str):
             return Frame(stamp_ns, parameters, None, None, answer)
         try:
-            track = enter(self._tracker, self._estimator, stamp_ns, answer, image)
+            enter(self._tracker, self._estimator, stamp_ns, answer, image)
         except NoPose as no_pose:
             return Frame(stamp_ns, parameters, None, None, str(no_pose))
+        track = entered(self._tracker, self._estimator)
         return Frame(stamp_ns, parameters, answer, track, "")
 
 

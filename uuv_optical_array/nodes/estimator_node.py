@@ -30,7 +30,7 @@ from uuv_optical_array.estimation.table.signature_table import (
     grid_axes,
     widening,
 )
-from uuv_optical_array.estimation.tracking.enter import enter
+from uuv_optical_array.estimation.tracking.enter import enter, entered
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -358,11 +358,12 @@ class EstimatorNode(Node):
                     parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)
                 )
             if self.parameters["tracking"]:
-                track = enter(self.tracker, self.estimator, stamp, estimate, readings, roll)
+                newest = enter(self.tracker, self.estimator, stamp, estimate, readings, roll)
                 # A track puts late frames in their place first.
-                if track.stamp_ns != stamp:
+                if newest != stamp:
                     raise Refused("late frame: it entered the track, whose newer pose is out")
                 self.order.check(header)
+                track = entered(self.tracker, self.estimator, roll)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
@@ -417,9 +418,7 @@ class EstimatorNode(Node):
 
     def publish_track(self, track: Track, header: Header, roll: float) -> None:
         """Publish pose and twist of the track."""
-        assert self.estimator is not None
-        common = self.estimator.aim_covariance(track.pose, roll)
-        found = relative_odometry(track, common, roll, self.parameters["roll_std_rad"])
+        found = relative_odometry(track, roll, self.parameters["roll_std_rad"])
         pose = pose_to_message(found.pose, found.covariance, header, roll)
         message = odometry_to_message(pose, self.child_frame, found.twist, found.spread)
         self.tracks.publish(message)

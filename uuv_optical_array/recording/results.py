@@ -12,7 +12,6 @@ from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
-from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.recording.bag import BagWriter, message_types
@@ -21,9 +20,7 @@ from uuv_optical_array.recording.images import Recording
 COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 
 
-def write_results(
-    folder: Path, frames: Sequence[Frame], recording: Recording, estimator: Estimator
-) -> list[str]:
+def write_results(folder: Path, frames: Sequence[Frame], recording: Recording) -> list[str]:
     """Write all that was found.
 
     Parameters
@@ -34,8 +31,6 @@ def write_results(
         What `replay.replay` yielded, of the first images of the recording or of all.
     recording
         Its poses, where it has any, are the truth.
-    estimator
-        The one that was used.
 
     Returns
     -------
@@ -43,7 +38,7 @@ def write_results(
         The names of what was written.
     """
     write_csv(folder / "frames.csv", frames)
-    write_bag(folder / "bag", frames, estimator)
+    write_bag(folder / "bag", frames)
     truth = zip(recording.stamps_ns, recording.poses, recording.rolls, strict=True)
     trajectories = {
         "relative_pose.tum": [(f.stamp_ns, f.estimate.pose, 0.0) for f in frames if f.estimate],
@@ -89,18 +84,18 @@ def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:
             file.write(f"{_seconds(stamp)} {' '.join(f'{value:.9f}' for value in numbers)}\n")
 
 
-def write_bag(path: Path, frames: Iterable[Frame], estimator: Estimator) -> None:
+def write_bag(path: Path, frames: Iterable[Frame]) -> None:
     """Write the topics that the estimator node publishes, each message at its own stamp."""
     types = message_types()
     with BagWriter(path) as bag:
         for frame in frames:
-            for topic, message in _messages(types.types, frame, estimator):
+            for topic, message in _messages(types.types, frame):
                 kind = message.__msgtype__
                 data = types.serialize_cdr(message, kind)
                 bag.write(topic, kind, frame.stamp_ns, bytes(data))
 
 
-def _messages(types: Any, frame: Frame, estimator: Estimator) -> Iterator[tuple[str, Any]]:
+def _messages(types: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
     """Yield the messages of a frame by topic, in what `message_types` defines."""
 
     def make(kind: str, *values: Any) -> Any:
@@ -121,8 +116,7 @@ def _messages(types: Any, frame: Frame, estimator: Estimator) -> Iterator[tuple[
         pose = posed(found.pose, covariance)
         yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, pose)
     if track is not None:
-        common = estimator.aim_covariance(track.pose, 0.0)
-        odometry = relative_odometry(track, common, 0.0, ROLL_STD_RAD)
+        odometry = relative_odometry(track, 0.0, ROLL_STD_RAD)
         linear, angular = (
             make("geometry_msgs/Vector3", *part.tolist()) for part in np.split(odometry.twist, 2)
         )

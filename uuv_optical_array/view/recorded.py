@@ -40,15 +40,12 @@ def sights_of(
     for i, frame in enumerate(progress(frames)):
         true = recording.poses[i]
         track = frame.track
-        covariance = None
-        if track is not None:
-            covariance = track.covariance + estimator.aim_covariance(track.pose, 0.0)
         yield Sight(
             float(frame.stamp_ns - recording.stamps_ns[0]) * 1e-9,
             recording.images[i],
             None if np.isnan(true).any() else true,
             None if track is None else track.pose,
-            covariance,
+            None if track is None else track.covariance,
             frame.reason,
         )
 

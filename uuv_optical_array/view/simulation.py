@@ -54,7 +54,7 @@ def sight_of(moment: Moment, conditions: Conditions) -> Sight:
         moment.image,
         moment.pose,
         None if track is None else track.pose,
-        moment.covariance,
+        None if track is None else track.covariance,
         moment.frame.reason or waits,
         (moment.leader_position, moment.leader_rotation),
         conditions.station_m,

@@ -6,6 +6,8 @@ that bends evenly that is the secant, while slopes at either end pull what is le
 """
 
 import math
+from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -21,6 +23,25 @@ from uuv_optical_array.estimation.tracking.track import POSE
 
 # Most of a shaded pose's variance that lasts: the rest lets the track follow.
 MOST_LASTING = 0.9
+
+
+class Corrected:
+    """A belief corrected by a frame, which is worked out when it is first asked for.
+
+    Whether a frame is in the track is known before that, and its pose need not wait for the rest.
+    """
+
+    def __init__(self, work: Callable[[], Belief]) -> None:
+        self._work: Callable[[], Belief] | None = work
+        self._belief: Belief | None = None
+
+    def __call__(self) -> Belief:
+        """Return the belief."""
+        if self._work is not None:
+            belief, self._work = self._work(), None
+            self._belief = belief._replace(mean=wrapped(belief.mean))
+        assert self._belief is not None
+        return self._belief
 
 
 class Correction:
@@ -62,19 +83,17 @@ class Correction:
         root = self._own_share * frame.root
         return math.sqrt(1 - share) * root, math.sqrt(share) * root[:, :shades]
 
-    def by_frame(self, belief: Belief, frame: Frame, learns: bool) -> tuple[Belief, float]:
+    def by_frame(self, belief: Belief, frame: Frame, learns: bool) -> tuple[Corrected, float]:
         """Return a belief corrected by a frame, and the distance of the frame from it.
 
         Constants and gain errors are corrected only where it `learns`.
         """
         learnt = self._space.gains.stop if learns else MOVING
         if frame.readings is None:
-            belief, distance = self._by_pose(belief, frame, learnt)
-        else:
-            belief, distance = self._by_readings(belief, frame.readings, frame.relinearise, learnt)
-        return belief._replace(mean=wrapped(belief.mean)), distance
+            return self._by_pose(belief, frame, learnt)
+        return self._by_readings(belief, frame.readings, frame.relinearise, learnt)
 
-    def _by_pose(self, belief: Belief, frame: Frame, learnt: int) -> tuple[Belief, float]:
+    def _by_pose(self, belief: Belief, frame: Frame, learnt: int) -> tuple[Corrected, float]:
         own, lasts = self.errors(frame)
         slopes = np.eye(5, self._space.size)
         slopes[:, self._space.shades] = lasts
@@ -82,7 +101,7 @@ class Correction:
         white = solve_triangular(own, np.column_stack([off, slopes]), lower=True)
         reading = Reading(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
         gain, distance = weigh(belief, reading, learnt)
-        return correct(belief, reading, gain), distance
+        return Corrected(lambda: correct(belief, reading, gain)), distance
 
     def _by_readings(
         self,
@@ -90,7 +109,7 @@ class Correction:
         readings: LinearisedReadings,
         relinearise: Relinearise | None,
         learnt: int,
-    ) -> tuple[Belief, float]:
+    ) -> tuple[Corrected, float]:
         space, coordinates = self._space, self._coordinates
         here = coordinates.of(belief.mean[space.linear])
         _, slopes = coordinates.place(here)
@@ -100,17 +119,26 @@ class Correction:
         reading = self._reading(before, readings, at, slopes)
         gain, distance = weigh(before, reading, learnt)
         # What is beyond the gate is no frame of this track, wherever it is linearised.
-        if relinearise and distance <= self._gate:
+        again = relinearise if distance <= self._gate else None
+        return Corrected(lambda: self._finished(before, reading, gain, again)), distance
+
+    def _finished(
+        self, before: Belief, reading: Reading, gain: Array, relinearise: Relinearise | None
+    ) -> Belief:
+        """Return a belief corrected by readings, which are linearised once more."""
+        space, coordinates, learnt = self._space, self._coordinates, len(gain)
+        if relinearise:
             step = np.zeros(space.size)
             step[:learnt] = gain @ reading.residual
             midway = before.mean[space.linear] + 0.5 * step[space.linear]
             place, slopes = coordinates.place(midway)
-            again = checked_readings(relinearise(place), self._constants)
-            reading = self._reading(before, again, midway, slopes)
-            gain, _ = weigh(before, reading, learnt)
+            with suppress(ValueError):  # not finite there: the first slopes have to do
+                again = checked_readings(relinearise(place), self._constants)
+                reading = self._reading(before, again, midway, slopes)
+                gain, _ = weigh(before, reading, learnt)
         after = correct(before, reading, gain)
         place, slopes = coordinates.place(after.mean[space.linear])
-        return self._turned(after, slopes, place), distance
+        return self._turned(after, slopes, place)
 
     def _turned(self, belief: Belief, slopes: Array, place: Array) -> Belief:
         """Return a belief of which pose and constants are given in other coordinates.

@@ -1,8 +1,10 @@
-"""An estimate put into the track."""
+"""Estimates put into a track, and the track that comes of them."""
+
+from dataclasses import replace
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
-from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.track import POSE, Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 
@@ -13,7 +15,7 @@ def enter(
     estimate: Estimate,
     image: Array | None,
     roll: float = 0.0,
-) -> Track:
+) -> int:
     """Put a frame into a track, by its readings where these are as good as linear.
 
     Parameters
@@ -29,8 +31,8 @@ def enter(
 
     Returns
     -------
-    Track
-        The track with the frame.
+    int
+        Stamp of the newest frame in the track, ns.
 
     Raises
     ------
@@ -39,6 +41,25 @@ def enter(
     """
     if estimate.best is None or image is None:
         lasting = 1 - estimate.clear
-        return tracker.update(stamp_ns, estimate.pose, estimate.covariance, lasting=lasting)
+        return tracker.take(stamp_ns, estimate.pose, estimate.covariance, lasting=lasting)
     near = estimator.lineariser(estimate, image, roll)
-    return tracker.update(stamp_ns, estimate.pose, estimate.covariance, near(estimate.best), near)
+    return tracker.take(stamp_ns, estimate.pose, estimate.covariance, near(estimate.best), near)
+
+
+def entered(tracker: Tracker, estimator: Estimator, roll: float = 0.0) -> Track:
+    """Return a track at its newest frame, as others are to know it.
+
+    Its covariance has the aim of the array, too: no frame tells anything of that, and so no
+    tracker does.
+
+    Parameters
+    ----------
+    tracker, estimator
+        As of `enter`.
+    roll
+        Of the follower in that frame, rad.
+    """
+    track = tracker.track()
+    joint = track.joint_covariance.copy()
+    joint[POSE, POSE] += estimator.aim_covariance(track.pose, roll)
+    return replace(track, joint_covariance=joint)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from uuv_optical_array.core.geometry import Array, body_twist, covariance_6x6
-from uuv_optical_array.estimation.tracking.track import POSE, Track
+from uuv_optical_array.estimation.tracking.track import Track
 
 
 class RelativeOdometry(NamedTuple):
@@ -27,24 +27,16 @@ class RelativeOdometry(NamedTuple):
     spread: Array
 
 
-def relative_odometry(
-    track: Track, aim_covariance: Array, roll: float, roll_std: float
-) -> RelativeOdometry:
+def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdometry:
     """Return a track as odometry.
 
     Parameters
     ----------
     track
-        Of the frame.
-    aim_covariance
-        Of the pose by the aim of the array, as `Estimator.aim_covariance` has it, shape ``(5, 5)``:
-        no frame tells anything of it, and so no track does.
+        Of the frame, as `enter.entered` has it.
     roll, roll_std
         Of the follower, and its standard deviation, rad.
     """
-    joint = track.joint_covariance.copy()
-    joint[POSE, POSE] += aim_covariance
-    covariance = covariance_6x6(track.pose, joint[POSE, POSE], roll_std)
-    return RelativeOdometry(
-        track.pose, covariance, *body_twist(track.pose, track.rate, joint, roll)
-    )
+    covariance = covariance_6x6(track.pose, track.covariance, roll_std)
+    twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)
+    return RelativeOdometry(track.pose, covariance, twist, spread)

@@ -33,7 +33,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.correction import Correction
+from uuv_optical_array.estimation.tracking.correction import Corrected, Correction
 from uuv_optical_array.estimation.tracking.frame import (
     Frame,
     Relinearise,
@@ -68,12 +68,16 @@ LEAST_SHARE = 0.5
 @dataclass(frozen=True)
 class _State:
     frame: Frame  # the newest in the track
-    belief: Belief  # without the common share
+    corrected: Corrected  # without the common share
     learnt_ns: int  # stamp of the newest frame that constants were learnt from
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
     outlier: float = 0.0  # distance of the newest frame of all, where that is one
+
+    @property
+    def belief(self) -> Belief:
+        return self.corrected()
 
 
 class Tracker:
@@ -186,6 +190,35 @@ class Tracker:
 
         Raises
         ------
+        NoPose, ValueError
+            As `take`.
+        """
+        self.take(stamp_ns, pose, covariance, readings, relinearise, lasting)
+        return self.track()
+
+    def take(
+        self,
+        stamp_ns: int,
+        pose: ArrayLike,
+        covariance: ArrayLike,
+        readings: LinearisedReadings | None = None,
+        relinearise: Relinearise | None = None,
+        lasting: float = 0.0,
+    ) -> int:
+        """Take a frame as `update` does, which costs half of it: the rest is done by `track`.
+
+        Parameters
+        ----------
+        stamp_ns, pose, covariance, readings, relinearise, lasting
+            As of `update`.
+
+        Returns
+        -------
+        int
+            Stamp of the newest frame in the track, ns.
+
+        Raises
+        ------
         Outlier
             For a pose beyond the gate.
         StampRefused
@@ -222,8 +255,23 @@ class Tracker:
             raise Outlier(
                 f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
             )
-        newest = history[-1][1]
+        return _stamp(history[-1])
+
+    def track(self) -> Track:
+        """Return the track at the newest frame in it.
+
+        Raises
+        ------
+        NoPose
+            Where there is no frame yet.
+        """
+        newest = self._newest()
         return self._track(newest.frame.stamp_ns, newest.belief, newest)
+
+    def _newest(self) -> _State:
+        if not self._history:
+            raise NoPose("no track: there is no frame yet")
+        return self._history[-1][1]
 
     def constants(self, stamp_ns: int) -> tuple[Array, Array]:
         """Return what is known of the constants: the prior of the next frame's fit.
@@ -265,9 +313,7 @@ class Tracker:
         ValueError
             For an instant before the newest frame.
         """
-        if not self._history:
-            raise NoPose("no track: there is no frame yet")
-        newest = self._history[-1][1]
+        newest = self._newest()
         age_ns = stamp_ns - newest.frame.stamp_ns
         if age_ns < 0:
             raise ValueError(
@@ -327,9 +373,10 @@ class Tracker:
         belief = Belief(mean, anew, shared)
         if frame.readings is None:
             anew[POSE, MOVING:] = lasts @ root[self._space.shades, MOVING:]
+            corrected = Corrected(lambda: belief)
         else:
-            belief, _ = self._correction.by_frame(belief, frame, True)
-        return _State(frame, belief, frame.stamp_ns)
+            corrected, _ = self._correction.by_frame(belief, frame, True)
+        return _State(frame, corrected, frame.stamp_ns)
 
     def _held(self, state: _State | None, stamp_ns: int) -> Belief:
         """Return a belief in nothing but what lasts, at a stamp."""
@@ -359,11 +406,11 @@ class Tracker:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
         learns = due and frame.readings is not None and self._worth_learning(ahead)
-        belief, distance = self._correction.by_frame(
+        corrected, distance = self._correction.by_frame(
             ahead._replace(root=triangular(ahead.root)), frame, learns
         )
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
-        return _State(frame, belief, learnt_ns, state.frames + 1, distance)
+        return _State(frame, corrected, learnt_ns, state.frames + 1, distance)
 
     def _worth_learning(self, belief: Belief) -> bool:
         """Say whether no constant that bends the light is known well."""

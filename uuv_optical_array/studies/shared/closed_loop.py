@@ -72,8 +72,6 @@ class Moment(NamedTuple):
         What the array reads, counts, shape ``(side, side)``.
     frame
         What is made of the image.
-    covariance
-        Of the pose of the track, shape ``(5, 5)``; ``None`` where there is no track.
     leads
         Whether the leader has set off.
     """
@@ -84,7 +82,6 @@ class Moment(NamedTuple):
     pose: Array
     image: Array
     frame: Frame
-    covariance: Array | None
     leads: bool
 
 
@@ -111,7 +108,7 @@ class ClosedLoop:
     def __init__(
         self, estimator: Estimator, rng: np.random.Generator, conditions: Conditions | None = None
     ) -> None:
-        self._estimator, self._rng = estimator, rng
+        self._rng = rng
         self._scene = scene = estimator.table.scene
         self.conditions = conditions or Conditions.of(scene)
         self._frames = Pipeline(estimator)
@@ -157,12 +154,10 @@ class ClosedLoop:
         light = self._model.light(pose, roll, self._offsets, self.t_s)
         image = self._model.read(light, self._rng)
         frame = self._frames.answer(round(self.t_s * 1e9), image)
-        covariance = None
-        if frame.track is not None:
-            aim = self._estimator.aim_covariance(frame.track.pose, roll)
-            covariance = frame.track.covariance + aim
+        track = frame.track
+        if track is not None:
             try:
-                self._controller.update(self.t_s, frame.track.pose, covariance)
+                self._controller.update(self.t_s, track.pose, track.covariance)
             except (NoPose, ValueError) as reason:
                 frame = frame._replace(reason=str(reason))
         command = self._controller.command(self.t_s)
@@ -178,7 +173,6 @@ class ClosedLoop:
             pose,
             image,
             frame,
-            covariance,
             self._path_s is not None,
         )
 

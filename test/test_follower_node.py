@@ -76,6 +76,31 @@ def test_an_image_without_light_is_an_empty_cloud_and_no_pose(rov):
     assert not rov.poses
 
 
+def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all_of_it(rov, scene):
+    done = []
+    node = rov.estimator
+
+    def noted(owner, name, word):
+        call = getattr(owner, name)
+        rov.lab.patch.setattr(owner, name, lambda *given: (done.append(word), call(*given))[1])
+
+    noted(node.poses, "publish", "pose")
+    noted(node.tracker, "track", "track")
+    noted(node.tracks, "publish", "odometry")
+    noted(node, "hand_over", "command")
+    noted(rov.feature.features, "publish", "features")
+    images = ForwardModel(scene).expose(np.tile(POSE, (2, 1)), np.random.default_rng(7))
+    for seconds, image in enumerate(images, 1):  # both before the executor has a turn
+        header = Header(stamp=Time(sec=seconds), frame_id="rov/array")
+        rov.feature.on_image(image_to_message(image, header))
+    rest = ["track", "odometry", "command", "features"]
+    first, second = done[: len(rest) + 1], done[len(rest) + 1 :]
+    assert second == ["pose"]
+    assert first[0] == "pose"
+    assert sorted(first[1:]) == sorted(rest)
+    rov.lab.until(lambda: sorted(done[len(first) + 1 :]) == sorted(rest), "the rest")
+
+
 def test_of_images_that_wait_the_newest_is_served_and_the_others_are_counted(rov, scene):
     rng = np.random.default_rng(6)
     for seconds, image in enumerate(ForwardModel(scene).expose(np.tile(POSE, (9, 1)), rng), 1):

@@ -56,6 +56,7 @@ from uuv_optical_array.nodes.shared.messages import (
     write_pose,
 )
 from uuv_optical_array.nodes.shared.node import (
+    Afterwards,
     from_thread,
     publish,
     run,
@@ -149,6 +150,7 @@ class EstimatorNode(Node):
         self.check(self.parameters["method"])
         self.scene = load_scene(self.parameters["scene"])
         self.order = StampOrder()
+        self.afterwards = Afterwards(self)
         self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
         self.model = ForwardModel(self.scene)
@@ -340,9 +342,10 @@ class EstimatorNode(Node):
         readings
             The image itself, counts, shape ``(side, side)``; ``None``: a match does without.
         """
-        stamp, track = stamp_ns(header), None
+        self.afterwards.finish()
+        stamp, tracking = stamp_ns(header), self.parameters["tracking"]
         try:
-            if not self.parameters["tracking"]:
+            if not tracking:
                 self.order.check(header)
             if self.estimator is None:
                 raise Refused("no table: see the error")
@@ -351,19 +354,18 @@ class EstimatorNode(Node):
             if readings is not None:
                 self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
-            known = self.tracker.constants(stamp) if self.parameters["tracking"] else None
+            known = self.tracker.constants(stamp) if tracking else None
             estimate = self.estimator.estimate(readings, parameters, roll, known)
             if readings is None:
                 self.frozen.check(
                     parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)
                 )
-            if self.parameters["tracking"]:
+            if tracking:
                 newest = enter(self.tracker, self.estimator, stamp, estimate, readings, roll)
                 # A track puts late frames in their place first.
                 if newest != stamp:
                     raise Refused("late frame: it entered the track, whose newer pose is out")
                 self.order.check(header)
-                track = entered(self.tracker, self.estimator, roll)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
@@ -372,21 +374,47 @@ class EstimatorNode(Node):
             estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]
         )
         pose = pose_to_message(estimate.pose, covariance, header, roll)
-        if not self.poses.publish(pose):
-            return
-        own = Header(stamp=header.stamp, frame_id=self.base_frame)
-        best = estimate.pose if track is None else track.pose
-        leader = inverse_to_message(best, own, roll)
-        self.leaders.publish(leader)
-        if self.parameters["tf_parent"] == "base":
-            self.send_transform(own, header.frame_id, leader.pose)
-        else:
+        if self.poses.publish(pose):
+            follow_up = self.follow_up
+            tracker, estimator = self.tracker if tracking else None, self.estimator
+            self.afterwards(lambda: follow_up(estimate, pose, roll, tracker, estimator))
+
+    def follow_up(
+        self,
+        estimate: Estimate,
+        pose: PoseWithCovarianceStamped,
+        roll: float,
+        tracker: Tracker | None,
+        estimator: Estimator,
+    ) -> None:
+        """Publish what else there is of a pose that is out.
+
+        Parameters
+        ----------
+        estimate, pose, roll
+            What was published, and its message.
+        tracker
+            The one that it is in, if any.
+        estimator
+            That it is from.
+        """
+        header = pose.header
+        track = None if tracker is None else entered(tracker, estimator, roll)
+        below_base = self.parameters["tf_parent"] == "base"
+        if self.leaders.heard or below_base:
+            own = Header(stamp=header.stamp, frame_id=self.base_frame)
+            best = estimate.pose if track is None else track.pose
+            leader = inverse_to_message(best, own, roll)
+            self.leaders.publish(leader)
+            if below_base:
+                self.send_transform(own, header.frame_id, leader.pose)
+        if not below_base:
             child = body_beside(header.frame_id, self.child_frame)
             self.send_transform(header, child, pose.pose.pose)
         if track is not None:
             self.publish_track(track, header, roll)
-        method = self.estimator.settings.method
-        self.diagnostics.answer(stamp, lambda: self.figures(method, estimate, track))
+        method = estimator.settings.method
+        self.diagnostics.answer(stamp_ns(header), lambda: self.figures(method, estimate, track))
 
     def figures(self, method: Method, estimate: Estimate, track: Track | None) -> dict[str, str]:
         """Return what the diagnostics show of an answer."""

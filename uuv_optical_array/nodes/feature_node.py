@@ -25,7 +25,13 @@ from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe, subscribe_newest
+from uuv_optical_array.nodes.shared.node import (
+    Afterwards,
+    publish,
+    run,
+    subscribe,
+    subscribe_newest,
+)
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameters, parameters_of
 
 PARAMETERS = {
@@ -57,6 +63,7 @@ class FeatureNode(Node):
         self.order = StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
+        self.afterwards = Afterwards(self)
         self.hand_over = hand_over
         if hand_over is None:
             subscribe(self, Image, "array/image", self.on_image)
@@ -71,6 +78,7 @@ class FeatureNode(Node):
 
     def on_image(self, message: Image) -> None:
         """Publish the key parameters of one image."""
+        self.afterwards.finish()
         try:
             self.order.check(message.header)
             image = image_from_message(message, self.scene.array)
@@ -86,10 +94,18 @@ class FeatureNode(Node):
             parameters = key_parameters(
                 image, self.scene.full_scale_counts, self.scene.signature.peak
             )
-            self.diagnostics.answer(stamp_ns(message.header), lambda: self.figures(image))
-        if self.hand_over is not None:
+        if self.hand_over is None:
+            self.tell(message.header, parameters, image)
+        else:
             self.hand_over(message.header, parameters, image)
-        self.features.publish(features_to_message(parameters, message.header))
+            self.afterwards(lambda: self.tell(message.header, parameters, image))
+
+    def tell(self, header: Header, parameters: Array | None, image: Array) -> None:
+        """Publish what was made of an image."""
+        if self.features.heard:
+            self.features.publish(features_to_message(parameters, header))
+        if parameters is not None:
+            self.diagnostics.answer(stamp_ns(header), lambda: self.figures(image))
 
     def figures(self, image: Array) -> dict[str, str]:
         """Return what the diagnostics show of an image."""

@@ -43,6 +43,11 @@ class FinitePublisher:
     def __init__(self, node: Any, publisher: Publisher) -> None:
         self._node, self._publisher = node, publisher
 
+    @property
+    def heard(self) -> bool:
+        """Whether anyone subscribes."""
+        return bool(self._publisher.get_subscription_count())
+
     def publish(self, message: Any) -> bool:
         """Publish a message; return whether it was."""
         where = not_finite(message)
@@ -127,6 +132,33 @@ def from_thread(node: Node, callback: Callable[[], None]) -> Callable[[], None]:
 
     node.create_timer(0.1, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
     return called.set
+
+
+class Afterwards:
+    """Does what a message that was published need not wait for.
+
+    A node of the same process hears the message first, as it has the thread before this work.
+
+    Parameters
+    ----------
+    node
+        The node whose work it is.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._left: list[Callable[[], None]] = []
+
+    def __call__(self, work: Callable[[], None]) -> None:
+        """Have work done by the executor, soon."""
+        self._left.append(work)
+        if self._node.executor is not None:
+            self._node.executor.create_task(self.finish)
+
+    def finish(self) -> None:
+        """Do what is left now, as the next message may need it."""
+        while self._left:
+            self._left.pop(0)()
 
 
 def transform_publisher(

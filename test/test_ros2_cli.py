@@ -191,14 +191,18 @@ def test_a_node_that_dies_ends_the_launch_and_every_other_node(tmp_path):
     assert len(re.findall("process started", text)) == 5
 
 
-@pytest.mark.parametrize("node", ["simulator", "feature", "estimator", "formation", "vehicles"])
+@pytest.mark.parametrize(
+    "node", ["simulator", "feature", "estimator", "formation", "follower", "vehicles", "view"]
+)
 def test_ros2_run_refuses_a_bad_start_value_in_one_line(node):
     bad = {
         "simulator": ("max_gap_s", "-1.0"),
         "feature": ("min_peak_counts", "-1.0"),
         "estimator": ("max_angle_rad", "9.0"),
         "formation": ("min_distance_m", "-6.0"),
+        "follower": ("neighbours", "1"),
         "vehicles": ("rate_hz", "0.0"),
+        "view": ("max_rate_hz", "-1.0"),
     }[node]
     command = ["ros2", "run", "uuv_optical_array", f"{node}_node", "--ros-args"]
     ran = subprocess.run(

@@ -88,8 +88,8 @@ class ViewNode(Node):
         self.get_logger().info(f"open {self.page.url} in a browser")
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Odometry, "relative_odometry", self.on_track)
-        for name in self.trajectories:
-            subscribe(self, Odometry, f"{name}/odometry", partial(self.on_vehicle, name))
+        subscribe(self, Odometry, "leader/odometry", partial(self.on_vehicle, "leader"))
+        subscribe(self, Odometry, "follower/odometry", partial(self.on_vehicle, "follower"))
 
     def on_vehicle(self, name: str, message: Odometry) -> None:
         """Record where a vehicle is."""

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import rclpy
 from rclpy.node import Node
 
+from uuv_optical_array.core.extras import NotInstalled
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.follower_node import follower
@@ -20,6 +21,15 @@ from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 
 VERSION = "0.2.0"  # of the policy's schema
+
+
+def view() -> list[Node]:
+    """Return the live view, which imports Matplotlib, as no other node does."""
+    from uuv_optical_array.nodes.view_node import ViewNode
+
+    return [ViewNode()]
+
+
 PROCESSES: Mapping[str, Callable[[], Iterable[Node]]] = {
     "simulator_node": lambda: [SimulatorNode()],
     "feature_node": lambda: [FeatureNode()],
@@ -27,6 +37,7 @@ PROCESSES: Mapping[str, Callable[[], Iterable[Node]]] = {
     "formation_node": lambda: [FormationNode()],
     "vehicles_node": lambda: [VehiclesNode()],
     "follower_node": follower,
+    "view_node": view,
 }
 CLOCK = "/clock"  # which nodes hear that use simulated time
 
@@ -37,7 +48,8 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
     Parameters
     ----------
     processes
-        By the name of each executable what makes its nodes; ROS has been started.
+        By the name of each executable what makes its nodes; ROS has been started. One that lacks
+        an extra here has no enclave, and a line on standard error says so.
 
     Returns
     -------
@@ -48,11 +60,16 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
     root = ElementTree.Element("policy", version=VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     for executable, make in processes.items():
+        try:
+            nodes = list(make())
+        except NotInstalled as reason:
+            print(f"{executable} is left out: {reason}", file=sys.stderr)
+            continue
         enclave = ElementTree.SubElement(
             enclaves, "enclave", path=f"/uuv_optical_array/{executable}"
         )
         profiles = ElementTree.SubElement(enclave, "profiles")
-        for node in make():
+        for node in nodes:
             _add_profile(profiles, node)
             node.destroy_node()
     ElementTree.indent(root)

@@ -96,12 +96,15 @@ def sea(lab, scene_file):
 
 def test_an_image_is_what_the_core_exposes_at_the_relative_pose_with_the_same_seed(sea, scene):
     model, noise, rng = ForwardModel(scene), np.random.default_rng(SEED), np.random.default_rng(5)
+    handed_over = {}
+    sea.node.hand_over = lambda header, pose: handed_over.update({header.stamp.sec: pose})
     for seconds in range(1, 21):
         leader, follower = random_places(rng)
         pose, roll = seen(leader, follower)
         expected = model.expose(pose, noise, roll)
         assert expected.max() > 50  # enough light to tell poses apart
         np.testing.assert_array_equal(sea.look(seconds, leader, follower), expected)
+        np.testing.assert_allclose(handed_over[seconds], pose, atol=1e-9)
     status = sea.lab.report(sea.node, OK, "answered")
     values = {pair.key: float(pair.value) for pair in status.values}
     assert values["refused"] == 0

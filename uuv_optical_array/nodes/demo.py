@@ -13,13 +13,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
-from uuv_optical_array.control.trajectory import MAX_GAP_S, TooEarly, Trajectory
-from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -67,20 +66,17 @@ class RecorderNode(Node):
         super().__init__("recorder_node", **options)
         self.record, self.array = record, array
         self.started_ns: int | None = None
-        self.ahead = Trajectory(MAX_GAP_S)
-        self.waiting: dict[float, tuple[int, Array, Array]] = {}
         for message_type, topic, callback in (
             (Odometry, leader, self.on_leader),
-            (Odometry, "leader/odometry", self.on_ahead),
             (Odometry, "follower/odometry", self.on_follower),
             (Image, "array/image", self.on_image),
             (PoseWithCovarianceStamped, "relative_pose", self.on_pose),
         ):
             self.create_subscription(message_type, topic, callback, qos_profile_sensor_data)
 
-    def seconds(self, message) -> float | None:
-        """Return a message's time since the leader set off, s; nothing before."""
-        stamp = stamp_ns(message.header)
+    def seconds(self, header: Header) -> float | None:
+        """Return the time of a message since the leader set off, s; nothing before."""
+        stamp = stamp_ns(header)
         if self.started_ns is None or stamp < self.started_ns:
             return None
         return (stamp - self.started_ns) * 1e-9
@@ -89,39 +85,27 @@ class RecorderNode(Node):
         """Keep the leader's position."""
         if self.started_ns is None and message.twist.twist != Twist():
             self.started_ns = stamp_ns(message.header)
-        if (stamp := self.seconds(message)) is not None:
+        if (stamp := self.seconds(message.header)) is not None:
             self.record.leader_path[stamp] = odometry_pose(message)[0]
 
-    def on_ahead(self, message: Odometry) -> None:
-        """Note where the followed vehicle is, and the true poses behind it that waited for that."""
-        self.ahead.add(stamp_ns(message.header), *odometry_pose(message))
-        for stamp, (nanoseconds, position, quaternion) in list(self.waiting.items()):
-            try:
-                place, rotation = self.ahead.at(nanoseconds)
-            except TooEarly:
-                return
-            except LookupError:
-                del self.waiting[stamp]
-                continue
-            del self.waiting[stamp]
-            own = Rotation.from_quat(quaternion).as_matrix()
-            self.record.truth[stamp], _ = relative_pose(place, rotation, position, own)
+    def on_truth(self, header: Header, pose: Array) -> None:
+        """Keep the true pose of an image."""
+        if (stamp := self.seconds(header)) is not None:
+            self.record.truth[stamp] = pose
 
     def on_follower(self, message: Odometry) -> None:
-        """Keep the follower's position; its true pose follows once the vehicle ahead is known."""
-        if (stamp := self.seconds(message)) is not None:
-            position, quaternion = odometry_pose(message)
-            self.record.follower_path[stamp] = position
-            self.waiting[stamp] = stamp_ns(message.header), position, quaternion
+        """Keep the follower's position."""
+        if (stamp := self.seconds(message.header)) is not None:
+            self.record.follower_path[stamp] = odometry_pose(message)[0]
 
     def on_image(self, message: Image) -> None:
         """Keep the image."""
-        if (stamp := self.seconds(message)) is not None:
+        if (stamp := self.seconds(message.header)) is not None:
             self.record.images[stamp] = image_from_message(message, self.array)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Keep the estimate."""
-        if (stamp := self.seconds(message)) is not None:
+        if (stamp := self.seconds(message.header)) is not None:
             self.record.estimates[stamp] = pose_from_message(message)
 
 
@@ -177,6 +161,7 @@ def follower_nodes(
     record = FollowRecord(tuple(formation.parameters["station_m"]))
     array = simulator.scene.array
     recorder = RecorderNode(record, array, leader or "leader/odometry", **options)
+    simulator.hand_over = recorder.on_truth
     estimator = EstimatorNode(**options)
     return (
         recorder,

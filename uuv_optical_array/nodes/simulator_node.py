@@ -1,6 +1,7 @@
 """From the odometry of both vehicles to the image of the detector array."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,10 +56,21 @@ WAITING = 50  # follower poses kept until the leader's odometry catches up
 
 
 class SimulatorNode(Node):
-    """Publish what the array would read at each pose of the follower."""
+    """Publish what the array would read at each pose of the follower.
 
-    def __init__(self, **options: Any) -> None:
+    Parameters
+    ----------
+    hand_over
+        Takes header and true pose, m and rad, shape ``(5,)``, of each image that is published.
+    options
+        As of `Node`.
+    """
+
+    def __init__(
+        self, hand_over: Callable[[Header, Array], None] | None = None, **options: Any
+    ) -> None:
         super().__init__("simulator_node", **options)
+        self.hand_over = hand_over
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = scene = load_scene(self.parameters["scene"])
         if "adc" not in scene.effects:
@@ -145,6 +157,8 @@ class SimulatorNode(Node):
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.place_array(follower, frame)
         self.images.publish(image_to_message(as_wired(image, self.scene.array.wiring), header))
+        if self.hand_over is not None:
+            self.hand_over(header, pose)
         self.diagnostics.answer(
             stamp_ns(header),
             lambda: {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"},

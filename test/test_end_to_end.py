@@ -1,8 +1,5 @@
 """Three operating-system processes answer the odometry of a fourth, over DDS."""
 
-import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -11,6 +8,7 @@ import rclpy
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from node_processes import node_processes
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
@@ -24,28 +22,14 @@ POSES = 500
 NODES = ("simulator_node", "feature_node", "estimator_node")
 
 
-def start(node, log):
-    program = f"from uuv_optical_array.nodes.{node} import main; main()"
-    arguments = ["--ros-args", "-p", "scene:=reference"]
-    arguments += ["-p", "simulator_node:seed:=7", "-p", "estimator_node:method:=sam"]
-    arguments += ["-p", "estimator_node:tracking:=false"]  # poses of this test make no track
-    return subprocess.Popen([sys.executable, "-c", program, *arguments], stderr=log, stdout=log)
-
-
 @pytest.fixture
 def sensor_processes(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     cached_table(load_scene("reference"))  # a coarse one is not as exact as specified
-    with (tmp_path / "log").open("w") as log:
-        processes = [start(node, log) for node in NODES]
-        yield processes
-        for process in processes:
-            process.send_signal(signal.SIGINT)
-        codes = [process.wait(timeout=PATIENCE_S) for process in processes]
-    text = (tmp_path / "log").read_text()
-    print(text)
-    assert codes == [0, 0, 0], text
-    assert "Traceback" not in text
+    given = {"scene": "reference", "simulator_node:seed": 7, "estimator_node:method": "sam"}
+    given["estimator_node:tracking"] = "false"  # poses of this test make no track
+    with node_processes(tmp_path / "log", NODES, **given):
+        yield
 
 
 class Fleet:

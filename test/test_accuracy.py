@@ -278,6 +278,7 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
         (("--poses", 0), ("--poses", "0", "from 1")),
         (("--seed", -1), ("--seed", "-1", "from 0")),
         (("--candidates", 0), ("--candidates", "0", "from 1")),
+        (("--candidates", 65), ("--candidates", "65", "to 64")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
         (("--known", "--moving"), ("--known", "--moving", "leave one")),

@@ -7,9 +7,9 @@ import numpy as np
 
 from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -36,12 +36,11 @@ examples:
   uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
+CANDIDATES = declared(EstimatorSettings)["candidates"]
 NUMBERS = {
     "poses": cli.Number(Quantity("how many random poses; 4000 with --known", "", 1, 1e7), 20_000),
     "seed": cli.Number(cli.SEED, 1),
-    "candidates": cli.Number(
-        Quantity("table entries from which least_squares starts", "", 1, 1000), 4
-    ),
+    "candidates": cli.Number(CANDIDATES.quantity, CANDIDATES.default),
 }
 KNOWN_POSES = 4_000
 

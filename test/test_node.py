@@ -10,8 +10,9 @@ import rclpy
 from conftest import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_msgs.msg import UInt8
 
-from uuv_optical_array.nodes.shared.node import spin, start
+from uuv_optical_array.nodes.shared.node import spin, start, subscribe_newest
 
 
 @pytest.fixture
@@ -88,3 +89,28 @@ def test_importing_a_node_imports_nothing_heavy(node):
         check=True,
     )
     assert ran.stdout.split() == []
+
+
+def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(executor):
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        pytest.skip("this rclpy has no events executor, whose queue is tested")
+    executor = EventsExecutor()
+    node = Node("node", use_global_arguments=False)
+    while_served, done = {1: (2, 3, 4, 5, 6), 6: (7, 8)}, []
+
+    def serve(message, passed_over):
+        done.append((message.data, passed_over))
+        answers.publish(message)
+        for number in while_served.get(message.data, ()):
+            images.publish(UInt8(data=number))
+
+    images, answers = (node.create_publisher(UInt8, name, 10) for name in ("images", "answers"))
+    subscribe_newest(node, UInt8, "images", serve)
+    node.create_subscription(UInt8, "answers", lambda message: done.append(message.data), 10)
+    executor.add_node(node)
+    spin(executor, lambda: images.get_subscription_count() + answers.get_subscription_count() < 2)
+    images.publish(UInt8(data=1))
+    spin(executor, lambda: len(done) < 6)
+    assert done == [(1, 0), 1, (6, 4), 6, (8, 1), 8]

@@ -74,66 +74,6 @@ def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
     return FinitePublisher(node, publisher)
 
 
-def subscribe(
-    node: Any, message_type: type, topic: str, callback: Callable[[Any], None]
-) -> Subscription:
-    """Create a subscription with sensor-data QoS that parameters can override.
-
-    The node's ``diagnostics`` tell where the topic has more than one publisher.
-    """
-    subscription = node.create_subscription(
-        message_type,
-        topic,
-        callback,
-        qos_profile_sensor_data,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
-    node.diagnostics.watch(subscription.topic_name)
-    return subscription
-
-
-def subscribe_newest(
-    node: Node, message_type: type, topic: str, callback: Callable[[Any, int], None]
-) -> Subscription:
-    """Create a subscription that serves only the newest of the messages that wait.
-
-    Its QoS is that of `subscribe` with a longer queue, and parameters can override it. The callback
-    gets the message and the number of older ones passed over for it, of which `WAITING` are kept.
-    """
-
-    def take_newest(message: Any) -> None:
-        passed_over, waiting = 0, subscription.handle
-        with waiting:
-            while newer := waiting.take_message(message_type, False):
-                message, passed_over = newer[0], passed_over + 1
-        callback(message, passed_over)
-
-    subscription = node.create_subscription(
-        message_type,
-        topic,
-        take_newest,
-        QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT),
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
-    return subscription
-
-
-def from_thread(node: Node, callback: Callable[[], None]) -> Callable[[], None]:
-    """Return what any thread calls to have a callback served by the node's executor, once.
-
-    A timer looks for the call: the events executor knows no guard conditions.
-    """
-    called = threading.Event()
-
-    def look() -> None:
-        if called.is_set():
-            called.clear()
-            callback()
-
-    node.create_timer(0.1, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    return called.set
-
-
 class Afterwards:
     """Does what a message that was published need not wait for.
 
@@ -159,6 +99,76 @@ class Afterwards:
         """Do what is left now, as the next message may need it."""
         while self._left:
             self._left.pop(0)()
+
+
+def subscribe(
+    node: Any, message_type: type, topic: str, callback: Callable[[Any], None]
+) -> Subscription:
+    """Create a subscription with sensor-data QoS that parameters can override.
+
+    The node's ``diagnostics`` tell where the topic has more than one publisher.
+    """
+    subscription = node.create_subscription(
+        message_type,
+        topic,
+        callback,
+        qos_profile_sensor_data,
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
+    node.diagnostics.watch(subscription.topic_name)
+    return subscription
+
+
+def subscribe_newest(
+    node: Node, message_type: type, topic: str, callback: Callable[[Any, int], None]
+) -> Subscription:
+    """Create a subscription that serves only the newest of the messages that wait.
+
+    Its QoS is that of `subscribe` with a longer queue, and parameters can override it. The callback
+    gets the message and the number of older ones passed over for it, of which `WAITING` are kept.
+    It is served behind what the executor has to do already, so that at overload others have their
+    turn between two messages.
+    """
+    taken: list[Any] = []
+
+    def take(message: Any) -> None:
+        if not taken and node.executor is not None:
+            node.executor.create_task(serve)
+        taken.append(message)
+        waiting = subscription.handle
+        with waiting:
+            while newer := waiting.take_message(message_type, False):
+                taken.append(newer[0])
+
+    def serve() -> None:
+        newest, passed_over = taken[-1], len(taken) - 1
+        taken.clear()
+        callback(newest, passed_over)
+
+    subscription = node.create_subscription(
+        message_type,
+        topic,
+        take,
+        QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
+    return subscription
+
+
+def from_thread(node: Node, callback: Callable[[], None]) -> Callable[[], None]:
+    """Return what any thread calls to have a callback served by the node's executor, once.
+
+    A timer looks for the call: the events executor knows no guard conditions.
+    """
+    called = threading.Event()
+
+    def look() -> None:
+        if called.is_set():
+            called.clear()
+            callback()
+
+    node.create_timer(0.1, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return called.set
 
 
 def transform_publisher(

@@ -96,6 +96,19 @@ def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
 
 
 @NUMBA
+@pytest.mark.usefixtures("compiled_fit")
+def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search_is_built(
+    lab, scene_file, scene, table_folder, images, monkeypatch
+):
+    monkeypatch.setattr(fit_compiler, "LOADED", set())
+    shower = begun(lab, scene_file, scene, table_folder)
+    assert shower.node.compiler.done
+    assert shower.node.estimator.settings.method == "least_squares"
+    shower.show(images[0], 1)
+    assert "index" not in vars(shower.node.table)  # a second, in a table of the usual size
+
+
+@NUMBA
 def test_other_methods_compile_nothing_until_the_fit_is_asked_for(
     gate, lab, scene_file, scene, table_folder, images
 ):

@@ -194,7 +194,6 @@ class Estimator:
             raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
         self.table = table
         self.settings = EstimatorSettings(method, max_angle_rad, neighbours, candidates, max_misfit)
-        self._index = table.index
         self._bounds = bounds(table.scene)
         axes = grid_axes(table.scene.table)
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
@@ -207,6 +206,8 @@ class Estimator:
         self._frame: Callable[..., FrameResult] | None = None
         if method == "least_squares":
             self._prepare()
+        else:
+            _ = table.index  # built now, so that the first frame takes no longer than the next
 
     @property
     def _compiled(self) -> bool:
@@ -362,11 +363,12 @@ class Estimator:
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp]]:
         """Estimate by the nearest rows of the table, and return them, nearest first."""
         count = self.settings.neighbours
-        angles, rows = self._index.nearest(vector, count)
+        index = self.table.index
+        angles, rows = index.nearest(vector, count)
         # Rows that look exactly alike are all possible, however many there are.
         while angles[-1] == angles[0] and count < len(self.table.poses):
             count *= 4
-            angles, rows = self._index.nearest(vector, count)
+            angles, rows = index.nearest(vector, count)
         if angles[0] > self.settings.max_angle_rad:
             raise NoPose(
                 f"no match: the nearest signature is {angles[0]:.3f} rad away, "

@@ -163,6 +163,8 @@ class EstimatorNode(Node):
         self.estimator: Estimator | None = None
         self.compiler = FitCompiler(self.scene, from_thread(self, self.on_compiled))
         self.context.on_shutdown(self.compiler.stop)
+        if self.fits(self.parameters["method"]):
+            self.compiler.load()
         self.builder = TableBuilder(self.scene, from_thread(self, self.on_built))
         self.context.on_shutdown(self.builder.stop)
         try:
@@ -222,9 +224,8 @@ class EstimatorNode(Node):
         if "table" in changes:
             path = changes["table"]
             table = load_table(path, self.scene) if path else self.builder.table()
-        # After the table, which the first pose waits for: the two would share the processor. The
-        # sam methods hold a match to its image by the fit, so frames handed over gain by it, too.
-        if settings.method == FIT or self.hand_over is not None:
+        # After the table, which the first pose waits for: the two would share the processor.
+        if self.fits(settings.method):
             self.compiler.start()
         if table is not None and changes.keys() & OF_ESTIMATOR:
             estimator = self.estimator_for(table, settings)
@@ -234,6 +235,13 @@ class EstimatorNode(Node):
             self.diagnostics.fail("")
             self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
         self.tell(settings)
+
+    def fits(self, method: str) -> bool:
+        """Say whether the fit is to be compiled.
+
+        The sam methods hold a match to its image by it, so frames handed over gain by it, too.
+        """
+        return method == FIT or self.hand_over is not None
 
     def tracker_for(self, settings: TrackerSettings) -> Tracker:
         """Return a tracker that knows nothing yet of the scene's unknown constants."""

@@ -62,6 +62,11 @@ class FitCompiler:
         self._process: subprocess.Popen[str] | None = None
         self._thread: threading.Thread | None = None
 
+    def load(self) -> None:
+        """Load the fit now where it is compiled already, while no frame waits yet."""
+        if not self.done and compilation.installed() and is_compiled(self._scene):
+            self.failure, self.done = self._load(), True
+
     def start(self) -> None:
         """Begin, unless that was done before."""
         if self._thread is not None or self.done:
@@ -106,12 +111,15 @@ class FitCompiler:
                 failure = errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"
         if self._stopped:
             return
-        if not failure:
-            try:
-                compile_fit(self._scene)
-                LOADED.add(compiled_parts(self._scene))
-            except (ValueError, OSError) as error:
-                failure = str(error)
-        self.failure, self.done = failure, True
+        self.failure, self.done = failure or self._load(), True
         if not self._stopped:
             self._on_done()
+
+    def _load(self) -> str:
+        """Load what is on disk; return why that failed."""
+        try:
+            compile_fit(self._scene)
+            LOADED.add(compiled_parts(self._scene))
+        except (ValueError, OSError) as error:
+            return str(error)
+        return ""

@@ -76,6 +76,9 @@ os.environ.update(
 )
 # What is compiled is the same for every run of the same sources, and for all workers of a run.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache"))
+# Without bytecode every worker and every process of a test would compile all sources again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # A shell ignores Ctrl-C for what it starts in the background, and so would every process of a test.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -63,21 +63,21 @@ def test_velocity_is_commanded_in_the_frame_of_the_follower() -> None:
     assert in_beacon / np.linalg.norm(linear) == pytest.approx([1, 0, 0], abs=0.05)
 
 
-@pytest.mark.parametrize("speed", [0.5, 0.3, -0.2])
+@pytest.mark.parametrize("speed", [0.5, -0.2])
 def test_steady_speed_of_the_leader_leaves_no_lag(speed: float) -> None:
-    errors, commands = follow(90, twist=steady([speed, 0, 0], [0, 0, 0]))
+    errors, commands = follow(40, twist=steady([speed, 0, 0], [0, 0, 0]))
     assert np.abs(errors[-200:]).max() < 1e-3
     assert commands[-1] == pytest.approx([speed, 0, 0, 0, 0, 0], abs=1e-3)
 
 
 def test_drift_of_the_leader_leaves_no_lag() -> None:
-    errors, _ = follow(90, twist=steady([0.4, 0.1, -0.1], [0, 0, 0]))
+    errors, _ = follow(50, twist=steady([0.4, 0.1, -0.1], [0, 0, 0]))
     assert np.abs(errors[-200:]).max() < 1e-3
 
 
-@pytest.mark.parametrize("rate", [0.05, -0.05])
-def test_steady_turn_of_the_leader_leaves_no_lag(rate: float) -> None:
-    errors, commands = follow(90, twist=steady([0.5, 0, 0], [0, 0, rate]))
+def test_steady_turn_of_the_leader_leaves_no_lag() -> None:
+    rate = 0.05
+    errors, commands = follow(70, twist=steady([0.5, 0, 0], [0, 0, rate]))
     assert np.abs(errors[-200:]).max() < 1e-3
     # Six metres astern of the leader, the station is swung outward.
     assert commands[-1] == pytest.approx([0.5, -6 * rate, 0, 0, 0, rate], abs=1e-3)
@@ -91,7 +91,7 @@ def test_pitching_of_the_leader_carries_the_station_up() -> None:
     assert commands[-1] == pytest.approx([0, 0, 0.18, 0, 0.03, 0], abs=0.02)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_follow_of_the_path_with_noisy_poses(seed: int) -> None:
     errors, commands = follow(120, sam_noise(seed))
     errors[:, 3:] = np.degrees(errors[:, 3:])
@@ -108,15 +108,15 @@ def test_follow_of_the_path_with_noisy_poses(seed: int) -> None:
 def test_known_correlation_of_the_errors_steadies_the_follow() -> None:
     def lateral_rms(correlation: float) -> float:
         published = covariance(correlation)
-        runs = [follow(60, sam_noise(seed), published=published)[0] for seed in range(2)]
+        runs = [follow(30, sam_noise(seed), published=published)[0] for seed in range(2)]
         return float(np.sqrt(np.mean([run[:, 1:3] ** 2 for run in runs])))
 
     assert lateral_rms(0.97) < 0.9 * lateral_rms(0.0)
 
 
-@pytest.mark.parametrize("latency_ticks", [0, 2, 6])
+@pytest.mark.parametrize("latency_ticks", [0, 6])
 def test_late_poses_are_brought_up_to_date(latency_ticks: int) -> None:
-    errors, _ = follow(120, sam_noise(0), latency_ticks=latency_ticks)
+    errors, _ = follow(80, sam_noise(0), latency_ticks=latency_ticks)
     assert (np.abs(errors[400:, :3]).max(axis=0) < 0.6).all()
 
 
@@ -291,17 +291,14 @@ def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
     assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 
-@pytest.mark.parametrize("entry", range(6))
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_refused_by_name_and_changes_nothing(
-    entry: int, value: float
-) -> None:
+def test_what_is_not_finite_is_refused_by_name_and_changes_nothing(value: float) -> None:
     controller, stamp, cruise = under_way()
-    row = np.array([stamp + 0.1, *STATION])
-    row[entry] = value
-    name = ("stamp", "x", "y", "z", "pitch", "yaw")[entry]
-    with pytest.raises(ValueError, match=f"pose: {name} is {value:g}"):
-        controller.update(row[0], row[1:], PUBLISHED)
+    for entry, name in enumerate(("stamp", "x", "y", "z", "pitch", "yaw")):
+        row = np.array([stamp + 0.1, *STATION])
+        row[entry] = value
+        with pytest.raises(ValueError, match=f"pose: {name} is {value:g}"):
+            controller.update(row[0], row[1:], PUBLISHED)
     assert command_at(controller, stamp + 1.0) == pytest.approx(cruise)
 
 

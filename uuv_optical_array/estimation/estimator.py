@@ -458,9 +458,10 @@ class Estimator:
         """Return what the fit makes of an image, and the probability that it is a clear one."""
         assert self._frame is not None  # prepared
         frames, problems = [], [kind.knowing(constants) for kind in self._kinds]
-        for problem in problems:
+        for kind, problem in zip(self._kinds, problems, strict=True):
             of_image = problem._replace(readings=readings, roll=roll)
-            frames.append(self._frame(of_image, guide, parameters))
+            frame = self._frame(of_image, guide, parameters)
+            frames.append(frame._replace(covariance=kind.doubt * frame.covariance))
         found, clear = frames[0], 1.0
         if len(frames) > 1:
             shares = [kind.log_share for kind in self._kinds]

@@ -58,6 +58,9 @@ SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 # and what no mode has is as strong as one of the second order. Our choice, of `plume`'s clouds.
 SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim by that of its middle
+# Clouds are no smooth Gaussian shade: the variance of a pose behind one is so many times larger
+# than it would be. By `uuv_array accuracy --moving` in `night_plume`.
+SHADE_DOUBT = 2.5
 
 Known = Literal["exactly", "calibrated", "as_bought"]
 # What is left unknown of a rig that was calibrated once in this sea, and of one that never was;

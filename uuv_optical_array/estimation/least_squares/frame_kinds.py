@@ -11,7 +11,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import POWER
+from uuv_optical_array.forward.scene import POWER, SHADE_DOUBT
 
 
 class FrameKind(NamedTuple):
@@ -27,12 +27,15 @@ class FrameKind(NamedTuple):
         Those of the scene's constants among the nuisances, shape ``(q,)``.
     added
         What this kind adds to the covariance of the constants, shape ``(r, r)``.
+    doubt
+        Factor of the pose's covariance, >= 1, for what the kind does not describe.
     """
 
     problem: Problem
     log_share: float
     places: NDArray[np.intp]
     added: Array
+    doubt: float
 
     def knowing(self, constants: tuple[Array, Array] | None) -> Problem:
         """Return the problem where the constants are known by a mean and a covariance."""
@@ -72,7 +75,8 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
         added = np.square(list(stds.values()))
         added[places] -= np.square(list(prior.nuisance_std.values()))
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        kinds.append(FrameKind(problem, math.log(share), places, np.diag(added)))
+        doubt = SHADE_DOUBT if depth else 1.0
+        kinds.append(FrameKind(problem, math.log(share), places, np.diag(added), doubt))
     return kinds
 
 

@@ -20,9 +20,11 @@ from uuv_optical_array.estimation.tracking.joint_coordinates import AsTheyAre, J
 from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, weigh
 from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import POSE
+from uuv_optical_array.forward.scene import SHADE_DOUBT
 
-# Most of a shaded pose's variance that lasts: the rest lets the track follow.
-MOST_LASTING = 0.9
+# Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
+# does, and what is left lets the track follow.
+MOST_LASTING = 0.9 / SHADE_DOUBT
 
 
 class Corrected:

@@ -1,30 +1,22 @@
 """``uuv_array paper``: what it prints, draws and leaves, whole or cut short."""
 
+import contextlib
 import functools
+import io
 import json
-import os
 import re
-import subprocess
+from pathlib import Path
+from types import SimpleNamespace
 
 import command_line
 import numpy as np
 import pytest
-from conftest import PATIENCE_S
 from second_paper import OPTIONS, second_angle
 
 from uuv_optical_array.commands.studies import paper as command
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016 import figures as paper
+from uuv_optical_array.studies.eren2016 import reproduction
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS
-
-# One thread: the program's many small products gain nothing from more.
-ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("eren2016")
-
 
 run = functools.partial(command_line.run, "paper")
 
@@ -34,22 +26,30 @@ def assert_picture(path):
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
-    picture = tmp_path / "p.png"
-    process = subprocess.run(
-        [*command_line.PROGRAM, "paper", "--json", "--output", picture],
-        capture_output=True,
-        text=True,
-        env=ENVIRONMENT,
-        timeout=PATIENCE_S,
-        check=True,
-    )
-    found = json.loads(process.stdout)
-    assert "point" in process.stderr
-    assert "curve" in process.stderr
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A whole run: what it wrote, and all angles that it computed, in their order."""
+    picture, angles = tmp_path_factory.mktemp("whole") / "p.png", []
+    compute = reproduction.angles_deg
+
+    def recorded(*arguments, **named):
+        angles.append(compute(*arguments, **named))
+        return angles[-1]
+
+    out, error = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reproduction, "angles_deg", recorded)
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+            run("--json", "--output", picture)
+    return SimpleNamespace(out=out.getvalue(), error=error.getvalue(), angles=angles)
+
+
+def test_json_holds_every_point_curve_size_and_choice(whole):
+    found = json.loads(whole.out)
+    assert "point" in whole.error
+    assert "curve" in whole.error
     assert (found["scene"], found["seed"], found["complete"]) == ("eren2016", 1, True)
-    assert found["picture"] == str(picture)
-    assert_picture(picture)
+    assert_picture(Path(found["picture"]))
     points = [(name, p) for name, figure in found["figures"].items() for p in figure["points"]]
     assert len(points) == len(STATEMENTS)
     stated = {
@@ -127,17 +127,13 @@ def test_json_holds_every_point_curve_size_and_choice(tmp_path, scene):
 
 def test_ctrl_c_reports_what_there_is(tmp_path):
     program = [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"]
-    code, *told = command_line.interrupted(program, rb"\b[1-9]\d*/24 .*choice", env=ENVIRONMENT)
+    code, *told = command_line.interrupted(program, rb"\b[1-9]\d*/\d+ .*point")
     out, error = (text.decode() for text in told)
     assert code == 130, out + error
     assert "Traceback" not in error
     assert "interrupted" in out
-    assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", out, re.M)
-    assert re.search(r"^8 .* > 15 +28\.6 +met$", out, re.M)
-    assert re.search(r"^as reconstructed .* 6 +1\.0$", out, re.M)
-    assert "noise of 1 count" not in out
-    assert f"picture: {tmp_path / 'p.png'}" in out
-    assert_picture(tmp_path / "p.png")
+    assert re.search(r"^1 +4a +.* 2 .* \+", out, re.M)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture
@@ -154,6 +150,23 @@ def stop(monkeypatch):
         monkeypatch.setattr(command.progress, "over", bar)
 
     return at
+
+
+def test_an_interrupt_between_choices_draws_and_keeps_those_before(
+    capsys, tmp_path, stop, whole, monkeypatch
+):
+    known = iter(whole.angles)
+    monkeypatch.setattr(reproduction, "angles_deg", lambda *_, **__: next(known))
+    stop("choice", 2)
+    run("--output", tmp_path / "p.png", code=130)
+    out = capsys.readouterr().out
+    assert "interrupted" in out
+    assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", out, re.M)
+    assert re.search(r"^8 .* > 15 +28\.6 +met$", out, re.M)
+    assert re.search(r"^as reconstructed .* 6 +1\.0$", out, re.M)
+    assert "noise of 1 count" not in out
+    assert f"picture: {tmp_path / 'p.png'}" in out
+    assert_picture(tmp_path / "p.png")
 
 
 def test_an_interrupt_before_the_first_point_computes_nothing(capsys, tmp_path, stop):

@@ -43,7 +43,7 @@ class FrameKind(NamedTuple):
             return self.problem
         mean, covariance = constants
         whole, at = self.added.copy(), self.problem.nuisance_mean.copy()
-        whole[np.ix_(self.places, self.places)] += covariance
+        whole[self.places[:, None], self.places] += covariance
         at[self.places] += mean
         precision: Array = np.asarray(np.linalg.inv(whole), dtype=float)
         return self.problem._replace(nuisance_mean=at, nuisance_precision=precision)

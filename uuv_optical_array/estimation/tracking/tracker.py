@@ -393,7 +393,9 @@ class Tracker:
             part[POSE] += step_s * part[RATE]
         # The attitude's error turns the own motion by so little that the random motion covers it.
         at = state.belief.mean[POSE]
-        mean[POSE] += in_beacon(at, self._own_motion.way(start_ns, stamp_ns))
+        way = self._own_motion.way(start_ns, stamp_ns)
+        if way.any():
+            mean[POSE] += in_beacon(at, way)
         noises = [self._random_motion.noise(step_s)]
         if manoeuvring:
             noises.append(MANOEUVRE * self._random_motion.noise(MANOEUVRE_S))

@@ -25,7 +25,8 @@ pytestmark = [
     pytest.mark.usefixtures("strict_arithmetic"),
 ]
 
-ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in (3, 4, 5, 7, 21)]
+NUMBERS = (3, 4, 5, 21)  # the least, an even one, the usual, many
+ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in NUMBERS]
 each_method = pytest.mark.parametrize("method", METHODS)
 each_array = pytest.mark.parametrize(("shape", "number"), ARRAYS)
 # Kinds of reason for no pose.
@@ -41,9 +42,14 @@ FULL = 1023.0
 
 
 @functools.cache
+def reference():
+    return load_scene("reference")
+
+
+@functools.cache
 def table_of(shape, number, changes=()):
     """Build the table of the reference scene on a 5^5 grid, with changes by dotted key."""
-    values = load_scene("reference").settings()
+    values = reference().settings()
     values["array"] = {"shape": shape, "detectors_per_side": number}
     if shape == "curved":
         values["array"]["radius_m"] = 0.32
@@ -247,7 +253,7 @@ def answers(method, case, shape, number):
 def squared_errors(method, case, shape):
     """Return the normalised squared error of each frame that has an estimate, of all arrays."""
     errors = []
-    for number in (3, 4, 5, 7, 21):
+    for number in NUMBERS:
         poses, _ = frames(case, shape, number)
         for pose, found in zip(poses, answers(method, case, shape, number), strict=True):
             if whole(found):
@@ -267,7 +273,7 @@ def hard(request):
 
 
 @each_method
-@pytest.mark.parametrize("number", [3, 4, 5, 7, 21])
+@pytest.mark.parametrize("number", NUMBERS)
 def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, hard, number):
     assert len(answers(method, *hard, number)) >= 3, "the case has no poses"
 
@@ -275,8 +281,8 @@ def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, hard, n
 def test_least_squares_errors_agree_with_its_covariance(hard):
     case, shape = hard
     errors = squared_errors("least_squares", case, shape)
-    # Of the 36 frames a few may be refused as of no fit, but not many.
-    assert len(errors) >= 28
+    # Of the 28 frames a few may be refused as of no fit, but not many.
+    assert len(errors) >= 22
     assert errors.sum() < chi2.isf(1e-6, 5 * len(errors))
     if case.informative:
         assert errors.sum() > chi2.ppf(1e-6, 5 * len(errors))

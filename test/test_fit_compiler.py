@@ -69,7 +69,7 @@ def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
     gate, lab, scene_file, scene, table_folder, table, images
 ):
     shower = begun(lab, scene_file, scene, table_folder)
-    meanwhile = Estimator(table, "sam_interpolated", compiled=False)
+    meanwhile = Estimator(table, "least_squares", compiled=False, quick=True)
     fit = Estimator(table, "least_squares")
 
     def expected(estimator, image):
@@ -77,13 +77,13 @@ def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
 
     assert_is(shower.show(images[0], 1), expected(meanwhile, images[0]))
     assert_is(shower.show(images[1], 2), expected(meanwhile, images[1]))
-    values = dict(figures(lab.report(shower.node, WARN, "compiling", "sam_interpolated")))
-    assert values["method"] == "sam_interpolated"
+    values = dict(figures(lab.report(shower.node, WARN, "compiling", "quick fit answers")))
+    assert (values["method"], values["fit"]) == ("least_squares", "quick, until it is compiled")
     # One image is there when the fit takes over, and its signature comes after.
     shower.images.publish(shower.picture(images[2], 3))
     lab.until(lambda: 3 * 10**9 + 9 in shower.node.pairs.waiting, "the image")
     gate()
-    lab.until(lambda: shower.node.estimator.settings.method == "least_squares", "the fit")
+    lab.until(lambda: not shower.node.estimator.quick, "the fit")
     shower.clouds.publish(shower.message(shower.signature(images[2]), 3))
     message = lab.answer(shower.poses, Time(sec=3, nanosec=9), "a pose")
     assert_is(message, expected(fit, images[2]))
@@ -103,7 +103,7 @@ def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search
     monkeypatch.setattr(fit_compiler, "LOADED", set())
     shower = begun(lab, scene_file, scene, table_folder)
     assert shower.node.compiler.done
-    assert shower.node.estimator.settings.method == "least_squares"
+    assert not shower.node.estimator.quick
     shower.show(images[0], 1)
     assert "index" not in vars(shower.node.table)  # a second, in a table of the usual size
 
@@ -127,7 +127,7 @@ def test_other_methods_compile_nothing_until_the_fit_is_asked_for(
 
 def plain(lab, shower, table, images, reason):
     """Require the fit without the compiler, and the reason in the diagnostics."""
-    lab.until(lambda: shower.node.estimator.settings.method == "least_squares", "the fit")
+    lab.until(lambda: not shower.node.estimator.quick, "the fit")
     estimator = Estimator(table, "least_squares", compiled=False)
     for seconds, image in enumerate(images[:2], start=1):
         answer = estimator.estimate(image, shower.signature(image))

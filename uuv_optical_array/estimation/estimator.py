@@ -168,6 +168,11 @@ class Estimator:
         Whether the fit runs as Numba compiles it, or as it stands; ``None``: where Numba is
         installed. The other methods check their match by the fit, where they are given images.
         Compiling takes a minute, once a machine.
+    quick
+        Whether ``least_squares`` fits from the nearest match alone and takes the spread of its
+        neighbours into the covariance, in place of integrating the posterior: the same error as a
+        rule, at a tenth of the time where nothing is compiled, and a covariance as wide as that of
+        ``sam_interpolated``.
 
     Raises
     ------
@@ -184,6 +189,7 @@ class Estimator:
         candidates: int = EstimatorSettings.candidates,
         max_misfit: float = EstimatorSettings.max_misfit,
         compiled: bool | None = None,
+        quick: bool = False,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
@@ -203,8 +209,9 @@ class Estimator:
         self._model = ForwardModel(scene)
         self.constants = constants_of(self._model)
         self._asked_to_compile = compiled
+        self.quick = quick and method == "least_squares"
         self._frame: Callable[..., FrameResult] | None = None
-        if method == "least_squares":
+        if method == "least_squares" and not quick:
             self._prepare()
         else:
             _ = table.index  # built now, so that the first frame takes no longer than the next
@@ -320,7 +327,7 @@ class Estimator:
         roll: float,
         constants: tuple[Array, Array] | None,
     ) -> Estimate:
-        fits = self.settings.method == "least_squares"
+        fits = self.settings.method == "least_squares" and not self.quick
         if parameters is None:
             readings = self._readings(image)
             if not readings.max() > 0:
@@ -376,7 +383,7 @@ class Estimator:
                 "or the scene differs from the sea"
             )
         poses = turned_about_beam(self.table.poses[rows], roll)
-        mean = self.settings.method == "sam_interpolated"
+        mean = self.settings.method != "sam"
         pose = np.add.reduce(poses) / len(poses) if mean else np.array(poses[0])
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
@@ -412,6 +419,7 @@ class Estimator:
         covariance = max(excess, 1.0) * match.covariance + found.covariance
         return replace(
             match,
+            pose=found.pose if self.quick else match.pose,
             covariance=0.5 * (covariance + covariance.T),
             misfit=float(ndtr(-found.score)),
             runner_up_misfit=float(ndtr(-found.runner_up_score)),

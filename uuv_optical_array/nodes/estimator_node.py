@@ -124,8 +124,7 @@ PARAMETERS = {
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
 FIT: Method = "least_squares"
-MEANWHILE: Method = "sam_interpolated"  # the best that answers until the fit is compiled
-WAITING = f"compiling {FIT}, once on a machine: until then {MEANWHILE} answers"
+WAITING = f"compiling {FIT}, once on a machine: until then a quick fit answers, less sure"
 
 
 class EstimatorNode(Node):
@@ -249,13 +248,11 @@ class EstimatorNode(Node):
 
     def estimator_for(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
         """Return an estimator with settings; until the fit is compiled, one that does without."""
-        if settings.method == FIT and not self.compiler.done:
-            settings = replace(settings, method=MEANWHILE)
         # Between the rows of a coarse table an honest signature is farther from the nearest.
         angle = settings.max_angle_rad * widening(table, self.scene)
         settings = replace(settings, max_angle_rad=min(angle, math.pi))
         compiled = self.compiler.done and not self.compiler.failure
-        return Estimator(table, **asdict(settings), compiled=compiled)
+        return Estimator(table, **asdict(settings), compiled=compiled, quick=not self.compiler.done)
 
     def on_built(self) -> None:
         """Let the table take over that was built in the background, or say why there is none."""
@@ -275,6 +272,8 @@ class EstimatorNode(Node):
     @property
     def fit(self) -> str:
         """Whether the fit is compiled, and why not."""
+        if not self.compiler.done:
+            return "quick, until it is compiled"
         return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
 
     def tell(self, settings: EstimatorSettings) -> None:

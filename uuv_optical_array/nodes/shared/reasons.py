@@ -162,7 +162,7 @@ WARNINGS = {
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
     "compiling least_squares, once on a machine": Reason(
-        "The fit is compiled at the first start, and `sam_interpolated` answers.",
+        "The fit is compiled at the first start, and a quick one answers, less sure.",
         "Wait a minute or two, or start once before the dive.",
     ),
     "building the signature table, once on a machine": Reason(

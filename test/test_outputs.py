@@ -18,6 +18,7 @@ from uuv_optical_array.commands.shared import outputs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.plots import scene
 from uuv_optical_array.plots.style import save
 
 # Each command's words, and its options that name a file, with a suffix that they take.
@@ -146,7 +147,10 @@ def test_the_suffix_says_what_a_picture_is(suffix, head, tmp_path):
     assert picture.read_bytes().startswith(head)
 
 
-def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path):
+def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path, monkeypatch):
+    figure = Figure()
+    figure.subplots()
+    monkeypatch.setattr(scene, "draw_scene", lambda *given: save(figure, given[-1]))
     error = run("render", "--output", "sea.png", code=1)
     assert error == f"uuv_array render: sea.png: {os.strerror(27)}"
     assert not list(tmp_path.iterdir())

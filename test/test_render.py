@@ -11,6 +11,7 @@ from matplotlib.image import imread
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.plots import scene as pictures
 from uuv_optical_array.plots.scene import COLUMNS, sheet_poses
 from uuv_optical_array.studies.shared.working_volume import RANGES_M
 
@@ -79,14 +80,17 @@ def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, wor
     assert not (tmp_path / "sea.png").exists()
 
 
-def test_the_sheet_of_a_plume_is_that_of_its_moment(capsys, tmp_path):
-    said = []
+def test_the_sheet_of_a_plume_is_that_of_its_moment(capsys, tmp_path, monkeypatch):
+    said, drawn = [], []
+    monkeypatch.setattr(pictures, "draw_scene", lambda scene, images, path: drawn.append(images))
     for time_s in (0, 30):
         run("--scene", "night_plume", "--time-s", time_s, "--output", tmp_path / "sheet.png")
         said.append(capsys.readouterr().out)
     early, late = (np.array(re.findall(r"to (\S+) counts", text), float) for text in said)
     assert early.shape == late.shape == (5,)
     assert np.abs(early - late).max() > 50
+    for told, images in zip((early, late), drawn, strict=True):
+        np.testing.assert_allclose(told, images[:, 0].max(axis=(-1, -2)), atol=0.5)
 
 
 def test_render_refuses_a_seed_that_is_none(tmp_path):

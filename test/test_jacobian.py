@@ -12,7 +12,7 @@ from uuv_optical_array.core.geometry import lamp_in_body, lamp_slopes
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")
-reproducible = settings(max_examples=12)
+reproducible = settings(max_examples=8)
 
 EFFECTS = {
     "clear": {},
@@ -42,7 +42,7 @@ NUISANCES = (
     "ambient.level_counts",
     "responsivity.temperature_c",
 )
-SIDES = (3, 4, 5, 7, 21)
+SIDES = (3, 4, 21)
 ALIGNED = (-6.0, 0.0, 0.0, 0.0, 0.0)
 
 rolls = st.floats(-0.5, 0.5)

@@ -35,7 +35,7 @@ from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_s
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
-reproducible = settings(max_examples=25)
+reproducible = settings(max_examples=12)
 
 
 def sea(start="reference", gains=(0.05, 9), **changes):
@@ -268,7 +268,7 @@ def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):
         joint.append(found.misfit)
     squares = np.array(squares)
     lamp = squares[:, :5].mean(axis=0)
-    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], fits) / fits
+    low, high = stats.chi2.ppf(stats.norm.cdf([-4, 4]), fits) / fits
     assert (lamp > low).all(), lamp
     assert (lamp < high).all(), lamp
     gains = squares[:, 5:].mean()
@@ -278,8 +278,8 @@ def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):
 
 def test_errors_are_as_large_as_the_standard_errors_say():
     rng = np.random.default_rng(11)
-    misfit = check_consistency(sea(), load_scene("reference"), 80, 25, rng)
-    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (80 * 600)))
+    misfit = check_consistency(sea(), load_scene("reference"), 40, 25, rng)
+    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (40 * 600)))
 
 
 def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_limits():
@@ -297,13 +297,13 @@ def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_l
     images = ForwardModel(scene).expose(poses, rng, rolls)
     assert (images == 0).mean() > 0.03
     assert (images == 1023).mean() > 0.03
-    check_consistency(scene, start, 40, 40, rng)
+    check_consistency(scene, start, 25, 40, rng)
 
 
 def test_so_they_are_where_the_poses_have_errors_and_their_size_is_told():
     std = np.array([0.02, 0.02, 0.02, 0.01, 0.01])
     rng = np.random.default_rng(13)
-    misfit = check_consistency(sea(), load_scene("reference"), 40, 40, rng, std)
+    misfit = check_consistency(sea(), load_scene("reference"), 25, 40, rng, std)
     assert misfit == pytest.approx(1.0, abs=0.05)
 
 

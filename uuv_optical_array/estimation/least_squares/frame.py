@@ -31,6 +31,7 @@ from uuv_optical_array.estimation.signature.features import write_parameters
 MOST_STARTS = 64
 # So few lit detectors fit many poses, and all starts are tried at once.
 FEW_LIT = 10
+LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
@@ -145,7 +146,7 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
 
 def lit(problem: Problem) -> int:
     """Count the readings that are clearly lit and not at a limit."""
-    clear = 3 * np.sqrt(problem.noise.variance)
+    clear = max(3 * np.sqrt(problem.noise.variance), LIT_SHARE * problem.readings.max())
     count = 0
     for reading in problem.readings:
         if clear < reading < problem.noise.high:

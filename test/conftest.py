@@ -422,8 +422,8 @@ def table(scene):
 @pytest.fixture(scope="session")
 def compiled_fit(scene):
     """The fit compiled in this process, where Numba is installed, so that no node waits for it."""
+    from uuv_optical_array.estimation import fit_compiler
     from uuv_optical_array.estimation.estimator import compile_fit, compiled_parts
-    from uuv_optical_array.nodes.shared import fit_compiler
 
     with contextlib.suppress(ValueError, OSError):
         compile_fit(scene)

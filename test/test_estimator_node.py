@@ -18,6 +18,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
+from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.disk import load_table, save_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -25,7 +26,6 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

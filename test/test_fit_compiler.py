@@ -15,9 +15,9 @@ from builtin_interfaces.msg import Time
 from conftest import PATIENCE_S
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.nodes.shared import fit_compiler
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 NUMBA = pytest.mark.skipif(
@@ -109,6 +109,24 @@ def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search
 
 
 @NUMBA
+@pytest.mark.usefixtures("compiled_fit")
+def test_without_ros_too_a_quick_fit_answers_until_the_whole_one_takes_over(
+    gate, scene, table, images, monkeypatch
+):
+    monkeypatch.setattr(fit_compiler, "cached_table", lambda of: table)
+    ready = fit_compiler.ReadyEstimator(scene, "least_squares")
+    found = ready().estimate(images[0])
+    expected = Estimator(table, compiled=False, quick=True).estimate(images[0])
+    np.testing.assert_array_equal(found.pose, expected.pose)
+    gate()
+    ready._compiler._thread.join()
+    found, expected = (each.estimate(images[0]) for each in (ready(), Estimator(table)))
+    np.testing.assert_array_equal(found.pose, expected.pose)
+    assert ready() is ready()
+    ready.stop()
+
+
+@NUMBA
 def test_other_methods_compile_nothing_until_the_fit_is_asked_for(
     gate, lab, scene_file, scene, table_folder, images
 ):
@@ -183,7 +201,7 @@ import threading
 from uuv_optical_array.core.numerics.compilation import compiled
 from uuv_optical_array.estimation.least_squares.frame import estimate_frame
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
+from uuv_optical_array.estimation.fit_compiler import FitCompiler
 done = threading.Event()
 compiler = FitCompiler(load_scene({scene!r}), done.set)
 compiler.start()
@@ -234,7 +252,8 @@ def test_the_process_finds_all_that_the_node_finds(
 # The compiler and the node, once it serves callbacks, each write a letter.
 NODE = """
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
-from uuv_optical_array.nodes.shared import fit_compiler, node
+from uuv_optical_array.estimation import fit_compiler
+from uuv_optical_array.nodes.shared import node
 fit_compiler.is_compiled = lambda scene: False
 fit_compiler.CODE = (
     "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "

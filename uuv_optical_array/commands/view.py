@@ -8,6 +8,7 @@ from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.fit_compiler import ReadyEstimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.view import LOOPBACK, PORT
 
@@ -70,7 +71,6 @@ def run(options: argparse.Namespace) -> int:
         page = Page(scene, f"uuv_optical_array: {title}", options.host, port)
         stack.callback(page.close)
         print(f"open {page.url} in a browser; Ctrl-C ends it", flush=True)
-        estimator = Estimator(scene, options.method)
         browser = stack.enter_context(Browser(page.url)) if picture else None
         seen_s = 0.0
 
@@ -80,9 +80,11 @@ def run(options: argparse.Namespace) -> int:
             return picture is None or t_s < shown_s
 
         if recording is None:
-            simulate(page, estimator, options.seed, goes_on)
+            estimators = ReadyEstimator(scene, options.method)
+            stack.callback(estimators.stop)
+            simulate(page, estimators, options.seed, goes_on)
         else:
-            play(page, estimator, recording, goes_on)
+            play(page, Estimator(scene, options.method), recording, goes_on)
         if browser is not None:
             browser.until(f"document.body.innerText.includes('{seen_s:.1f} s')")
             browser.save(picture)

@@ -56,10 +56,15 @@ class Pipeline:
     tracker
         Gets every frame that has a pose; ``None``: one with the default settings, which learns the
         scene's unknown constants.
+
+    Attributes
+    ----------
+    estimator : Estimator
+        May be replaced by another one of the same scene.
     """
 
     def __init__(self, estimator: Estimator, tracker: Tracker | None = None) -> None:
-        self._estimator = estimator
+        self.estimator = estimator
         self._tracker = tracker or Tracker(TrackerSettings(), constants=estimator.constants)
         self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
 
@@ -73,16 +78,16 @@ class Pipeline:
         image
             Counts, shape ``(side, side)``; the roll of the follower is taken as 0.
         """
-        ((parameters, why_not),) = shown(image[None], self._estimator, self._frozen)
+        ((parameters, why_not),) = shown(image[None], self.estimator, self._frozen)
         known = self._tracker.constants(stamp_ns)
-        answer = estimated(self._estimator, image, parameters, why_not, known)
+        answer = estimated(self.estimator, image, parameters, why_not, known)
         if isinstance(answer, str):
             return Frame(stamp_ns, parameters, None, None, answer)
         try:
-            enter(self._tracker, self._estimator, stamp_ns, answer, image)
+            enter(self._tracker, self.estimator, stamp_ns, answer, image)
         except NoPose as no_pose:
             return Frame(stamp_ns, parameters, None, None, str(no_pose))
-        track = entered(self._tracker, self._estimator)
+        track = entered(self._tracker, self.estimator)
         return Frame(stamp_ns, parameters, answer, track, "")
 
 

@@ -23,6 +23,7 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
+from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import (
@@ -39,7 +40,6 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.fit_compiler import FitCompiler
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,

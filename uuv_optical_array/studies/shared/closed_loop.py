@@ -99,6 +99,11 @@ class ClosedLoop:
     conditions
         At the start; ``None``: those of the scene.
 
+    Attributes
+    ----------
+    frames : Pipeline
+        The stages that an image goes through.
+
     Raises
     ------
     ValueError
@@ -111,7 +116,7 @@ class ClosedLoop:
         self._rng = rng
         self._scene = scene = estimator.table.scene
         self.conditions = conditions or Conditions.of(scene)
-        self._frames = Pipeline(estimator)
+        self.frames = Pipeline(estimator)
         self._controller = FormationController(FormationSettings())
         self.t_s = 0.0
         self._path_s: float | None = None  # on the leader's path, once the follower is commanded
@@ -153,7 +158,7 @@ class ClosedLoop:
         )
         light = self._model.light(pose, roll, self._offsets, self.t_s)
         image = self._model.read(light, self._rng)
-        frame = self._frames.answer(round(self.t_s * 1e9), image)
+        frame = self.frames.answer(round(self.t_s * 1e9), image)
         track = frame.track
         if track is not None:
             try:

@@ -1,4 +1,4 @@
-"""The fit compiled beside a node, so that no frame waits for the compiler.
+"""The fit compiled in the background, so that no frame waits for the compiler.
 
 Numba's compiler would hold this process up for some ten seconds. A process of its own therefore
 compiles and fills Numba's cache on disk, and a thread loads what is there then, which takes half a
@@ -13,7 +13,14 @@ from collections.abc import Callable
 from typing import Any
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.estimator import compile_fit, compiled_parts, is_compiled
+from uuv_optical_array.estimation.estimator import (
+    Estimator,
+    Method,
+    compile_fit,
+    compiled_parts,
+    is_compiled,
+)
+from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 # It finds the same modules as this process. The environment is inherited as it is: where ROS comes
@@ -123,3 +130,35 @@ class FitCompiler:
         except (ValueError, OSError) as error:
             return str(error)
         return ""
+
+
+class ReadyEstimator:
+    """Has an estimator of a scene at once: a quick one until the fit is compiled.
+
+    Parameters
+    ----------
+    scene, method
+        As of `Estimator`.
+    """
+
+    def __init__(self, scene: Scene, method: Method) -> None:
+        self._table, self._method = cached_table(scene), method
+        self._compiler = FitCompiler(scene, lambda: None)
+        self._compiler.load()
+        self._compiler.start()
+        self._estimator = self._made(self._compiler.done)
+
+    def _made(self, done: bool) -> Estimator:
+        self._done = done
+        compiled = done and not self._compiler.failure
+        return Estimator(self._table, self._method, compiled=compiled, quick=not done)
+
+    def __call__(self) -> Estimator:
+        """Return the best estimator that there is by now."""
+        if self._compiler.done and not self._done:
+            self._estimator = self._made(True)
+        return self._estimator
+
+    def stop(self) -> None:
+        """End what is under way."""
+        self._compiler.stop()

@@ -7,6 +7,7 @@ import json
 import math
 import random
 import re
+import shutil
 
 import command_line
 import matplotlib.image
@@ -109,9 +110,26 @@ LISTS = ["--side", 3, 5, "--size", 0.2, 0.4, "--radius", 0.2, 0.32, "--beam-sigm
 
 
 def scored(path, study):
-    """Score a study into a file; return its designs as they are read from there."""
+    """Score what a file lacks of a study; return its designs as they are read from there."""
     study.score_rest(Results(path, ScoredDesign, study.origin))
     return study.swept(Results(path, ScoredDesign, study.origin))
+
+
+@pytest.fixture(scope="module")
+def whole_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "whole.csv"
+    scored(path, study_of())
+    return path
+
+
+FEW = dataclasses.replace(SMALL, detectors_per_side=(3,))
+
+
+@pytest.fixture(scope="module")
+def few_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "few.csv"
+    scored(path, study_of(sweep=FEW))
+    return path
 
 
 @pytest.fixture
@@ -134,10 +152,10 @@ def heard(monkeypatch):
     return heard
 
 
-def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, heard):
-    whole = scored(tmp_path / "whole.csv", study_of())
+def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, whole_file, heard):
+    whole = scored(whole_file, study_of())
+    assert heard == []
     path = tmp_path / "stopped.csv"
-    heard.clear()
     heard.stop = 7
     with pytest.raises(KeyboardInterrupt):
         scored(path, study_of())
@@ -145,10 +163,11 @@ def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, heard):
     heard.stop = None
     assert str(scored(path, study_of())) == str(whole)  # a nan is no equal of itself
     assert heard == study_of().sweep.designs()
-    assert path.read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    assert path.read_bytes() == whole_file.read_bytes()
 
 
-def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, heard):
+def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file, heard):
+    shutil.copy(whole_file, tmp_path)
     whole = dict(scored(tmp_path / "whole.csv", study_of()))
     few = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
     alone = scored(tmp_path / "few.csv", study_of(sweep=few))
@@ -172,16 +191,16 @@ def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, heard):
         ({"scene": load_scene("coastal")}, "fingerprint is"),
     ],
 )
-def test_the_scores_of_another_study_are_refused_by_what_differs(tmp_path, changes, error):
-    path, few = tmp_path / "t.csv", dataclasses.replace(SMALL, detectors_per_side=(3,))
-    scored(path, study_of(sweep=few))
-    before = path.read_bytes()
+def test_the_scores_of_another_study_are_refused_by_what_differs(few_file, changes, error):
+    before = few_file.read_bytes()
     with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
-        scored(path, study_of(sweep=few, **changes))
-    assert path.read_bytes() == before
+        scored(few_file, study_of(sweep=FEW, **changes))
+    assert few_file.read_bytes() == before
 
 
-def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, capsys, heard):
+def test_the_command_is_interrupted_goes_on_and_tells(
+    tmp_path, monkeypatch, capsys, heard, whole_file
+):
     monkeypatch.chdir(tmp_path)
     words = [*LISTS, "--poses", 40]
     heard.stop = 0
@@ -208,7 +227,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(tmp_path, monkeypatch, cap
     assert told["complete"] is True
     assert told["files"] == ["follow.design.csv", "follow.design.png"]
     study = study_of()
-    rows = scored(tmp_path / "again.csv", study)
+    rows = scored(whole_file, study)
     assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
     assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.score.resolved_at_4m for r in rows]
     assert [rows[i].design for i in told["papers_array"]] == [

@@ -27,7 +27,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import BEAM_ROWS, detect, illuminate, project
 
 reproducible = settings(
-    max_examples=25,
+    max_examples=15,
     suppress_health_check=[HealthCheck.too_slow],  # which is a timed assertion
 )
 each_effect = pytest.mark.parametrize("name", list(EFFECTS))
@@ -74,7 +74,7 @@ def test_the_light_is_that_of_the_second_forward_model(name, data):
 
 
 @given(scene=any_scenes(), pose=poses, data=st.data())
-@settings(reproducible, max_examples=200)
+@settings(reproducible, max_examples=100)
 def test_effects_together_give_the_light_of_the_second_forward_model(scene, pose, data):
     model = model_of(scene)
     assert_light(model, pose, 0.0, offsets_for(data, model), data.draw(times))

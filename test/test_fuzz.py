@@ -1,4 +1,4 @@
-"""A hundred thousand images of every kind: no accident, no warning, and no pose that is not one."""
+"""Thirty thousand images of every kind: no accident, no warning, and no pose that is not one."""
 
 import numpy as np
 import pytest
@@ -158,22 +158,22 @@ def poses_of(estimator, images, parameters, rolls, held_to=1):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_a_hundred_thousand_images_leave_features_and_match_whole(table, kind):
-    count = 100_000 // (2 * len(KINDS)) + 1  # on either array
+def test_thirty_thousand_images_leave_features_and_match_whole(table, kind):
+    count = 30_000 // (2 * len(KINDS)) + 1  # on either array
     images, parameters = thrown(table, kind, count)
     assert parameters.shape == (count, 5)
     assert np.isfinite(parameters).all()
     assert (np.abs(parameters[:, 1:3]) <= (SIDE - 1) / 2).all()
     # No more than the skewness of one among n (n - 2) / sqrt(n - 1).
     assert (np.abs(parameters[:, 3:]) <= (SIDE - 2) / np.sqrt(SIDE - 1) + 1e-9).all()
-    matched = poses_of(Estimator(table, "sam"), images, parameters, np.zeros(count), held_to=20)
+    matched = poses_of(Estimator(table, "sam"), images, parameters, np.zeros(count), held_to=10)
     if kind is exposed:
         assert matched > 0.5 * count
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_thousands_of_images_leave_the_fit_whole(table, kind):
-    count = 2_000 // (2 * len(KINDS)) + 1
+def test_a_thousand_images_leave_the_fit_whole(table, kind):
+    count = 1_000 // (2 * len(KINDS)) + 1
     images, parameters = thrown(table, kind, count)
     rolls = np.random.default_rng(3).choice([0.0, 0.0, 0.35, -3.0], count)
     poses_of(Estimator(table, "least_squares"), images, parameters, rolls)

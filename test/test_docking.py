@@ -1,7 +1,6 @@
 """The docking smoother: against dense algebra, an independent optimiser, and its own statistics."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -58,9 +57,10 @@ def exposed(model, path, off, rng):
 def step(state):
     """A step of the motion, by SciPy's rotations."""
     ahead = state.copy()
-    pitch, yaw = state[3:5] + STEP_S / 2 * state[6:8]
-    ahead[:3] += STEP_S * state[5] * Rotation.from_euler("ZY", [yaw, pitch]).apply([1, 0, 0])
-    ahead[3:5] += STEP_S * state[6:8]
+    pitch_yaw = state[..., 3:5] + STEP_S / 2 * state[..., 6:8]
+    bow = Rotation.from_euler("ZY", pitch_yaw[..., ::-1].reshape(-1, 2)).apply([1, 0, 0])
+    ahead[..., :3] += STEP_S * state[..., 5:6] * bow.reshape(*state.shape[:-1], 3)
+    ahead[..., 3:5] += STEP_S * state[..., 6:8]
     return ahead
 
 
@@ -149,17 +149,16 @@ def test_the_path_is_the_most_probable_one(model):
 
     def cost(numbers):
         """The negative log-posterior, with Gaussian readings: none is at a limit."""
-        states = np.empty((4, MOTION + 2))
-        states[:, :MOTION] = numbers[:-2].reshape(4, MOTION)
-        states[:, MOTION:] = numbers[-2:]
-        total = 0.5 * (((states[0] - mean) / std) ** 2).sum()
-        for before, after in itertools.pairwise(states):
-            apart = (after - step(before))[:MOTION]
-            total += 0.5 * apart @ precision @ apart
-        spread = {"lamp.power": states[:, 8], "attenuation.k_per_m": states[:, 9]}
-        light = model.light(states[:, :5], 0.0, spread)
+        states = np.empty((*numbers.shape[:-1], 4, MOTION + 2))
+        states[..., :MOTION] = numbers[..., :-2].reshape(*numbers.shape[:-1], 4, MOTION)
+        states[..., MOTION:] = numbers[..., None, -2:]
+        total = 0.5 * (((states[..., 0, :] - mean) / std) ** 2).sum(axis=-1)
+        apart = (states[..., 1:, :] - step(states[..., :-1, :]))[..., :MOTION]
+        total += 0.5 * np.einsum("...ki,ij,...kj", apart, precision, apart)
+        spread = {"lamp.power": states[..., 8], "attenuation.k_per_m": states[..., 9]}
+        light = model.light(states[..., :5], 0.0, spread)
         variance = model.scene.effects["sensor_noise"]["sigma_counts"] ** 2 + 1 / 12
-        return total + 0.5 * ((images[0] - light) ** 2).sum() / variance
+        return total + 0.5 * ((images[0] - light) ** 2).sum(axis=(-3, -2, -1)) / variance
 
     # What the solver accepts steps by is the same function, but for a constant.
     moved = found + 0.3 * rng.standard_normal((4, MOTION + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
@@ -176,7 +175,14 @@ def test_the_path_is_the_most_probable_one(model):
     assert images.max() < 1023
     at = np.concatenate([found[:, :MOTION].ravel(), found[0, MOTION:]])
     scale = np.sqrt(np.diag(np.linalg.inv(_hessian(cost, at))))
-    best = minimize(lambda u: cost(at + scale * u), np.zeros(len(at)), method="BFGS")
+    nudges = 1e-5 * np.eye(len(at))
+
+    def slopes(u):
+        ahead, behind = (cost(at + scale * (u + x)) for x in (nudges, -nudges))
+        return (ahead - behind) / 2e-5
+
+    units = np.zeros(len(at))
+    best = minimize(lambda u: cost(at + scale * u), units, jac=slopes, method="BFGS")
     assert cost(at) - best.fun < 0.02
     np.testing.assert_array_equal(found[-1, :5], poses[0])
     # All four images at once, from a straight path, lead there too.
@@ -188,18 +194,11 @@ def _hessian(function, at):
     """Second differences, good to a few per cent: it only sets the scale of a search."""
     steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2])
     steps = np.concatenate([np.tile(steps, (len(at) - 2) // MOTION), [1e-3, 1e-3]])
-    nudges = np.diag(steps)
-    matrix = np.empty((len(at), len(at)))
-    for i, a in enumerate(nudges):
-        for j, b in enumerate(nudges[: i + 1]):
-            corners = (
-                function(at + a + b)
-                - function(at + a - b)
-                - function(at - a + b)
-                + function(at - a - b)
-            )
-            matrix[i, j] = matrix[j, i] = corners / (4 * steps[i] * steps[j])
-    return matrix
+    a, b = np.diag(steps)[:, None], np.diag(steps)
+    corners = (
+        function(at + a + b) - function(at + a - b) - function(at - a + b) + function(at - a - b)
+    )
+    return corners / (4 * np.outer(steps, steps))
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])

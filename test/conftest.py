@@ -371,6 +371,19 @@ class Lab:
 
 
 @pytest.fixture
+def sketched(monkeypatch):
+    """Pictures are blank, where nobody looks at what they show: to render one takes seconds."""
+    from matplotlib.figure import Figure
+
+    render = Figure.savefig
+
+    def blank(figure, *words, **options):
+        render(Figure(figure.get_size_inches()), *words, **options)
+
+    monkeypatch.setattr(Figure, "savefig", blank)
+
+
+@pytest.fixture
 def strict_arithmetic():
     """Raise on every floating-point accident, so that nothing escapes unseen."""
     import numpy as np

@@ -189,6 +189,7 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
     )
 
 
+@pytest.mark.usefixtures("sketched")
 def test_an_interrupt_keeps_the_batches_before_it(tank, monkeypatch):
     monkeypatch.setattr(monte_carlo, "BATCH", 2)
     batches = []
@@ -255,6 +256,7 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
     assert told["cases"]["dive"]["published"]["start_95"]["yaw_deg"] is None
 
 
+@pytest.mark.usefixtures("sketched")
 def test_it_prints_tables_of_the_runs_it_has(tank_file, tmp_path, capsys, monkeypatch):
     simulated = monte_carlo.simulate
 

@@ -198,6 +198,7 @@ def test_the_scores_of_another_study_are_refused_by_what_differs(few_file, chang
     assert few_file.read_bytes() == before
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_command_is_interrupted_goes_on_and_tells(
     tmp_path, monkeypatch, capsys, heard, whole_file
 ):

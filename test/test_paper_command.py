@@ -152,6 +152,7 @@ def stop(monkeypatch):
     return at
 
 
+@pytest.mark.usefixtures("sketched")
 def test_an_interrupt_between_choices_draws_and_keeps_those_before(
     capsys, tmp_path, stop, whole, monkeypatch
 ):

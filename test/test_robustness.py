@@ -192,6 +192,7 @@ def test_the_command_tells_prints_and_draws(capsys, tmp_path, scene_file):
 
 
 @pytest.mark.parametrize(("frames", "kinds"), [(0, []), (7, [7]), (12, [12]), (17, [12, 5])])
+@pytest.mark.usefixtures("sketched")
 def test_an_interrupt_keeps_the_kinds_that_it_has(
     capsys, tmp_path, scene_file, monkeypatch, frames, kinds
 ):

@@ -213,6 +213,7 @@ def counted(monkeypatch, stop_after=None):
     return heard
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, capsys, monkeypatch):
     folder = tmp_path / "out"
     first = counted(monkeypatch, stop_after=2)

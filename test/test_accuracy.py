@@ -216,6 +216,7 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, t
     assert matplotlib.image.imread(picture).shape[2] == 4
 
 
+@pytest.mark.usefixtures("sketched")
 def test_known_as_text_has_errors_and_bounds_of_each_sea(capsys, scene_file, tmp_path):
     run("--scene", scene_file, "--known", "--poses", 3, "--output", tmp_path / "known.png")
     lines = capsys.readouterr().out.splitlines()

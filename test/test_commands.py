@@ -20,10 +20,16 @@ from uuv_optical_array.estimation.table.disk import load_table
 
 
 @contextlib.contextmanager
-def follow(*words):
-    """Run ``uuv_array follow --headless`` in a process of its own."""
+def follow(*words, start_s=None):
+    """Run ``uuv_array follow --headless`` in a process of its own.
+
+    The leader waits as long as ever for its follower, or as long as is given.
+    """
+    python, option, code = PROGRAM
+    if start_s is not None:
+        code = f"from uuv_optical_array.nodes import demo; demo.START_S = {start_s}; {code}"
     process = subprocess.Popen(
-        [*PROGRAM, "follow", "--headless", *map(str, words)],
+        [python, option, code, "follow", "--headless", *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -166,7 +172,7 @@ def test_follow_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
 def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
     dark = changed_parameters(tmp_path / "dark.yaml", "feature_node", min_peak_counts=60000.0)
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
-    with follow(*words) as process:
+    with follow(*words, start_s=2.0) as process:
         out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1, out + error
     assert "lost the leader: not one pose was estimated" in out

@@ -162,14 +162,8 @@ class EstimatorNode(Node):
         self.estimator: Estimator | None = None
         self.compiler = FitCompiler(self.scene, from_thread(self, self.on_compiled))
         self.context.on_shutdown(self.compiler.stop)
-        if self.fits(self.parameters["method"]):
-            self.compiler.load()
         self.builder = TableBuilder(self.scene, from_thread(self, self.on_built))
         self.context.on_shutdown(self.builder.stop)
-        try:
-            self.on_change({"table": self.parameters["table"]})
-        except ValueError as reason:
-            self.diagnostics.fail(str(reason))
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.tracks = publish(self, Odometry, "relative_odometry")
         self.leaders = publish(self, PoseStamped, "leader_pose")
@@ -181,6 +175,13 @@ class EstimatorNode(Node):
                 subscribe(self, Image, "array/image", self.on_image)
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
+        # Last, as the middleware meanwhile finds who is at the other end of the topics.
+        if self.fits(self.parameters["method"]):
+            self.compiler.load()
+        try:
+            self.on_change({"table": self.parameters["table"]})
+        except ValueError as reason:
+            self.diagnostics.fail(str(reason))
 
     def check(self, method: str) -> None:
         """Raise ValueError for a method that lacks its input, and for axes that do not agree."""

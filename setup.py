@@ -35,7 +35,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (share, ["package.xml"]),
         (f"{share}/launch", glob("launch/*.launch.py")),
-        (f"{share}/config", [*glob("config/*.yaml"), *glob("config/*.json")]),
+        (f"{share}/config", glob("config/*.*")),
         (f"{share}/config/scenes", glob("config/scenes/*.yaml")),
         (f"{share}/config/examples", glob("config/examples/*.yaml")),
         (f"{share}/config/security", glob("config/security/*.xml")),

@@ -1,5 +1,6 @@
 """Follow a leader by light: sensor nodes, formation control and, unless told not to, the demo."""
 
+import os
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -18,6 +19,9 @@ from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"
 RESPAWN_DELAY_S = 0.2
+# Where Fast DDS looks for a profile, from version 3 on and before it, which these have.
+PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+BEFORE_3 = "humble", "iron", "jazzy"
 
 
 def generate_launch_description():
@@ -130,6 +134,14 @@ def viewers(context, share, respawn):
     ]
 
 
+def profiles(respawn):
+    """Return the environment in which a killed node is soon forgotten, unless the user has one."""
+    if not respawn or any(name in os.environ for name in PROFILES):
+        return {}
+    name = PROFILES[os.environ.get("ROS_DISTRO") in BEFORE_3]
+    return {name: f"{get_package_share_directory(PACKAGE)}/config/fastdds_respawn.xml"}
+
+
 def started_node(context, respawn, *, package, executable, **others):
     """Return a node that is known to be installed.
 
@@ -155,6 +167,7 @@ def started_node(context, respawn, *, package, executable, **others):
         executable=executable,
         respawn=bool(respawn),
         respawn_delay=RESPAWN_DELAY_S,
+        additional_env=profiles(respawn),
         on_exit=ended if respawn is False else None,
         **others,
     )

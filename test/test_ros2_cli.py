@@ -7,6 +7,8 @@ import shutil
 import signal
 import subprocess
 import time
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import rclpy
@@ -100,6 +102,21 @@ def test_a_killed_node_is_started_again_and_ctrl_c_leaves_no_process(tmp_path):
         spin_until(node, lambda: len(started(tmp_path, "estimator_node")) == 2)
         poses.clear()
         spin_until(node, lambda: poses)
+        variables = Path(f"/proc/{started(tmp_path, 'estimator_node')[1]}/environ").read_text()
+    # Others forget a killed node before its successor comes.
+    (profile,) = set(re.findall(r"FAST\w+_DEFAULT_PROFILES_FILE=([^\0]+)", variables))
+    lease, announced = (
+        ElementTree.parse(profile).find(f".//{{*}}{name}")
+        for name in ("leaseDuration", "leaseAnnouncement")
+    )
+    assert 3 * seconds(announced) <= seconds(lease) <= 1
+
+
+def seconds(element):
+    return sum(
+        scale * int(element.findtext(f"{{*}}{unit}", "0"))
+        for unit, scale in (("sec", 1), ("nanosec", 1e-9))
+    )
 
 
 def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):

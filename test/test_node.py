@@ -113,4 +113,6 @@ def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(exec
     spin(executor, lambda: images.get_subscription_count() + answers.get_subscription_count() < 2)
     images.publish(UInt8(data=1))
     spin(executor, lambda: len(done) < 6)
+    executor.shutdown()
+    node.destroy_node()
     assert done == [(1, 0), 1, (6, 4), 6, (8, 1), 8]

@@ -209,9 +209,9 @@ def follow(
         topics of this one, whether it was there first or comes later.
     """
     start(["--ros-args", *ros_args])
+    executor, interrupted = SingleThreadedExecutor(), False
     try:
         refuse_company([follower.namespace for follower in fleet] or [""])
-        executor, interrupted = SingleThreadedExecutor(), False
         leader = "/leader/odometry" if fleet else None
         options = [options_of(follower) for follower in fleet] or [{}]
         recorders = []
@@ -260,3 +260,6 @@ def follow(
         raise ValueError(str(error)) from None
     finally:
         rclpy.try_shutdown()
+        # Not when their memory is freed: others on the network see them until then.
+        for node in executor.get_nodes():
+            node.destroy_node()

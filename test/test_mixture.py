@@ -58,7 +58,7 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
     assert knowing.estimate(clear).clear > 0.5
     widths = [np.sqrt(e.estimate(clear).covariance.diagonal()) for e in (believing, knowing)]
     assert (widths[1] < 2.5 * widths[0]).all()
-    errors = []
+    errors, ranges = [], []
     for _ in range(40):
         sizes = np.array([0.05, 0.05, 0.0125, 0.0125, 0.0125]) * rng.standard_normal(5)
         off = {f"shade.mode_{k}": np.array(size) for k, size in enumerate(sizes, start=1)}
@@ -68,6 +68,9 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
         assert found.clear < 0.5
         error = found.pose - pose
         errors.append(error @ np.linalg.solve(found.covariance, error))
+        ranges.append(error[0] / np.sqrt(found.covariance[0, 0]))
+    # A shade dims: what is dimmer than it should be is not farther away on average.
+    assert abs(np.mean(ranges)) < 4 / np.sqrt(40)
     # Of a chi-square with five degrees of freedom, within five standard errors.
     assert np.mean(errors) < 5 + 5 * np.sqrt(10 / 40)
     assert max(errors) < 36

@@ -12,6 +12,7 @@ import numpy as np
 
 from uuv_optical_array.commands.shared import cli, outputs, progress
 from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
+from uuv_optical_array.commands.shared.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     )
     scene = load_scene(options.scene)
     recording = read_bag(options, scene, poses_needed=False)
-    estimator = Estimator(scene, options.method)
+    estimator = Estimator(table_of(scene), options.method)
     tracker = None
     if options.track:
         tracker = Tracker(TrackerSettings(), constants=estimator.constants)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from uuv_optical_array.commands.shared import cli, outputs
 from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
+from uuv_optical_array.commands.shared.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.fit_compiler import ReadyEstimator
@@ -84,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
             stack.callback(estimators.stop)
             simulate(page, estimators, options.seed, goes_on)
         else:
-            play(page, Estimator(scene, options.method), recording, goes_on)
+            play(page, Estimator(table_of(scene), options.method), recording, goes_on)
         if browser is not None:
             browser.until(f"document.body.innerText.includes('{seen_s:.1f} s')")
             browser.save(picture)

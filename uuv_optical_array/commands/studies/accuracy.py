@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.commands.shared.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.formats import json_text
@@ -159,6 +160,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         if options.known:
             picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+            table_of(scene)
             cases = compare_known(scene, count, seed, candidates, progress.over)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
@@ -169,7 +171,7 @@ def run(options: argparse.Namespace) -> int:
 
             draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:
-            estimator = Estimator(scene, options.method, candidates=candidates)
+            estimator = Estimator(table_of(scene), options.method, candidates=candidates)
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
             images = exposed(model, poses, seed, options.drawn, options.moving, rng)

@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from uuv_optical_array.commands.shared import cli, progress
+from uuv_optical_array.commands.shared.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
@@ -82,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--scene: {scene.name} has no prior to draw seas from; give it one")
     found: list[Drive] = []
     try:
-        estimator = Estimator(scene, options.method)
+        estimator = Estimator(table_of(scene), options.method)
         over = partial(progress.over, unit="drive")
         found.extend(measure_drives(estimator, count, seconds, rate, seed, over))
     except KeyboardInterrupt:

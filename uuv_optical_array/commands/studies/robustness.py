@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.commands.shared.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator
@@ -100,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--{error}") from None
     found: list[KindResult] = []
     try:
-        estimator = Estimator(scene, options.method)
+        estimator = Estimator(table_of(scene), options.method)
         for result in measure_kinds(
             estimator, kinds, count, seed, lambda name, frames: progress.over(frames, "frame", name)
         ):

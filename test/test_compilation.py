@@ -1,9 +1,11 @@
 """What is compiled is kept on disk: once for all processes, and not for ever."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -52,14 +54,32 @@ def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
     own = folder()
     assert os.path.isdir(own)
     # Other versions were used since, the last one most recently.
-    for hours in range(6):
+    for hours in range(10):
         other = tmp_path / "compiled" / f"version {hours}"
         other.mkdir()
-        os.utime(other, (time.time(), time.time() - 3600 * (6 - hours)))
+        os.utime(other, (time.time(), time.time() - 3600 * (10 - hours)))
     os.utime(own, (0, 0))
     assert folder() == own
     kept = {path.name for path in (tmp_path / "compiled").iterdir()}
-    assert kept == {os.path.basename(own), "version 5", "version 4", "version 3"}
+    assert kept == {os.path.basename(own), *(f"version {hours}" for hours in range(3, 10))}
+
+
+def test_another_copy_of_the_sources_or_a_newer_one_has_a_folder_of_its_own(tmp_path):
+    # Numba compiles anew there, and nobody is to wait for what he takes for compiled.
+    package = Path(compilation.__file__).parents[2]
+    copy = tmp_path / "copy" / package.name
+    shutil.copytree(package, copy, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def folder(path):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(path)}
+        options = {"env": environment, "capture_output": True, "text": True, "check": True}
+        return subprocess.run([sys.executable, "-c", FOLDER], cwd=path, **options).stdout
+
+    folders = [folder(package.parent), folder(copy.parent), folder(package.parent)]
+    os.utime(copy / "core" / "geometry.py")
+    folders.append(folder(copy.parent))
+    assert folders[0] == folders[2]
+    assert len(set(folders)) == 3
 
 
 def test_a_function_whose_changes_would_go_unnoticed_is_not_compiled():

@@ -1,6 +1,7 @@
 """The signature table: every row computed a second time, and the folder whole or not at all."""
 
 import itertools
+import logging
 import math
 import os
 import shutil
@@ -378,7 +379,10 @@ def test_the_cache_builds_once_for_each_scene(cache, count_builds):
 @pytest.mark.parametrize(
     "harm", [truncate("poses.npy", 0.5), truncate("table.yaml", 0.05), rewrite(fingerprint="0")]
 )
-def test_a_damaged_cache_heals(cache, count_builds, caplog, harm):
+def test_a_damaged_cache_heals(cache, count_builds, caplog, harm, monkeypatch):
+    # Of the module's own logger, as launch, where it is imported, puts another one at the root.
+    logger = logging.getLogger(disk.__name__)
+    monkeypatch.setattr(logger, "handlers", [caplog.handler])
     scene = scene_with()
     first = build_table(scene)
     cached_table(scene)

@@ -29,6 +29,7 @@ CODE = """import sys
 sys.path[:] = {path!r}
 from {module} import fill_cache
 fill_cache({settings!r})"""
+LOAD_S = 5.0  # longest that a node waits for what is compiled
 LOADED: set[str] = set()  # compiled code belongs to the process, whatever nodes it runs
 
 
@@ -70,9 +71,15 @@ class FitCompiler:
         self._thread: threading.Thread | None = None
 
     def load(self) -> None:
-        """Load the fit now where it is compiled already, while no frame waits yet."""
+        """Load the fit now where it is compiled already, while no frame waits yet.
+
+        What takes longer than `LOAD_S` goes on in the background: Numba compiles anew what another
+        processor compiled.
+        """
         if not self.done and compilation.installed() and is_compiled(self._scene):
-            self.failure, self.done = self._load(), True
+            self.start()
+            if self._thread is not None:
+                self._thread.join(LOAD_S)
 
     def start(self) -> None:
         """Begin, unless that was done before."""

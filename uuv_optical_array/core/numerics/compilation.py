@@ -10,9 +10,11 @@ import contextlib
 import fcntl
 import hashlib
 import importlib
+import importlib.metadata
 import importlib.util
 import os
 import shutil
+import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -24,7 +26,7 @@ from uuv_optical_array.core.storage import files
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
-KEPT = 4  # caches of other versions of the package that are left on disk
+KEPT = 8  # caches of other versions of the package that are left on disk
 
 
 def installed() -> bool:
@@ -228,12 +230,17 @@ class _CacheFolder:
 def cache_folder() -> Path | None:
     """Return the folder of what was compiled from these sources; ``None`` where none is writable.
 
-    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache.
+    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache. Another copy of the same
+    sources has another folder, as Numba takes a function for a new one where its file is elsewhere
+    or newer, and so has another Python, Numba or NumPy.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(sys.implementation.cache_tag.encode())
+    for library in ("numba", "numpy"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            digest.update(importlib.metadata.version(library).encode())
     package = Path(importlib.import_module(files.PACKAGE).__path__[0])
     for source in sorted(path for folder in SOURCES for path in (package / folder).rglob("*.py")):
-        digest.update(source.read_bytes())
+        digest.update(f"{source} {source.stat().st_mtime_ns}".encode() + source.read_bytes())
     given = os.environ.get("NUMBA_CACHE_DIR")
     home = (Path(given) if given else files.cache_dir()) / "compiled"
     folder = home / digest.hexdigest()[:16]

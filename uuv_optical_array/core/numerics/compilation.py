@@ -232,12 +232,11 @@ def cache_folder() -> Path | None:
 
     It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache. Another copy of the same
     sources has another folder, as Numba takes a function for a new one where its file is elsewhere
-    or newer, and so has another Python, Numba or NumPy.
+    or newer, and so has another Python or Numba.
     """
     digest = hashlib.sha256(sys.implementation.cache_tag.encode())
-    for library in ("numba", "numpy"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            digest.update(importlib.metadata.version(library).encode())
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        digest.update(importlib.metadata.version("numba").encode())
     package = Path(importlib.import_module(files.PACKAGE).__path__[0])
     for source in sorted(path for folder in SOURCES for path in (package / folder).rglob("*.py")):
         digest.update(f"{source} {source.stat().st_mtime_ns}".encode() + source.read_bytes())

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.features import key_parameters
@@ -75,6 +76,7 @@ def test_without_a_table_parameter_the_table_is_built_in_the_cache(
 
 def test_the_fit_is_compiled_only_when_the_table_is_there(lab, scene_file, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(fit_compiler, "is_compiled", lambda scene: False)  # else it is loaded first
     tables = []
     monkeypatch.setattr(
         FitCompiler, "start", lambda self: tables.extend((tmp_path / "uuv_optical_array").iterdir())

@@ -94,7 +94,7 @@ FITTING = re.compile(
     "replay|robustness|saturated|store|table_builder|tracking_constants|tracking_manoeuvres|"
     "tracking_seas|tracking_shades|tradeoff|view|view_sources)"
 )
-COMPILE = """from uuv_optical_array.estimation.estimator import compile_fit
+COMPILE = """from uuv_optical_array.estimation.fit_compiler import compile_fit
 from uuv_optical_array.forward.scene import load_scene
 compile_fit(load_scene("follow"))"""
 COMPILER = []
@@ -436,11 +436,10 @@ def table(scene):
 def compiled_fit(scene):
     """The fit compiled in this process, where Numba is installed, so that no node waits for it."""
     from uuv_optical_array.estimation import fit_compiler
-    from uuv_optical_array.estimation.estimator import compile_fit, compiled_parts
 
     with contextlib.suppress(ValueError, OSError):
-        compile_fit(scene)
-        fit_compiler.LOADED.add(compiled_parts(scene))
+        fit_compiler.compile_fit(scene)
+        fit_compiler.LOADED.add(fit_compiler.compiled_parts(scene))
 
 
 @pytest.fixture(scope="session")

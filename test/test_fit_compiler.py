@@ -227,7 +227,7 @@ def test_where_nothing_can_be_kept_the_reason_is_told_with_the_cure(tmp_path, sc
     occupied = tmp_path / "file"
     occupied.touch()
     program = (
-        "from uuv_optical_array.estimation.estimator import compile_fit; "
+        "from uuv_optical_array.estimation.fit_compiler import compile_fit; "
         "from uuv_optical_array.forward.scene import scene_from_settings; "
         f"compile_fit(scene_from_settings({scene.settings()!r}, 'small'))"
     )

@@ -1,7 +1,7 @@
 """The fit compiled in the background, so that no frame waits for the compiler.
 
-Numba's compiler would hold this process up for some ten seconds. A process of its own therefore
-compiles and fills Numba's cache on disk, and a thread loads what is there then, which takes half a
+Numba's compiler would hold this process up for a minute or two. A process of its own therefore
+compiles and fills Numba's cache on disk, and a thread loads what is there then, which takes a
 second.
 """
 
@@ -12,15 +12,13 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.estimator import (
-    Estimator,
-    Method,
-    compile_fit,
-    compiled_parts,
-    is_compiled,
-)
+from uuv_optical_array.estimation.estimator import Estimator, Method
 from uuv_optical_array.estimation.table.disk import cached_table
+from uuv_optical_array.estimation.table.signature_table import SignatureTable
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 # It finds the same modules as this process. The environment is inherited as it is: where ROS comes
@@ -31,6 +29,43 @@ from {module} import fill_cache
 fill_cache({settings!r})"""
 LOAD_S = 5.0  # longest that a node waits for what is compiled
 LOADED: set[str] = set()  # compiled code belongs to the process, whatever nodes it runs
+
+
+def compiled_parts(scene: Scene) -> str:
+    """Name what of the compiled fit depends on the scene: the laws of its effects."""
+    return "-".join(
+        ["fit", *sorted({law.__qualname__ for law in ForwardModel(scene).optics().laws})]
+    )
+
+
+def is_compiled(scene: Scene) -> bool:
+    """Say whether `compile_fit` has only to load what it finds on disk."""
+    folder = compilation.cache_folder()
+    return folder is not None and (folder / compiled_parts(scene)).exists()
+
+
+def compile_fit(scene: Scene) -> None:
+    """Compile what ``least_squares`` runs in a scene, or load it from disk.
+
+    Parameters
+    ----------
+    scene
+        The scene; what it does not name is not compiled.
+
+    Raises
+    ------
+    ValueError
+        Where Numba is not installed, or not for this NumPy.
+    OSError
+        Where there is no folder to keep compiled code in.
+    """
+    folder = compilation.cache_folder()
+    if folder is None:
+        raise OSError("no folder to keep compiled code in; set NUMBA_CACHE_DIR to one")
+    poses = np.zeros((2, 5))
+    poses[:, 0] = -scene.lamp.reference_range_m, -2 * scene.lamp.reference_range_m
+    Estimator(SignatureTable(scene, poses, np.ones((2, 5))), compiled=True)
+    (folder / compiled_parts(scene)).touch()
 
 
 def fill_cache(settings: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ from functools import partial
 
 from uuv_optical_array.commands.shared import progress
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.estimator import is_compiled
+from uuv_optical_array.estimation.fit_compiler import is_compiled
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.scene import Scene

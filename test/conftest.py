@@ -324,14 +324,18 @@ class Lab:
             f"{what} with {stamp}",
         )
 
-    def report(self, node, level, *words):
-        """Wait for a diagnostic status of a node, without waiting for its period to end."""
+    def report(self, node, level, *words, value=None):
+        """Wait for a diagnostic status of a node, without waiting for its period to end.
+
+        A value that it must have is named where it comes after the pose, with what else there is.
+        """
         name = node.get_fully_qualified_name().lstrip("/")
 
         def found():
             for status in self.statuses:
                 wanted = status.name == name and status.level == level
-                if wanted and all(word in status.message for word in words):
+                has = value is None or any(pair.key == value for pair in status.values)
+                if wanted and has and all(word in status.message for word in words):
                     return status
             node.diagnostics.publish()
             return None

@@ -1,5 +1,6 @@
 """The start: frames are answered while the fit is compiled beside the node, and none is lost."""
 
+import fcntl
 import importlib.util
 import os
 import select
@@ -36,20 +37,13 @@ def nothing_loaded(monkeypatch):
 def gate(tmp_path, monkeypatch, nothing_loaded):
     """A compiler that works until the returned function is called."""
     path = tmp_path / "gate"
-    os.mkfifo(path)
-    monkeypatch.setattr(fit_compiler, "CODE", f"open({str(path)!r}).read()")
-    # Opened for both, so that neither side waits for the other to open it.
-    end = os.open(path, os.O_RDWR)
-    opened = threading.Event()
-
-    def open_gate():
-        if not opened.is_set():
-            opened.set()
-            os.close(end)
-
-    with open(path, "rb", buffering=0):
-        yield open_gate
-        open_gate()
+    # A lock, which also lets through who comes after it was opened.
+    monkeypatch.setattr(
+        fit_compiler, "CODE", f"import fcntl; fcntl.flock(open({str(path)!r}), fcntl.LOCK_SH)"
+    )
+    with path.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield lock.close
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +71,8 @@ def test_every_frame_is_answered_before_and_after_the_compiled_fit_takes_over(
 
     assert_is(shower.show(images[0], 1), expected(meanwhile, images[0]))
     assert_is(shower.show(images[1], 2), expected(meanwhile, images[1]))
-    values = dict(figures(lab.report(shower.node, WARN, "compiling", "quick fit answers")))
+    told = lab.report(shower.node, WARN, "compiling", "quick fit answers", value="method")
+    values = dict(figures(told))
     assert (values["method"], values["fit"]) == ("least_squares", "quick, until it is compiled")
     # One image is there when the fit takes over, and its signature comes after.
     shower.images.publish(shower.picture(images[2], 3))

@@ -106,12 +106,11 @@ def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search
 @NUMBA
 @pytest.mark.usefixtures("compiled_fit")
 def test_without_ros_too_a_quick_fit_answers_until_the_whole_one_takes_over(
-    scene, table, images, monkeypatch
+    table, images, monkeypatch
 ):
-    monkeypatch.setattr(fit_compiler, "cached_table", lambda of: table)
     monkeypatch.setattr(fit_compiler, "is_compiled", lambda scene: False)
     monkeypatch.setattr(fit_compiler.FitCompiler, "start", lambda self: None)  # never done
-    ready = fit_compiler.ReadyEstimator(scene, "least_squares")
+    ready = fit_compiler.ReadyEstimator(table, "least_squares")
     found = ready().estimate(images[0])
     expected = Estimator(table, compiled=False, quick=True).estimate(images[0])
     np.testing.assert_array_equal(found.pose, expected.pose)

@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
             return picture is None or t_s < shown_s
 
         if recording is None:
-            estimators = ReadyEstimator(scene, options.method)
+            estimators = ReadyEstimator(table_of(scene), options.method)
             stack.callback(estimators.stop)
             simulate(page, estimators, options.seed, goes_on)
         else:

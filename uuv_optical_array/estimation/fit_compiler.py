@@ -16,7 +16,6 @@ import numpy as np
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator, Method
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
@@ -130,6 +129,19 @@ class FitCompiler:
                 self._process = self._compiling()
             self._thread.start()
 
+    def estimator(self, table: SignatureTable, **settings: Any) -> Estimator:
+        """Return the best estimator that there is by now: a quick one until the fit is compiled.
+
+        Parameters
+        ----------
+        table
+            Of the scene.
+        settings
+            As `Estimator` takes them by name.
+        """
+        compiled = self.done and not self.failure
+        return Estimator(table, **settings, compiled=compiled, quick=not self.done)
+
     def _compiling(self) -> "subprocess.Popen[str]":
         settings = self._scene.settings()
         code = CODE.format(path=sys.path, module=__name__, settings=settings)
@@ -175,30 +187,29 @@ class FitCompiler:
 
 
 class ReadyEstimator:
-    """Has an estimator of a scene at once: a quick one until the fit is compiled.
+    """Has an estimator at once: a quick one until the fit is compiled.
 
     Parameters
     ----------
-    scene, method
+    table, method
         As of `Estimator`.
     """
 
-    def __init__(self, scene: Scene, method: Method) -> None:
-        self._table, self._method = cached_table(scene), method
-        self._compiler = FitCompiler(scene, lambda: None)
+    def __init__(self, table: SignatureTable, method: Method) -> None:
+        self._table, self._method = table, method
+        self._compiler = FitCompiler(table.scene, lambda: None)
         self._compiler.load()
         self._compiler.start()
-        self._estimator = self._made(self._compiler.done)
+        self._make()
 
-    def _made(self, done: bool) -> Estimator:
-        self._done = done
-        compiled = done and not self._compiler.failure
-        return Estimator(self._table, self._method, compiled=compiled, quick=not done)
+    def _make(self) -> None:
+        self._done = self._compiler.done  # first, as it may change meanwhile
+        self._estimator = self._compiler.estimator(self._table, method=self._method)
 
     def __call__(self) -> Estimator:
         """Return the best estimator that there is by now."""
         if self._compiler.done and not self._done:
-            self._estimator = self._made(True)
+            self._make()
         return self._estimator
 
     def stop(self) -> None:

@@ -252,8 +252,7 @@ class EstimatorNode(Node):
         # Between the rows of a coarse table an honest signature is farther from the nearest.
         angle = settings.max_angle_rad * widening(table, self.scene)
         settings = replace(settings, max_angle_rad=min(angle, math.pi))
-        compiled = self.compiler.done and not self.compiler.failure
-        return Estimator(table, **asdict(settings), compiled=compiled, quick=not self.compiler.done)
+        return self.compiler.estimator(table, **asdict(settings))
 
     def on_built(self) -> None:
         """Let the table take over that was built in the background, or say why there is none."""

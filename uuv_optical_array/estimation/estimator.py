@@ -466,12 +466,15 @@ class Estimator:
         """Return what the fit makes of an image, and the probability that it is a clear one."""
         assert self._frame is not None  # prepared
         frames, problems = [], [kind.knowing(constants) for kind in self._kinds]
-        for kind, problem in zip(self._kinds, problems, strict=True):
+        for problem in problems:
             of_image = problem._replace(readings=readings, roll=roll)
-            frame = self._frame(of_image, guide, parameters)
-            frames.append(frame._replace(covariance=kind.doubt * frame.covariance))
+            frames.append(self._frame(of_image, guide, parameters))
         found, clear = frames[0], 1.0
         if len(frames) > 1:
+            frames = [
+                frame._replace(covariance=kind.doubt * frame.covariance)
+                for kind, frame in zip(self._kinds, frames, strict=True)
+            ]
             shares = [kind.log_share for kind in self._kinds]
             volumes = [np.linalg.slogdet(each.nuisance_precision)[1] / 2 for each in problems]
             evidence = np.add(shares, volumes) + [each.log_evidence for each in frames]

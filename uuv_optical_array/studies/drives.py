@@ -122,7 +122,7 @@ def measure_drives(
     seed: int,
     progress: Progress = iter,
 ) -> Iterator[Drive]:
-    """Drive through one sea after the other; an interrupt ends it with the drives it has.
+    """Drive through one sea after the other.
 
     Parameters
     ----------
@@ -139,20 +139,9 @@ def measure_drives(
     ------
     Drive
         Through each sea.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Before the first drive was done.
     """
-    begun = False
-    try:
-        for i in progress(range(count)):
-            yield drive(estimator, duration_s, rate_hz, np.random.default_rng((seed, i)))
-            begun = True
-    except KeyboardInterrupt:
-        if not begun:
-            raise
+    for i in progress(range(count)):
+        yield drive(estimator, duration_s, rate_hz, np.random.default_rng((seed, i)))
 
 
 def as_object(drives: list[Drive]) -> dict[str, Any]:

@@ -85,10 +85,12 @@ def run(options: argparse.Namespace) -> int:
     try:
         estimator = Estimator(table_of(scene), options.method)
         over = partial(progress.over, unit="drive")
-        found.extend(measure_drives(estimator, count, seconds, rate, seed, over))
+        for each in measure_drives(estimator, count, seconds, rate, seed, over):
+            found.append(each)
     except KeyboardInterrupt:
-        print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        if not found:
+            print("interrupted: nothing measured")
+            return cli.INTERRUPTED
     told = as_object(found)
     complete = len(found) == count
     if options.json:

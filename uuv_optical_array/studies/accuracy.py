@@ -10,10 +10,9 @@ from scipy.special import gammaincinv
 from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
+from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings
 from uuv_optical_array.studies.shared.frame_errors import (
     SIGMAS,
     FrameErrors,
@@ -153,7 +152,7 @@ def exposed(
 
 
 def compare_known(
-    scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
+    table: SignatureTable, count: int, seed: int, candidates: int, progress: Progress = iter
 ) -> Iterator[tuple[Known, Accuracy]]:
     """Measure a scene in seas drawn from each of `PRIORS`: the price of what is not known.
 
@@ -161,8 +160,8 @@ def compare_known(
 
     Parameters
     ----------
-    scene
-        The scene; its own prior is not used.
+    table
+        Of the scene, whose own prior is not used.
     count
         How many poses, >= 1, the same in every sea.
     seed
@@ -179,8 +178,7 @@ def compare_known(
     Accuracy
         The last one perhaps of fewer frames.
     """
-    table = cached_table(scene)
-    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
+    poses = lit_poses(ForwardModel(table.scene), count, np.random.default_rng(seed))
     begun = False
     for known in get_args(Known):
         believed = with_prior(table, PriorSettings(known, **PRIORS[known]))

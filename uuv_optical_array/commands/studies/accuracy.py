@@ -160,8 +160,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         if options.known:
             picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
-            table_of(scene)
-            cases = compare_known(scene, count, seed, candidates, progress.over)
+            cases = compare_known(table_of(scene), count, seed, candidates, progress.over)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
             text = f"{comparison(rows)}\n\npicture: {picture}"

@@ -4,8 +4,26 @@ import contextlib
 import signal
 import subprocess
 import sys
+import time
 
+import rclpy
 from conftest import PATIENCE_S
+from rclpy.executors import SingleThreadedExecutor
+
+
+class Probe:
+    """A node of the test's own process, which is spun while something is waited for."""
+
+    def __init__(self, name):
+        self.node = rclpy.create_node(name)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def wait_for(self, condition, what):
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s for {what}"
+            self.executor.spin_once(timeout_sec=0.1)
 
 
 @contextlib.contextmanager

@@ -1,15 +1,11 @@
 """Three operating-system processes answer the odometry of a fourth, over DDS."""
 
-import time
-
 import numpy as np
 import pytest
 import rclpy
-from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from node_processes import node_processes
-from rclpy.executors import SingleThreadedExecutor
+from node_processes import Probe, node_processes
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
@@ -32,13 +28,11 @@ def sensor_processes(tmp_path, monkeypatch):
         yield
 
 
-class Fleet:
+class Fleet(Probe):
     """Publishes both odometries of one random relative pose at a time and collects answers."""
 
     def __init__(self):
-        self.node = rclpy.create_node("fleet")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        super().__init__("fleet")
         reliable = QoSProfile(depth=10)
         self.leader = self.node.create_publisher(Odometry, "leader/odometry", reliable)
         self.follower = self.node.create_publisher(Odometry, "follower/odometry", reliable)
@@ -54,12 +48,6 @@ class Fleet:
 
     def on_pose(self, message):
         self.answers[message.header.stamp.sec, message.header.stamp.nanosec] = message
-
-    def wait_for(self, condition, what):
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s for {what}"
-            self.executor.spin_once(timeout_sec=0.1)
 
     def connect(self):
         """Publish an aligned pose, again and again, until the first answer comes back."""

@@ -1,16 +1,13 @@
 """Seas that differ from the scene, through the nodes: they say what the library says."""
 
-import time
 from contextlib import suppress
 
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
-from conftest import PATIENCE_S
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from node_processes import node_processes
-from rclpy.executors import SingleThreadedExecutor
+from node_processes import Probe, node_processes
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -42,13 +39,11 @@ def frames_of(scene):
     return np.concatenate(images)
 
 
-class Sea:
+class Sea(Probe):
     """Publishes images, and collects poses and the diagnostics of the estimator."""
 
     def __init__(self):
-        self.node = rclpy.create_node("sea")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        super().__init__("sea")
         reliable = QoSProfile(depth=10)
         self.images = self.node.create_publisher(Image, "array/image", reliable)
         self.poses, self.told = {}, {}
@@ -68,12 +63,6 @@ class Sea:
     def show(self, image, seconds):
         header = Header(stamp=Time(sec=seconds), frame_id="array")
         self.images.publish(image_to_message(image, header))
-
-    def wait_for(self, condition, what):
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s for {what}"
-            self.executor.spin_once(timeout_sec=0.1)
 
 
 def test_the_nodes_answer_and_refuse_what_the_library_does(tmp_path, monkeypatch):

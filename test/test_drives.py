@@ -8,6 +8,7 @@ import command_line
 import numpy as np
 import pytest
 
+from uuv_optical_array.commands.studies import drives as command
 from uuv_optical_array.commands.studies.drives import report
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.scene import load_scene
@@ -92,6 +93,23 @@ def test_the_command_tells_as_text_what_it_tells_as_json(capsys):
     text = report(told)
     assert f"mean NEES: {told['nees_mean']:.2f}" in text
     assert f"tracked over single: {told['range_ratio']:.2f}" in text
+
+
+@pytest.mark.parametrize("done", [0, 1])
+def test_an_interrupt_leaves_the_drives_that_are_complete(done, monkeypatch, capsys):
+    std = np.ones(5)
+
+    def interrupted(*words):
+        for _ in range(done):
+            yield Drive(planted(np.ones((4, 5)), std), planted(np.ones((2, 5)), std))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "measure_drives", interrupted)
+    monkeypatch.setattr(command, "Estimator", lambda table, method: None)
+    run("--drives", "3", code=130)
+    text = capsys.readouterr().out
+    assert ("1 drives" in text and "only the drives that were complete" in text) == bool(done)
+    assert ("interrupted: nothing measured" in text) == (not done)
 
 
 def test_a_scene_without_a_prior_is_refused():

@@ -42,6 +42,16 @@ def at_place(rows: Any, place: Any, index: Any) -> Any:
     return rows[int(place), index]
 
 
+def room(rows: int, component: Any, count: int) -> Any:
+    """As `elementwise.room`, of one pose."""
+    return np.empty((rows, count))
+
+
+def zeros(rows: int, columns: int, component: Any) -> Any:
+    """As `elementwise.zeros`, of one pose."""
+    return np.zeros((rows, columns))
+
+
 def larger(a: Any, b: Any) -> Any:
     """As `numpy.maximum`, of numbers."""
     return a if a > b else b
@@ -61,6 +71,8 @@ BY_NUMBER: dict[Any, Any] = {
     elementwise.not_: not_,
     elementwise.total: total,
     elementwise.at_place: at_place,
+    elementwise.room: room,
+    elementwise.zeros: zeros,
     np.maximum: larger,
     np.minimum: smaller,
 }

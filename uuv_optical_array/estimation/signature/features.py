@@ -9,11 +9,20 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import at_place, choose, each, law, when
+from uuv_optical_array.core.numerics.elementwise import (
+    at_place,
+    choose,
+    each,
+    law,
+    room,
+    when,
+    zeros,
+)
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
+LEAST = 1e-300  # scale of values that are next to nothing
 FEW_IMAGES = 8  # up to here one after the other is faster than all at once
 
 
@@ -39,39 +48,51 @@ def skewness(values: ArrayLike) -> Array:
     Array
         ``m3 / m2^1.5``, shape ``(...)``, dimensionless.
     """
-    return np.asarray(skewness_of(np.moveaxis(np.asarray(values, dtype=float), -1, 0)))
+    values = np.asarray(values, dtype=float)
+    skews = np.empty(values.shape[:-1])
+    write_skewness(values.reshape(-1, values.shape[-1]).T, skews.reshape(-1))
+    return skews
 
 
-def skewness_of(values: Any) -> Any:
-    """As `skewness`, of values along the first axis."""
-    count = len(values)
+def write_skewness(values: Any, skews: Any) -> None:
+    """Write the `skewness` of values along the first axis, shape ``(n, m)``, shape ``(m,)``."""
+    count, m = values.shape
+    sums = zeros(4, m, 0.0)
+    scale, mean, second, third = sums[0], sums[1], sums[2], sums[3]
     # Scaled to one, the powers neither overflow nor underflow.
-    largest, mean = 0.0 * values[0], 0.0 * values[0]
     for k in range(count):
-        largest = maximum(largest, abs(values[k]))
-    largest = choose(largest > 0, largest, 1.0)
+        for i in each(m):
+            scale[i] = maximum(scale[i], abs(values[k, i]))
+    for i in each(m):
+        scale[i] = 1 / maximum(scale[i], LEAST)
     for k in range(count):
-        mean = mean + values[k] / largest
-    mean = mean / count
-    second, third = 0.0 * mean, 0.0 * mean
+        for i in each(m):
+            mean[i] += values[k, i] * scale[i]
+    for i in each(m):
+        mean[i] /= count
     for k in range(count):
-        off = values[k] / largest - mean
-        square = off * off
-        second, third = second + square, third + square * off
-    second, third = second / count, third / count
-    # Rounding leaves about 1e-32 of a constant profile; that is no shape.
-    varies = second > 1e-30
-    second = choose(varies, second, 1.0)
-    return choose(varies, third, 0.0) / (second * sqrt(second))
+        for i in each(m):
+            off = values[k, i] * scale[i] - mean[i]
+            square = off * off
+            second[i] += square
+            third[i] += square * off
+    for i in each(m):
+        variance, cubes = second[i] / count, third[i] / count
+        # Rounding leaves about 1e-32 of a constant profile; that is no shape.
+        varies = variance > 1e-30
+        variance = choose(varies, variance, 1.0)
+        skews[i] = choose(varies, cubes, 0.0) / (variance * sqrt(variance))
 
 
-def differentiate(profiles: Any, slopes: Any, i: Any) -> None:
+def differentiate(profiles: Any, slopes: Any) -> None:
     """Differentiate profiles along the first axis, as `numpy.gradient`, shape ``(side, m)``."""
-    last = len(profiles) - 1
-    slopes[0, i] = profiles[1, i] - profiles[0, i]
-    slopes[last, i] = profiles[last, i] - profiles[last - 1, i]
+    last, m = len(profiles) - 1, profiles.shape[1]
+    for i in each(m):
+        slopes[0, i] = profiles[1, i] - profiles[0, i]
+        slopes[last, i] = profiles[last, i] - profiles[last - 1, i]
     for k in range(1, last):
-        slopes[k, i] = 0.5 * (profiles[k + 1, i] - profiles[k - 1, i])
+        for i in each(m):
+            slopes[k, i] = 0.5 * (profiles[k + 1, i] - profiles[k - 1, i])
 
 
 @law
@@ -85,7 +106,14 @@ def vertex(before: Any, top: Any, after: Any) -> Any:
 
 
 def settle_ties(
-    readings: Any, side: int, i: Any, places: Any, wide: Any, high: Any, centres: Any
+    readings: Any,
+    side: int,
+    i: Any,
+    brightest: Any,
+    places: Any,
+    wide: Any,
+    high: Any,
+    centres: Any,
 ) -> None:
     """Choose among the brightest detectors of an image the one nearest their centroid.
 
@@ -95,6 +123,8 @@ def settle_ties(
         As in `write_parameters`.
     i
         The image, or those with ties.
+    brightest
+        Largest reading, shape ``(m,)``.
     places
         Result: row-major place of the detector, shape ``(m,)``.
     wide, high
@@ -102,23 +132,21 @@ def settle_ties(
     centres
         Result: column and row of the centroid, shape ``(2, m)``.
     """
-    brightest = readings[0, i]
-    for k in range(1, side * side):
-        brightest = maximum(brightest, readings[k, i])
-    tops, column_sum, row_sum = 0 * brightest, 0 * brightest, 0 * brightest
+    top = brightest[i]
+    tops, column_sum, row_sum = 0 * top, 0 * top, 0 * top
     for k in range(side * side):
-        is_top = choose(readings[k, i] == brightest, 1.0, 0.0)
+        is_top = choose(readings[k, i] == top, 1.0, 0.0)
         tops = tops + is_top
         column_sum = column_sum + is_top * (k % side)
         row_sum = row_sum + is_top * (k // side)
     # Of several nearest the first; in whole numbers, so that ties are ties.
-    nearest, place = 0 * brightest + 1e300, 0 * brightest
-    width, height = 0 * brightest, 0 * brightest
+    nearest, place = 0 * top + 1e300, 0 * top
+    width, height = 0 * top, 0 * top
     for k in range(side * side):
         column_off = k % side * tops - column_sum
         row_off = k // side * tops - row_sum
         off = column_off * column_off + row_off * row_off
-        is_top = readings[k, i] == brightest
+        is_top = readings[k, i] == top
         better = is_top & (off < nearest)
         nearest = choose(better, off, nearest)
         place = choose(better, float(k), place)
@@ -144,47 +172,50 @@ def write_parameters(
     parameters
         Result, shape ``(5, m)``.
     """
-    last, middle, count = side - 1, 0.5 * (side - 1), readings.shape[1]
-    places, wide, high = np.empty(count), np.empty(count), np.empty(count)
-    centres = np.zeros((2, count))
-    profiles, slopes = np.empty((side, count)), np.empty((side, count))
-    for i in each(readings.shape[1]):
-        brightest = readings[0, i]
-        place = 0 * brightest
-        for k in range(1, side * side):
-            better = readings[k, i] > brightest
-            brightest = choose(better, readings[k, i], brightest)
-            place = choose(better, float(k), place)
-        tops = 0 * brightest
-        for k in range(side * side):
-            tops = tops + choose(readings[k, i] == brightest, 1.0, 0.0)
-        places[i], wide[i], high[i] = place, 0.0, 0.0
-        for t in when(tops > 1, i):
-            settle_ties(readings, side, t, places, wide, high, centres)
-        place = places[i]
-        row = floor((place + 0.5) / side)
-        column = place - row * side
-        parameters[0, i] = brightest / full_scale_counts
-        for upright in range(2):
-            along = choose(upright == 1, row, column)
-            across = choose(upright == 1, column, row)
-            step, base = (side, across) if upright == 1 else (1, across * side)
-            for k in range(side):
-                profiles[k, i] = at_place(readings, base + k * step, i)
-            differentiate(profiles, slopes, i)
-            found = along
-            if subdetector:
-                inside = (along > 0) & (along < last)
-                before = at_place(readings, base + maximum(along - 1, 0) * step, i)
-                after = at_place(readings, base + minimum(along + 1, last) * step, i)
-                found = along + choose(inside, vertex(before, brightest, after), 0.0)
-                flat = choose(upright == 1, high[i], wide[i]) > 0
-                found = choose(flat, centres[upright, i], found)
-            lit = brightest > 0
-            parameters[1 + upright, i] = choose(lit, found - middle, 0.0)
-            parameters[3 + upright, i] = choose(lit, skewness_of(slopes[:, i]), 0.0)
-        for _ in when(brightest <= 0, i):
-            parameters[0, _] = 0.0
+    last, middle, m = side - 1, 0.5 * (side - 1), readings.shape[1]
+    peaks, flats = room(6, 0.0, m), zeros(4, m, 0.0)
+    brightest, places, tops = peaks[0], peaks[1], peaks[2]
+    along, start, skews = peaks[3], peaks[4], peaks[5]
+    wide, high, centres = flats[0], flats[1], flats[2:]
+    profiles, slopes = room(side, 0.0, m), room(side, 0.0, m)
+    # The images are the innermost loop everywhere, which a compiler turns into vectors.
+    for i in each(m):
+        brightest[i], places[i], tops[i] = readings[0, i], 0.0, 1.0
+    for k in range(1, side * side):
+        for i in each(m):
+            reading, top = readings[k, i], brightest[i]
+            better = reading > top
+            tops[i] = choose(better, 1.0, tops[i] + choose(reading == top, 1.0, 0.0))
+            places[i] = choose(better, float(k), places[i])
+            brightest[i] = choose(better, reading, top)
+    for i in each(m):
+        parameters[0, i] = maximum(brightest[i], 0.0) / full_scale_counts
+        for t in when(tops[i] > 1, i):
+            settle_ties(readings, side, t, brightest, places, wide, high, centres)
+    for upright in range(2):
+        step = side if upright == 1 else 1
+        flat = high if upright == 1 else wide
+        for i in each(m):
+            row = floor((places[i] + 0.5) / side)
+            column = places[i] - row * side
+            along[i] = choose(upright == 1, row, column)
+            start[i] = choose(upright == 1, column, row * side)
+        for k in range(side):
+            for i in each(m):
+                profiles[k, i] = at_place(readings, start[i] + k * step, i)
+        differentiate(profiles, slopes)
+        write_skewness(slopes, skews)
+        if subdetector:
+            for i in each(m):
+                before = at_place(profiles, maximum(along[i] - 1, 0), i)
+                after = at_place(profiles, minimum(along[i] + 1, last), i)
+                inside = (along[i] > 0) & (along[i] < last)
+                offset = choose(inside, vertex(before, brightest[i], after), 0.0)
+                along[i] = choose(flat[i] > 0, centres[upright, i], along[i] + offset)
+        for i in each(m):
+            lit = brightest[i] > 0
+            parameters[1 + upright, i] = choose(lit, along[i] - middle, 0.0)
+            parameters[3 + upright, i] = choose(lit, skews[i], 0.0)
 
 
 def prepare(side: int) -> None:

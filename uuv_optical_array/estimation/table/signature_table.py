@@ -24,7 +24,7 @@ from uuv_optical_array.forward.scene import Scene, TableSettings, scene_from_set
 
 BLOCK_POSES = 4096  # keeps the temporaries of a 5 x 5 array in the cache
 BLOCK_READINGS = 25 * BLOCK_POSES  # and those of larger ones
-TILE_READINGS = 400  # whose rays stay in the first level of the cache
+TILE_POSES = 32  # whose rays to a 5 x 5 array stay in the first level of the cache
 # Rows of a table from which loading Numba takes less time than it saves.
 WORTH_COMPILING = 1_000_000
 COARSE_POINTS = 7  # an axis; some 0.1 s of work
@@ -237,61 +237,67 @@ def write_signatures(
     parameters
         Result, shape ``(5, m)``.
     """
-    n, nothing = side * side, np.empty(0)
+    n, nothing, tile = side * side, np.empty(0), TILE_POSES
     laws, settings, steps = optics.laws, optics.law_settings, len(optics.step_kinds)
-    tile = max(1, TILE_READINGS // n)
-    detectors, lamps = np.empty((6, tile * n)), np.empty((6, tile * n))
-    rays, beam = np.empty((3, tile * n)), np.empty((BEAM_ROWS + len(laws), tile * n))
-    image, readings, found = np.empty((1, n)), np.empty((n, tile)), np.empty((5, tile))
-    for i in range(tile):
-        detectors[:, i * n : (i + 1) * n] = optics.detectors
+    lamps, rays = np.empty((6, tile)), np.empty((3, n * tile))
+    beam = np.empty((BEAM_ROWS + len(laws), n * tile))
+    image, found = np.empty((1, n)), np.empty((5, tile))
+    # A detector's readings of all poses of the tile lie next to each other.
+    light = beam[LIGHT]
+    readings = light.reshape(n, tile)
     for first in range(0, len(poses), tile):
-        # The last tile is filled up with its last pose.
         for i in range(tile):
+            # The last tile is filled up with its last pose.
             pose = poses[min(first + i, len(poses) - 1)]
             x, y, z, u, v, w = lamp_in_body(pose[0], pose[1], pose[2], pose[3], pose[4], 0.0)
-            for j in range(i * n, (i + 1) * n):
-                lamps[0, j], lamps[1, j], lamps[2, j] = x, y, z
-                lamps[3, j], lamps[4, j], lamps[5, j] = u, v, w
-        write_light(detectors, lamps, optics.power, optics.beam_sigma_rad, rays, beam)
+            lamps[0, i], lamps[1, i], lamps[2, i] = x, y, z
+            lamps[3, i], lamps[4, i], lamps[5, i] = u, v, w
+        write_light(optics.detectors, lamps, optics.power, optics.beam_sigma_rad, rays, light)
         for k in range(len(laws)):
             a, b, c = settings[k, 0], settings[k, 1], settings[k, 2]
             transmit(laws[k], rays, a, b, c, beam, BEAM_ROWS + k, False)
-        for i in range(tile):
-            for j in range(n):
-                image[0, j] = beam[LIGHT, i * n + j]
-            if steps > 0:
+        if steps > 0:
+            for i in range(tile):
+                for j in range(n):
+                    image[0, j] = readings[j, i]
                 detect(optics, nothing, image)
-            for j in range(n):
-                readings[j, i] = min(image[0, j], saturation_counts)
+                for j in range(n):
+                    readings[j, i] = image[0, j]
+        for j in range(n * tile):
+            light[j] = min(light[j], saturation_counts)
         write_parameters(readings, side, full_scale_counts, subdetector, found)
-        for i in range(min(tile, len(poses) - first)):
-            for k in range(5):
+        for k in range(5):
+            for i in range(min(tile, len(poses) - first)):
                 parameters[k, first + i] = found[k, i]
 
 
 def write_light(
-    detectors: Array, lamps: Array, power: float, beam_sigma_rad: float, rays: Array, beam: Array
+    detectors: Array, lamps: Array, power: float, beam_sigma_rad: float, rays: Array, light: Array
 ) -> None:
-    """Write range, half the squared off-axis angle, cosine and light; each reading has its lamp."""
-    for j in range(detectors.shape[1]):
-        range_m, half_square, cosine, _, _, _, _, _ = ray(
-            detectors[0, j],
-            detectors[1, j],
-            detectors[2, j],
-            detectors[3, j],
-            detectors[4, j],
-            detectors[5, j],
-            lamps[0, j],
-            lamps[1, j],
-            lamps[2, j],
-            lamps[3, j],
-            lamps[4, j],
-            lamps[5, j],
-        )
-        rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
-        light, _, _, _, _ = lamp_light(range_m, half_square, cosine, power, beam_sigma_rad)
-        beam[LIGHT, j] = light
+    """Write range, half the squared off-axis angle, cosine and light, by detector, then lamp."""
+    count = lamps.shape[1]
+    for k in range(detectors.shape[1]):
+        for i in range(count):
+            range_m, half_square, cosine, _, _, _, _, _ = ray(
+                detectors[0, k],
+                detectors[1, k],
+                detectors[2, k],
+                detectors[3, k],
+                detectors[4, k],
+                detectors[5, k],
+                lamps[0, i],
+                lamps[1, i],
+                lamps[2, i],
+                lamps[3, i],
+                lamps[4, i],
+                lamps[5, i],
+            )
+            j = k * count + i
+            rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
+    # A loop of its own: of two short ones a processor has more turns under way.
+    for j in range(len(light)):
+        range_m, half_square, cosine = rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j]
+        light[j], _, _, _, _ = lamp_light(range_m, half_square, cosine, power, beam_sigma_rad)
 
 
 def no_light(scene: Scene, min_peak_counts: float) -> ValueError:

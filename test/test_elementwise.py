@@ -165,20 +165,20 @@ def test_components_of_many_poses_are_broadcast():
     np.testing.assert_array_equal(found, [[1.0, 5.0], [2.0, 2.0], [3.0, 3.0]])
 
 
-def blurred(matrix, image):
-    sandwich(matrix, image)
-    return image
+def blurred(matrix, images):
+    sandwich(matrix, images)
+    return images
 
 
-@pytest.mark.parametrize("side", [1, 2, 5])
+@pytest.mark.parametrize(("rows", "side"), [(3, 1), (1, 2), (4, 2), (3, 5)])
 @both
-def test_a_sandwich_is_the_product_of_three_matrices(fast, side):
+def test_a_sandwich_is_the_product_of_three_matrices(fast, rows, side):
     rng = np.random.default_rng(side)
-    matrix, image = rng.uniform(-1, 1, (side, side)), rng.uniform(0, 9, (side, side))
+    matrix, images = rng.uniform(-1, 1, (side, side)), rng.uniform(0, 9, (rows, side, side))
     matrix[rng.uniform(size=(side, side)) < 0.3] = 0.0
-    expected = np.einsum("ik,kl,jl->ij", matrix, image, matrix)
-    found = as_given(blurred, fast)(matrix, image.ravel().copy())
-    np.testing.assert_allclose(found.reshape(side, side), expected, rtol=1e-13, atol=1e-13)
+    expected = np.einsum("ik,rkl,jl->rij", matrix, images, matrix)
+    found = as_given(blurred, fast)(matrix, images.reshape(rows, side * side).copy())
+    np.testing.assert_allclose(found.reshape(rows, side, side), expected, rtol=1e-13, atol=1e-13)
 
 
 def test_a_sandwich_of_many_images_is_that_of_each():
@@ -223,6 +223,15 @@ def test_the_exponential_is_that_of_numpy_to_the_last_digit(mathematics):
     np.testing.assert_allclose(found, np.exp(numbers), rtol=4e-16)
     assert [mathematics.exponential(x) for x in (-708.1, -1e5, -1e200, -np.inf)] == [0.0] * 4
     assert np.isnan(mathematics.exponential(np.nan))
+
+
+def test_the_logarithm_is_that_of_numpy_to_the_last_digit(mathematics):
+    edges = np.nextafter(np.repeat([0.5, np.sqrt(0.5), 1.0, np.sqrt(2.0), 2.0], 2), [0.0, 9.0] * 5)
+    numbers = np.concatenate([10 ** spaced(-307, 308), spaced(0.5, 2), edges, [1e-3, 1.0, 1e308]])
+    found = np.array([mathematics.logarithm(x) for x in numbers])
+    np.testing.assert_allclose(found, np.log(numbers), rtol=5e-16)
+    assert [mathematics.logarithm(x) for x in (0.0, -0.0)] == [-np.inf] * 2
+    assert np.isnan([mathematics.logarithm(x) for x in (-1.0, np.nan, np.inf, -np.inf)]).all()
 
 
 def test_sine_and_cosine_are_those_of_numpy_for_some_turns(mathematics):

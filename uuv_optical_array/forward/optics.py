@@ -294,8 +294,7 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
             if differentiate:
                 image[first + place] += values * image[0]
         else:
-            for row in range(rows):
-                sandwich(optics.blur, image[row])
+            sandwich(optics.blur, image)
 
 
 @law

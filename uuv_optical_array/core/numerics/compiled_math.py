@@ -1,7 +1,8 @@
 """What `elementwise` and some functions of NumPy and SciPy are in compiled code.
 
-Importing this module imports Numba. The exponential and the trigonometric functions are
-polynomials, which a compiler turns into vectors; the library's would be a call for each number.
+Importing this module imports Numba. The exponential, the logarithm and the trigonometric functions
+are polynomials, which a compiler turns into vectors; the library's would be a call for each
+number.
 """
 
 import math
@@ -56,6 +57,9 @@ EXPONENTIAL = (
     1.0,
     1.0,
 )
+# log((1 + s) / (1 - s)) / s by powers of s^2, highest first: Taylor's, right to 1e-18 of a log.
+LOGARITHM = tuple(2 / (2 * k + 1) for k in range(11, -1, -1))
+ROOT_HALF = np.float64(math.sqrt(0.5)).view(np.int64)
 LOG2_HIGH, LOG2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum
 PI_HIGH, PI_LOW = 3.1415926534682512, 1.2154201013012384e-10
 SMALLEST = -708.0  # logarithm of the smallest number that is not subnormal, nearly
@@ -84,6 +88,18 @@ def exponential(x):
     # Times 2^power: it is in the last bits of `shifted`, and goes to the exponent's.
     bits = np.float64(value).view(np.int64) + (np.float64(shifted).view(np.int64) << np.int64(52))
     return 0.0 if x < SMALLEST else np.int64(bits).view(np.float64)
+
+
+@inlined
+def logarithm(x):
+    """Return log(x) of a number that is not subnormal; nan below 0 and of what is not finite."""
+    bits = np.float64(x).view(np.int64)
+    # The power of two that leaves a fraction from sqrt(1/2) to sqrt(2).
+    power = (bits - ROOT_HALF) >> np.int64(52)
+    fraction = np.int64(bits - (power << np.int64(52))).view(np.float64)
+    s = (fraction - 1) / (fraction + 1)
+    value = power * LOG2_HIGH + (power * LOG2_LOW + s * polynomial(LOGARITHM, s * s))
+    return value + (x - x) if x > 0 else (-np.inf if x == 0 else np.nan)
 
 
 @inlined
@@ -134,24 +150,14 @@ def stack(*components):
     return values
 
 
-@njit(error_model="numpy", fastmath={"contract"})
-def sandwich(matrix, image):
-    """As `elementwise.sandwich`, of one image."""
+@njit(error_model="numpy")
+def sandwich(matrix, images):
+    """As `elementwise.sandwich`, of one pose."""
     side = len(matrix)
-    half = np.zeros(side * side)
-    for i in range(side):
-        for k in range(side):
-            weight = matrix[i, k]
-            if weight != 0:
-                for j in range(side):
-                    half[i * side + j] += weight * image[k * side + j]
-    image[:] = 0.0
-    for j in range(side):
-        for k in range(side):
-            weight = matrix[j, k]
-            if weight != 0:
-                for i in range(side):
-                    image[i * side + j] += weight * half[i * side + k]
+    rows = images.reshape(-1, side)
+    half = np.dot(rows, matrix.T)
+    for i in range(0, len(rows), side):
+        np.dot(matrix, half[i : i + side], rows[i : i + side])
 
 
 def _without_owner(context, builder, kind, value):
@@ -314,6 +320,7 @@ REPLACED |= {
     elementwise.borrowed: borrowed,
     elementwise.transmit: transmit,
     np.exp: exponential,
+    np.log: logarithm,
     np.sin: sine,
     np.cos: cosine,
     special.erfcx: scaled_complementary_error,

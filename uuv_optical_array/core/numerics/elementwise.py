@@ -76,11 +76,12 @@ def zeros(rows: int, columns: int, component: Any) -> Any:
     return np.zeros((rows, columns, *np.shape(component)))
 
 
-def sandwich(matrix: Any, image: Any) -> None:
-    """Turn images of shape ``(..., side^2)`` into ``M image M'``, in place."""
+def sandwich(matrix: Any, images: Any) -> None:
+    """Turn images, shape ``(rows, ..., side^2)``, into ``M image M'``, in place."""
     side = len(matrix)
-    planes = image.reshape(*image.shape[:-1], side, side)
-    image[...] = (matrix @ planes @ matrix.T).reshape(image.shape)
+    for image in images:  # one by one, as each takes as much memory again
+        planes = image.reshape(*image.shape[:-1], side, side)
+        image[...] = (matrix @ planes @ matrix.T).reshape(image.shape)
 
 
 def borrowed(values: Arrays) -> Arrays:

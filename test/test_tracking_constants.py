@@ -243,7 +243,7 @@ def test_late_frames_with_readings_give_exactly_the_track_of_frames_in_order():
         ("residuals", np.zeros(8), r"^readings: residuals .*give \(9,\)"),
         ("light", np.full(9, np.inf), r"^readings: light .*not finite"),
         ("residuals", np.full(9, np.nan), r"^readings: residuals .*not finite"),
-        ("variances", np.full(9, np.nan), r"^readings: variances .*not finite"),
+        ("variances", np.full(9, np.nan), r"^readings: a variance is nan; give .*> 0, inf"),
         ("variances", np.zeros(9), r"^readings: a variance is 0; give .*> 0, inf"),
     ],
 )

@@ -103,7 +103,7 @@ class Correction:
         white = solve_triangular(own, np.column_stack([off, slopes]), lower=True)
         reading = Reading(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
         gain, distance = weigh(belief, reading, learnt)
-        return Corrected(lambda: correct(belief, reading, gain)), distance
+        return Corrected(lambda: correct(belief, reading, gain())), distance
 
     def _by_readings(
         self,
@@ -122,7 +122,7 @@ class Correction:
         gain, distance = weigh(before, reading, learnt)
         # What is beyond the gate is no frame of this track, wherever it is linearised.
         again = relinearise if distance <= self._gate else None
-        return Corrected(lambda: self._finished(before, reading, gain, again)), distance
+        return Corrected(lambda: self._finished(before, reading, gain(), again)), distance
 
     def _finished(
         self, before: Belief, reading: Reading, gain: Array, relinearise: Relinearise | None
@@ -137,7 +137,7 @@ class Correction:
             with suppress(ValueError):  # not finite there: the first slopes have to do
                 again = checked_readings(relinearise(place), self._constants)
                 reading = self._reading(before, again, midway, slopes)
-                gain, _ = weigh(before, reading, learnt)
+                gain = weigh(before, reading, learnt)[0]()
         after = correct(before, reading, gain)
         place, slopes = coordinates.place(after.mean[space.linear])
         return self._turned(after, slopes, place)

@@ -72,7 +72,7 @@ def checked_readings(readings: LinearisedReadings, constants: Constants) -> Line
     for name, part, shape in zip(readings._fields, readings, shapes, strict=True):
         if part.shape != shape:
             raise ValueError(f"readings: {name} has the shape {part.shape}; give {shape}")
-        if not (np.isfinite(part) | ((part > 0) & (name == "variances"))).all():
+        if name != "variances" and not np.isfinite(part).all():
             raise ValueError(f"readings: {name} holds numbers that are not finite")
     if not (readings.variances > 0).all():
         low = readings.variances.min()

@@ -12,6 +12,7 @@ of the state is turned into as many readings as it has entries, whose noise is w
 *Factorization Methods for Discrete Sequential Estimation*, 1977, ch. 4).
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -81,7 +82,7 @@ def _above(size: int) -> Array:
     return np.triu(np.ones((size, size)))
 
 
-def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Array, float]:
+def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Callable[[], Array], float]:
     """Return how readings correct a state, and how far they are from it.
 
     Parameters
@@ -96,7 +97,7 @@ def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Array, float]:
     Returns
     -------
     gain
-        By which residuals correct these, shape ``(learnt, n)``.
+        Returns by what residuals correct these, shape ``(learnt, n)``.
     distance
         Mahalanobis distance of the readings from the state, in the directions in which the first
         five entries move them: the likelihood ratio test of a jump in these (A. Willsky and
@@ -115,30 +116,32 @@ def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Array, float]:
     else:
         std, root = noise, np.concatenate([root, shared], axis=1)
     white, off = slopes / std[:, None], residual / std
-    known = root[:learnt]
     basis = None
     if len(white) > white.shape[1]:
         basis, white = np.linalg.qr(white)
         off = basis.T @ off
     seen = white @ root
-    cross = seen @ known.T
-    if len(spoilt):
-        moved = by_noise[:learnt] * std
-        seen_moved = moved if basis is None else moved @ basis
-        cross += seen_moved.T
     spread = _upper(np.concatenate([np.eye(len(seen)), seen.T]))
-    found, _ = lapack.dtrtrs(
-        spread, np.concatenate([white[:, :5], off[:, None], cross], axis=1), trans=1
-    )
-    distance = float(np.linalg.norm(_upper(found[:, :6])[:5, 5]))
-    gain = np.asarray(lapack.dtrtrs(spread, found[:, 6:])[0]).T
-    if basis is not None:
-        gain = gain @ basis.T
+    found, _ = lapack.dtrtrs(spread, np.concatenate([white[:, :5], off[:, None]], axis=1), trans=1)
+    distance = float(np.linalg.norm(_upper(found)[:5, 5]))
+
+    def gain() -> Array:
+        cross = seen @ root[:learnt].T
         if len(spoilt):
-            gain += moved - seen_moved @ basis.T
-    gain = gain / std
-    if len(spoilt):
-        gain -= gain @ slopes @ by_noise
+            moved = by_noise[:learnt] * std
+            seen_moved = moved if basis is None else moved @ basis
+            cross += seen_moved.T
+        half, _ = lapack.dtrtrs(spread, cross, trans=1)
+        found = np.asarray(lapack.dtrtrs(spread, half)[0]).T
+        if basis is not None:
+            found = found @ basis.T
+            if len(spoilt):
+                found += moved - seen_moved @ basis.T
+        found = found / std
+        if len(spoilt):
+            found -= found @ slopes @ by_noise
+        return found
+
     return gain, distance
 
 

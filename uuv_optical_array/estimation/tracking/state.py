@@ -33,7 +33,7 @@ class StateSpace:
         Of the state.
     spoilt : int
         How many gain errors are none of its entries.
-    linear : list of int
+    linear : ndarray of int
         Pose and constants.
     """
 
@@ -46,7 +46,7 @@ class StateSpace:
         self.gains = slice(self.constants.stop, self.constants.stop + learnt)
         self.shades = slice(self.gains.stop, self.gains.stop + shades)
         self.size = self.shades.stop
-        self.linear = [*range(*POSE.indices(self.size)), *range(*self.constants.indices(self.size))]
+        self.linear = np.r_[POSE, self.constants]
         # Before any frame, and of what moves 0.
         self._stds = np.concatenate(
             [np.zeros(MOVING), c.stds, np.full(learnt, c.gain_std), np.ones(shades)]
@@ -56,8 +56,8 @@ class StateSpace:
     def hold(self, constants_hold_s: float) -> None:
         """Let constants and gains drift to new values in a time, s."""
         self._constants_hold_s = constants_hold_s
-        self._hold_s = np.full(self.size - MOVING, constants_hold_s)
-        self._hold_s[self.shades.start - MOVING :] = self._shade_lasts_s
+        self._hold_s = np.full(self.size, constants_hold_s)
+        self._hold_s[:MOVING], self._hold_s[self.shades] = np.inf, self._shade_lasts_s
 
     def unknown(self) -> Belief:
         """Return the belief in what lasts before any frame, and in nothing else."""
@@ -66,7 +66,7 @@ class StateSpace:
     def drifted(self, belief: Belief, step_s: float) -> Belief:
         """Let what lasts drift for a time, s."""
         held = drift(self._constants_hold_s, step_s)
-        kept = np.concatenate([np.ones(MOVING), drift(self._hold_s, step_s)])
+        kept = drift(self._hold_s, step_s)
         fresh = np.diag(np.sqrt(1 - kept**2) * self._stds)[:, MOVING:]
         root, shared = kept[:, None] * belief.root, kept[:, None] * belief.shared
         # The numbers that spoil the readings drift, too: what came of the old ones is left behind.

@@ -313,14 +313,11 @@ def turned_on_mount(pose: ArrayLike, roll: float, bow_m: float) -> Array:
         By pitch and yaw of the array about its own axes, m and rad per rad, shape ``(5, 2)``.
     """
     pitch, yaw = np.asarray(pose, dtype=float)[3:]
-    slopes = np.zeros((5, 2))
+    level = max(cos(pitch), 1e-6)
     # The array stays where it is, and so the vehicle seems to swing about it.
-    swing = np.array([[0.0, 0.0], [0.0, bow_m], [-bow_m, 0.0]])
-    slopes[:3] = -rotation_matrix(pitch, yaw, roll) @ swing
-    level = max(np.cos(pitch), 1e-6)
-    slopes[3] = np.cos(roll), -np.sin(roll)
-    slopes[4] = np.sin(roll) / level, np.cos(roll) / level
-    return slopes
+    swing = [(bow_m * up, -bow_m * left) for _, left, up in rotation(pitch, yaw, roll)]
+    turn = (cos(roll), -sin(roll)), (sin(roll) / level, cos(roll) / level)
+    return np.array([*swing, *turn])
 
 
 def turned_about_beam(poses: Array, roll: float) -> Array:
@@ -369,13 +366,10 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
         ``(6, 6)``; positive definite when `covariance` is.
     """
     _, y, z, _, yaw = np.asarray(pose, dtype=float)
-    jacobian = np.zeros((6, 5))
-    jacobian[:3, :3] = np.eye(3)
-    jacobian[3:5, PITCH] = -np.sin(yaw), np.cos(yaw)
-    jacobian[5, YAW] = 1.0
-    gauge = np.array([0.0, -z, y, 1.0, 0.0, 0.0])
-    mapped = jacobian @ np.asarray(covariance, float) @ jacobian.T
-    mapped += roll_std**2 * np.outer(gauge, gauge)
+    jacobian = np.eye(6, 5)
+    jacobian[3:, PITCH:] = (-sin(yaw), 0.0), (cos(yaw), 0.0), (0.0, 1.0)
+    gauge = roll_std * np.array([0.0, -z, y, 1.0, 0.0, 0.0])
+    mapped = jacobian @ np.asarray(covariance, float) @ jacobian.T + gauge[:, None] * gauge
     return (mapped + mapped.T) / 2
 
 

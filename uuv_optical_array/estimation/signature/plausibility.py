@@ -61,14 +61,13 @@ def check_parameters(parameters: Array, largest: Array) -> None:
     NoPose
         With the value and its bound.
     """
-    smallest = np.concatenate([[0.0], -largest[1:]])
-    slack = ROUNDING * np.maximum(1.0, largest)
-    within = (smallest - slack <= parameters) & (parameters <= largest + slack)
-    for i in np.flatnonzero(~within)[:1]:
-        raise NoPose(
-            f"not of this array: {FEATURE_NAMES[i]} is {parameters[i]:.9g}, but it must be from "
-            f"{smallest[i]:.6g} to {largest[i]:.6g}"
-        )
+    for name, value, most in zip(FEATURE_NAMES, parameters.tolist(), largest.tolist(), strict=True):
+        least, slack = 0.0 if name == "peak" else -most, ROUNDING * max(1.0, most)
+        if not least - slack <= value <= most + slack:
+            raise NoPose(
+                f"not of this array: {name} is {value:.9g}, but it must be from {least:.6g} to "
+                f"{most:.6g}"
+            )
 
 
 def check_full_scale(image: Array, scene: Scene) -> None:

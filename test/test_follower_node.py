@@ -57,7 +57,7 @@ def test_an_image_gets_the_answers_of_three_processes_without_a_topic_between(ro
         signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
         cloud = rov.lab.answer(rov.clouds, Time(sec=seconds))
         np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f8"), signature)
-        known = tracker.constants(seconds * 10**9)
+        known = tracker.expected(seconds * 10**9)
         found = estimator.estimate(image, signature, 0.0, known)
         assert_is(rov.lab.answer(rov.poses, Time(sec=seconds)), found)
         track = tracker.update(seconds * 10**9, found.pose, found.covariance)

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from uuv_optical_array.estimation.constants import Expected
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
-from uuv_optical_array.estimation.least_squares.frame_kinds import mixture
+from uuv_optical_array.estimation.least_squares.frame_kinds import is_doubtful, mixture
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -16,7 +17,7 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 def result(pose, std, outcome=FITTED):
     nothing, covariance = np.full(5, np.nan), np.diag(np.full(5, std**2))
     pose = np.array(pose, dtype=float)
-    return FrameResult(outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0.0)
+    return FrameResult(outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0, 0.0)
 
 
 def test_a_mixture_has_the_moments_of_draws_from_both():
@@ -74,3 +75,61 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
     # Of a chi-square with five degrees of freedom, within five standard errors.
     assert np.mean(errors) < 5 + 5 * np.sqrt(10 / 40)
     assert max(errors) < 36
+
+
+@pytest.fixture(scope="module")
+def uneven(table):
+    """The table, of a scene in which light may be uneven."""
+    prior = dataclasses.replace(table.scene.prior, uneven_probability=0.02)
+    return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
+
+
+def unevenly_lit(model, pose, share, rng):
+    """Return an image with shade and daylight as their prior has them, or a share of it."""
+    stds = model.scene.prior.std_in(model.scene.prior.lights(model.scene.full_scale_counts)[1])
+    off = {name: np.array(share * std * rng.standard_normal()) for name, std in stds.items()}
+    rest = 1 + share * 0.0125 * rng.standard_normal((5, 5))
+    return model.read(model.light(pose, 0.0, off) * rest, rng)
+
+
+def squared_errors(estimator, model, share):
+    """Return normalised squared errors of images that are lit unevenly."""
+    rng = np.random.default_rng(4)
+    pose, found = np.array([-5.0, 0.2, -0.1, 0.1, 0.05]), []
+    for _ in range(40):
+        estimate = estimator.estimate(unevenly_lit(model, pose, share, rng))
+        error = estimate.pose - pose
+        found.append(error @ np.linalg.solve(estimate.covariance, error))
+    return np.array(found)
+
+
+def test_a_pose_in_uneven_light_is_as_wide_as_its_error(table, uneven):
+    # None is refused, so that it is the covariance that is compared.
+    believing, knowing = (Estimator(each, max_misfit=0.0) for each in (table, uneven))
+    model = ForwardModel(uneven.scene)
+    # Of a chi-square with five degrees of freedom, within five standard errors.
+    assert abs(squared_errors(knowing, model, 1.0).mean() - 5) < 5 * np.sqrt(10 / 40)
+    # Half of it leaves smaller residuals, by which a clear frame is sure and wrong.
+    assert squared_errors(knowing, model, 0.5).max() < 36
+    assert squared_errors(believing, model, 0.5).max() > 100
+
+
+def test_images_before_weigh_in_by_the_rule_of_bayes(uneven):
+    model, rng = ForwardModel(uneven.scene), np.random.default_rng(5)
+    image = unevenly_lit(model, np.array([-5.0, 0.2, -0.1, 0.1, 0.05]), 0.2, rng)
+    estimator, nothing = Estimator(uneven), (np.zeros(0), np.zeros((0, 0)))
+    odds = []
+    # From such shares on every image is taken for both.
+    for share in (0.1, 0.5, 0.9):
+        clear = estimator.estimate(image, expected=Expected(*nothing, share)).clear
+        assert 1e-4 < clear < 1 - 1e-4
+        odds.append(clear / (1 - clear) * share / (1 - share))
+    assert odds == pytest.approx([odds[0]] * 3, rel=1e-6)
+
+
+def test_only_what_is_hardly_a_clear_frame_is_taken_for_a_rare_one():
+    clear = result([-5, 0, 0, 0, 0], 0.1)
+    assert not is_doubtful(clear._replace(strict_score=0.8), 0.02)
+    assert is_doubtful(clear._replace(strict_score=0.9), 0.02)
+    assert is_doubtful(clear, 0.1)
+    assert not is_doubtful(clear._replace(strict_score=9.0, outcome=MISFIT), 0.1)

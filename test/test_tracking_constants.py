@@ -115,7 +115,7 @@ def assert_is(tracker, track, state, covariance):
     near = {"rtol": 1e-6, "atol": 1e-8}
     np.testing.assert_allclose([*track.pose, *track.rate], state[:10], **near)
     np.testing.assert_allclose(track.joint_covariance, covariance[:10, :10], **near)
-    mean, found = tracker.constants(track.stamp_ns)
+    mean, found, _ = tracker.expected(track.stamp_ns)
     np.testing.assert_allclose(mean, state[10:12], **near)
     np.testing.assert_allclose(found, covariance[10:12, 10:12], **near)
     assert list(track.constants) == list(NAMES)
@@ -169,13 +169,13 @@ def test_gains_of_many_detectors_and_constants_of_bare_poses_are_not_learnt_but_
     tracker = Tracker(LINEAR, constants=constants(detectors))
     for stamp, frame in zip(stamps, stream, strict=True):
         bare = frame is stream[3]
-        before = tracker.constants(stamp)
+        before = tracker.expected(stamp)
         track = tracker.update(
             stamp, frame if bare else frame.at[:5], NOISE, None if bare else frame
         )
         if bare:
-            np.testing.assert_allclose(tracker.constants(stamp)[0], before[0], rtol=1e-12)
-            np.testing.assert_allclose(tracker.constants(stamp)[1], before[1], rtol=1e-9)
+            np.testing.assert_allclose(tracker.expected(stamp)[0], before[0], rtol=1e-12)
+            np.testing.assert_allclose(tracker.expected(stamp)[1], before[1], rtol=1e-9)
     assert_is(tracker, track, *textbook(stamps, stream, detectors, learnt))
     assert track.gains.shape == ((9,) if detectors == 9 else (0,))
 
@@ -199,27 +199,27 @@ def test_the_distance_is_that_of_a_jump_of_the_pose_and_not_of_all_readings():
 def test_what_is_learnt_outlives_the_track_and_fades_to_the_prior():
     stamps, readings = frames(7, 9)
     tracker = Tracker(LINEAR, constants=constants(9))
-    np.testing.assert_array_equal(tracker.constants(START_NS)[0], 0.0)
-    np.testing.assert_allclose(tracker.constants(START_NS)[1], np.diag(np.square(STDS)), rtol=1e-12)
+    np.testing.assert_array_equal(tracker.expected(START_NS)[0], 0.0)
+    np.testing.assert_allclose(tracker.expected(START_NS)[1], np.diag(np.square(STDS)), rtol=1e-12)
     fed(tracker, stamps, readings)
-    mean, covariance = tracker.constants(stamps[-1])
+    mean, covariance, _ = tracker.expected(stamps[-1])
     tracker.reset()
-    np.testing.assert_array_equal(tracker.constants(stamps[-1])[0], mean)
+    np.testing.assert_array_equal(tracker.expected(stamps[-1])[0], mean)
     late = stamps[-1] + 90 * 10**9
     kept = math.exp(-90 / HOLD_S)
     expected = kept**2 * covariance + (1 - kept**2) * np.diag(np.square(STDS))
-    np.testing.assert_allclose(tracker.constants(late)[0], kept * mean, rtol=1e-9)
-    np.testing.assert_allclose(tracker.constants(late)[1], expected, rtol=1e-9)
+    np.testing.assert_allclose(tracker.expected(late)[0], kept * mean, rtol=1e-9)
+    np.testing.assert_allclose(tracker.expected(late)[1], expected, rtol=1e-9)
     # A new track starts with them: at a frame that says nothing, they are what they were.
     blind = readings[0]._replace(variances=np.full(9, np.inf))
     assert tracker.update(late, STATION, NOISE, blind).frames == 1
-    np.testing.assert_allclose(tracker.constants(late)[1], expected, rtol=1e-9)
+    np.testing.assert_allclose(tracker.expected(late)[1], expected, rtol=1e-9)
     # So do those that a gap or a clock that was set back begin.
     gone = math.exp(-61 / HOLD_S) ** 2
     faded = gone * expected + (1 - gone) * np.diag(np.square(STDS))
     for stamp in (late + 61 * 10**9, START_NS):
         assert tracker.update(stamp, STATION, NOISE).frames == 1
-        np.testing.assert_allclose(tracker.constants(stamp)[1], faded, rtol=1e-9)
+        np.testing.assert_allclose(tracker.expected(stamp)[1], faded, rtol=1e-9)
 
 
 def test_late_frames_with_readings_give_exactly_the_track_of_frames_in_order():

@@ -73,7 +73,7 @@ def tracked(frame, course=sweep, seas=6):
             light, slopes = MODEL.linearised(pose, offsets=offsets)
             image = MODEL.read(light + gains * slopes[:, 5], rng)
             stamp = round((10 + k * STEP_S) * 1e9)
-            found, covariance = fitted(image, place, *tracker.constants(stamp))
+            found, covariance = fitted(image, place, *tracker.expected(stamp)[:2])
             track = tracker.update(
                 stamp,
                 found.at[:5],
@@ -87,7 +87,7 @@ def tracked(frame, course=sweep, seas=6):
                 tracks.append(track.pose[0] - pose[0])
                 single, _ = fitted(image, place, np.zeros(4), np.diag(STDS**2))
                 singles.append(single.at[0] - pose[0])
-        mean, covariance = tracker.constants(stamp)
+        mean, covariance, _ = tracker.expected(stamp)
         of_constants.append(nees(mean - truth, covariance))
     return [np.array(part) for part in (of_pose, of_constants, by_std, tracks, singles)]
 

@@ -33,7 +33,7 @@ def tracked(tracker, lasting, rng):
 @pytest.mark.parametrize(("lasting", "low", "high"), [(1.0, 2.5, 6.0), (0.0, 9.0, np.inf)])
 def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
     settings = TrackerSettings(common_share=0.0)
-    constants = Constants(shade_lasts_s=LASTS_S)
+    constants = Constants(unclear_lasts_s=LASTS_S)
     found = [
         tracked(Tracker(settings, constants=constants), lasting, np.random.default_rng(seed))
         for seed in range(20)
@@ -50,3 +50,17 @@ def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():
             track = tracker.update(START_NS + k * TENTH_NS, pose, NOISE, lasting=lasting)
         tracks.append(track)
     np.testing.assert_array_equal(tracks[0].joint_covariance, tracks[1].joint_covariance)
+
+
+def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():
+    tracker = Tracker(TrackerSettings(), constants=Constants(unclear_lasts_s=LASTS_S, uneven=0.02))
+    assert tracker.expected(START_NS).uneven == 0.02
+    tracker.update(START_NS, STATION, NOISE, lasting=0.9)
+    for seconds in (0.0, 1.5, 100.0):
+        expected = 0.02 + (0.9 - 0.02) * np.exp(-seconds / LASTS_S)
+        stamp = START_NS + round(seconds * 1e9)
+        assert tracker.expected(stamp).uneven == pytest.approx(expected, rel=1e-12)
+    # A clear one after it ends the suspicion.
+    tracker.update(START_NS + TENTH_NS, STATION, NOISE)
+    assert tracker.expected(START_NS + TENTH_NS).uneven == 0
+    assert Tracker(TrackerSettings()).expected(START_NS).uneven == 0

@@ -59,14 +59,31 @@ def test_shades_are_uneven_smooth_and_of_one_size(side):
 
 def test_a_shaded_frame_is_a_weaker_lamp_and_five_modes():
     prior = scene({"lamp_power_std": 0.3, "shade_probability": 0.1, "shade_depth": 0.4}).prior
-    stds = prior.shaded_std(0.4)
+    clear, *shaded = prior.lights(1023)
+    assert (clear.share, clear.depth, clear.daylight_counts) == (0.9, 0, 0)
+    assert [(light.share, light.depth) for light in shaded] == [(0.05, 0.4), (0.05, 0.1)]
+    stds = prior.std_in(shaded[0])
     assert stds["lamp.power"] == pytest.approx(0.5)
     # An order of the polynomials is a quarter of the one before.
     uneven = [std for name, std in stds.items() if name.startswith("shade.")]
     np.testing.assert_allclose(uneven, [0.1, 0.1, 0.025, 0.025, 0.025])
-    assert prior.shaded_gain_std(0.4) == pytest.approx(0.025)
-    assert prior.nuisance_std() == prior.shaded_std(0.0) == {"lamp.power": 0.3}
-    np.testing.assert_allclose(prior.shades(), [(0.9, 0), (0.05, 0.4), (0.05, 0.1)])
+    assert prior.gain_std_in(shaded[0]) == pytest.approx(0.025)
+    assert prior.nuisance_std() == prior.std_in(clear) == {"lamp.power": 0.3}
+
+
+def test_a_frame_that_is_lit_unevenly_has_five_modes_and_daylight_and_no_weaker_lamp():
+    known = {"lamp_power_std": 0.3, "uneven_probability": 0.1, "ambient_gradient_std_counts": 15.0}
+    prior = scene(known).prior
+    clear, uneven = prior.lights(1000)
+    assert (clear.share, uneven.share) == (0.9, 0.1)
+    assert prior.std_in(clear) == prior.nuisance_std()
+    stds = prior.std_in(uneven)
+    assert stds.pop("lamp.power") == 0.3
+    # The scene's own gradient and that of daylight, 2 % of full scale, are independent.
+    assert {stds.pop(f"ambient.to_{side}_counts") for side in ("starboard", "bottom")} == {25.0}
+    np.testing.assert_allclose(list(stds.values()), [0.05, 0.05, 0.0125, 0.0125, 0.0125])
+    # Where clouds are named, they are what shades.
+    assert len(scene({**known, "shade_probability": 0.2}).prior.lights(1000)) == 3
 
 
 def test_an_unknown_gain_is_a_noise_that_grows_with_the_light():

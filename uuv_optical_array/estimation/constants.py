@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,23 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.least_squares.coordinates import Frame, frame_of
 from uuv_optical_array.forward.model import ForwardModel
+
+
+class Expected(NamedTuple):
+    """What is known of a frame before its image.
+
+    Parameters
+    ----------
+    mean, covariance
+        Of the offsets of the scene's q unknown constants, shapes ``(q,)`` and ``(q, q)``.
+    uneven
+        Probability that it is lit unevenly in a way that the scene does not name, in [0, 1];
+        ``None``: as the scene's prior says.
+    """
+
+    mean: Array
+    covariance: Array
+    uneven: float | None = None
 
 
 @dataclass(frozen=True)
@@ -29,8 +47,10 @@ class Constants:
     frame
         Of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
         constants are corrected as they are, which is right only where the light is linear in them.
-    shade_lasts_s
-        Time in which a shade becomes another one, s; 0: nothing shades.
+    unclear_lasts_s
+        Time in which light that is not clear becomes other light, s; 0: it is always clear.
+    uneven
+        Share of frames that are lit unevenly in a way that the scene does not name, in [0, 1].
 
     Raises
     ------
@@ -44,7 +64,8 @@ class Constants:
     gain_std: float = 0.0
     detectors: int = 0
     frame: Frame | None = None
-    shade_lasts_s: float = 0.0
+    unclear_lasts_s: float = 0.0
+    uneven: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
@@ -70,7 +91,8 @@ def constants_of(model: ForwardModel) -> Constants:
         prior.gain_std,
         model.array.side**2,
         frame_of(model),
-        prior.shade_lasts_s if prior.shade_probability else 0.0,
+        prior.unclear_lasts_s,
+        0.0 if prior.shade_probability else prior.uneven_probability,
     )
 
 

@@ -25,7 +25,7 @@ from uuv_optical_array.core.geometry import (
 )
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.constants import constants_of
+from uuv_optical_array.estimation.constants import Expected, constants_of
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -35,8 +35,13 @@ from uuv_optical_array.estimation.least_squares.frame import (
     Guide,
     estimate_frame,
 )
-from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds, mixture
-from uuv_optical_array.estimation.least_squares.problem import PosePrior
+from uuv_optical_array.estimation.least_squares.frame_kinds import (
+    expecting,
+    frame_kinds,
+    is_doubtful,
+    weighed,
+)
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
 from uuv_optical_array.estimation.linearised import (
     LinearisedReadings,
@@ -122,7 +127,7 @@ class Estimate:
     stretch
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     clear
-        Probability that nothing shades the image, in [0, 1].
+        Probability that the image is lit as the scene says: by no shade, nor else unevenly.
     """
 
     pose: Array
@@ -278,7 +283,7 @@ class Estimator:
         image: ArrayLike | None = None,
         parameters: ArrayLike | None = None,
         roll: float = 0.0,
-        constants: tuple[Array, Array] | None = None,
+        expected: Expected | None = None,
     ) -> Estimate:
         """Estimate the pose from one image.
 
@@ -291,10 +296,9 @@ class Estimator:
             Key parameters of the image, shape ``(5,)``; ``None``: worked out from the image.
         roll
             Roll of the follower, as its own sensors know it, rad.
-        constants
-            What is known by now of the scene's unknown constants, as `Tracker.constants` has it:
-            mean and covariance of their offsets, shapes ``(q,)`` and ``(q, q)``; ``None``: no more
-            than the scene's prior says.
+        expected
+            What is known by now of the scene's unknown constants and of its light, as
+            `Tracker.expected` has it; ``None``: no more than the scene's prior says.
 
         Returns
         -------
@@ -307,7 +311,7 @@ class Estimator:
             For parameters that are not finite, hold no light or are beyond what an array can give,
             for a signature or an image that belongs to no pose of the scene.
         """
-        found = self._estimate(image, parameters, float(roll), constants)
+        found = self._estimate(image, parameters, float(roll), expected)
         covariance = found.covariance + self.aim_covariance(found.pose, roll)
         return replace(found, covariance=covariance)
 
@@ -325,7 +329,7 @@ class Estimator:
         image: ArrayLike | None,
         parameters: ArrayLike | None,
         roll: float,
-        constants: tuple[Array, Array] | None,
+        expected: Expected | None,
     ) -> Estimate:
         fits = self.settings.method == "least_squares" and not self.quick
         if parameters is None:
@@ -333,7 +337,7 @@ class Estimator:
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._least_squares(np.full((5, 1), np.nan), readings, roll, constants)
+                return self._least_squares(np.full((5, 1), np.nan), readings, roll, expected)
             scene = self.table.scene
             side = scene.array.detectors_per_side
             parameters = key_parameters(
@@ -348,12 +352,12 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         check_parameters(parameters, self._bounds)
         if fits:
-            return self._least_squares(parameters[:, None], self._readings(image), roll, constants)
+            return self._least_squares(parameters[:, None], self._readings(image), roll, expected)
         match, rows = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
         parameters = parameters[:, None]
-        return self._verified(match, rows, parameters, self._readings(image), roll, constants)
+        return self._verified(match, rows, parameters, self._readings(image), roll, expected)
 
     def _readings(self, image: ArrayLike | None) -> Array:
         side = self.table.scene.array.detectors_per_side
@@ -396,7 +400,7 @@ class Estimator:
         parameters: Array,
         readings: Array,
         roll: float,
-        constants: tuple[Array, Array] | None,
+        expected: Expected | None,
     ) -> Estimate:
         """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
         if self._frame is None:
@@ -411,7 +415,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        found, clear = self._fit(near, parameters, readings, roll, constants)
+        found, clear = self._fit(near, parameters, readings, roll, expected)
         off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -431,11 +435,11 @@ class Estimator:
         parameters: Array,
         readings: Array,
         roll: float,
-        constants: tuple[Array, Array] | None,
+        expected: Expected | None,
     ) -> Estimate:
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found, clear = self._fit(self._guide, parameters, readings, roll, constants)
+        found, clear = self._fit(self._guide, parameters, readings, roll, expected)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
         off = wrapped(found.pose - found.best[:5])
         linear = off @ np.linalg.solve(found.covariance, off) < LINEAR**2
@@ -461,24 +465,22 @@ class Estimator:
         parameters: Array,
         readings: Array,
         roll: float,
-        constants: tuple[Array, Array] | None,
+        expected: Expected | None,
     ) -> tuple[FrameResult, float]:
         """Return what the fit makes of an image, and the probability that it is a clear one."""
         assert self._frame is not None  # prepared
-        frames, problems = [], [kind.knowing(constants) for kind in self._kinds]
-        for problem in problems:
-            of_image = problem._replace(readings=readings, roll=roll)
+        kinds = expecting(self._kinds, expected)
+        problems: list[Problem] = []
+        frames: list[FrameResult] = []
+        for kind in kinds:
+            if kind.rare and not is_doubtful(frames[0], kind.share):
+                break
+            problems.append(kind.knowing(expected))
+            of_image = problems[-1]._replace(readings=readings, roll=roll)
             frames.append(self._frame(of_image, guide, parameters))
         found, clear = frames[0], 1.0
         if len(frames) > 1:
-            frames = [
-                frame._replace(covariance=kind.doubt * frame.covariance)
-                for kind, frame in zip(self._kinds, frames, strict=True)
-            ]
-            shares = [kind.log_share for kind in self._kinds]
-            volumes = [np.linalg.slogdet(each.nuisance_precision)[1] / 2 for each in problems]
-            evidence = np.add(shares, volumes) + [each.log_evidence for each in frames]
-            found, clear = mixture(frames, evidence)
+            found, clear = weighed(kinds, problems, frames)
         if found.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if found.outcome == MISFIT:

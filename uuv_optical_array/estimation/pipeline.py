@@ -8,6 +8,7 @@ import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.constants import Expected
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
@@ -79,8 +80,8 @@ class Pipeline:
             Counts, shape ``(side, side)``; the roll of the follower is taken as 0.
         """
         ((parameters, why_not),) = shown(image[None], self.estimator, self._frozen)
-        known = self._tracker.constants(stamp_ns)
-        answer = estimated(self.estimator, image, parameters, why_not, known)
+        expected = self._tracker.expected(stamp_ns)
+        answer = estimated(self.estimator, image, parameters, why_not, expected)
         if isinstance(answer, str):
             return Frame(stamp_ns, parameters, None, None, answer)
         try:
@@ -116,12 +117,12 @@ def estimated(
     image: Array,
     parameters: Array | None,
     reason: str,
-    constants: tuple[Array, Array] | None = None,
+    expected: Expected | None = None,
 ) -> Estimate | str:
     """Return the pose of an image, or why there is none."""
     if parameters is None:
         return reason
     try:
-        return estimator.estimate(image, parameters, 0.0, constants)
+        return estimator.estimate(image, parameters, 0.0, expected)
     except NoPose as no_pose:
         return str(no_pose)

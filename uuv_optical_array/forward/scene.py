@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
 from uuv_optical_array.core.storage import files, yaml_text
@@ -58,6 +58,9 @@ SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 # and what no mode has is as strong as one of the second order. Our choice, of `plume`'s clouds.
 SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
 RIM = 0.25  # depth of a cloud's rim by that of its middle
+# What makes light uneven though the scene does not name it: a smooth shade, in the logarithm of the
+# lamp's light, and a gradient of daylight, by full scale. Our choice, for what sets in unforeseen.
+UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
 # Clouds are no smooth Gaussian shade: the variance of a pose behind one is so many times larger
 # than it would be. By `uuv_array accuracy --moving` in `night_plume`.
 SHADE_DOUBT = 2.5
@@ -73,6 +76,7 @@ PRIORS: dict[str, dict[str, float]] = {
         "k_std_per_m": 0.02,
         "ambient_std_counts": 5.0,
         "gain_std": 0.005,
+        "uneven_probability": 0.02,
     },
     "as_bought": {
         "lamp_power_std": 0.2,
@@ -80,8 +84,30 @@ PRIORS: dict[str, dict[str, float]] = {
         "k_std_per_m": 0.05,
         "ambient_std_counts": 10.0,
         "gain_std": 0.01,
+        "uneven_probability": 0.02,
     },
 }
+
+
+class FrameLight(NamedTuple):
+    """The light of a kind of frame, by what it has beside that of a clear one.
+
+    Parameters
+    ----------
+    share
+        Of the frames, in [0, 1].
+    depth
+        Of an uneven shade, in the logarithm of the lamp's light.
+    cloud
+        Whether the shade is even in part, too, like a weaker lamp.
+    daylight_counts
+        Standard deviation of the ambient's rise from the array's middle to its edges, counts.
+    """
+
+    share: float
+    depth: float = 0.0
+    cloud: bool = False
+    daylight_counts: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +149,7 @@ class PriorSettings:
         Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
     ] = 0.0
     shade_probability: Annotated[
-        float, Quantity("share of frames that something shades unevenly", "", 0, 0.99)
+        float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
     ] = 0.0
     shade_depth: Annotated[
         float,
@@ -132,6 +158,16 @@ class PriorSettings:
     shade_lasts_s: Annotated[
         float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
     ] = 5.0
+    uneven_probability: Annotated[
+        float,
+        Quantity(
+            "share of frames lit unevenly in a way that the scene does not name, where it names no "
+            "shade",
+            "",
+            0,
+            0.5,
+        ),
+    ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:
         """Return the standard deviation of each setting that is not known, by dotted name."""
@@ -145,27 +181,38 @@ class PriorSettings:
         }
         return {name: std for name, std in stds.items() if std > 0}
 
-    def shades(self) -> list[tuple[float, float]]:
-        """Return the kinds of frame: the share and the depth of each, the clear ones first."""
-        clear = (1 - self.shade_probability, 0.0)
-        if not self.shade_probability:
-            return [clear]
-        return [clear, *((self.shade_probability / 2, k * self.shade_depth) for k in (1, RIM))]
+    def lights(self, full_scale_counts: float) -> list[FrameLight]:
+        """Return the kinds of frame, the clear ones first."""
+        unclear: list[FrameLight] = []
+        if share := self.shade_probability:
+            depths = self.shade_depth, RIM * self.shade_depth
+            unclear = [FrameLight(share / 2, depth, True) for depth in depths]
+        elif share := self.uneven_probability:
+            daylight = UNEVEN_DAYLIGHT * full_scale_counts
+            unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
+        return [FrameLight(1 - share), *unclear]
 
-    def shaded_std(self, depth: float) -> dict[str, float]:
-        """Return what `nuisance_std` does, of a frame that is shaded by a depth.
+    @property
+    def unclear_lasts_s(self) -> float:
+        """Time in which light that is not clear becomes other light, s; 0: it is always clear."""
+        return self.shade_lasts_s if self.shade_probability or self.uneven_probability else 0.0
 
-        A shade is even in part, like a weaker lamp.
-        """
-        if not depth:
-            return self.nuisance_std()
-        power = math.hypot(self.lamp_power_std, depth)
-        modes = (depth * SHADE_DECAY**order for order in SHADE_ORDERS)
-        return {**self.nuisance_std(), POWER: power, **dict(zip(SHADES, modes, strict=True))}
+    def std_in(self, light: FrameLight) -> dict[str, float]:
+        """Return what `nuisance_std` does, of a kind of frame."""
+        stds = self.nuisance_std()
+        if light.cloud:
+            stds[POWER] = math.hypot(self.lamp_power_std, light.depth)
+        if light.daylight_counts:
+            daylight = math.hypot(self.ambient_gradient_std_counts, light.daylight_counts)
+            stds |= dict.fromkeys(GRADIENTS, daylight)
+        if light.depth:
+            modes = (light.depth * SHADE_DECAY**order for order in SHADE_ORDERS)
+            stds |= dict(zip(SHADES, modes, strict=True))
+        return stds
 
-    def shaded_gain_std(self, depth: float) -> float:
+    def gain_std_in(self, light: FrameLight) -> float:
         """Return the relative spread of readings by gains and by what no mode of a shade has."""
-        return math.hypot(self.gain_std, depth * SHADE_DECAY ** max(SHADE_ORDERS))
+        return math.hypot(self.gain_std, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
 
 
 # Groups of a scene file, but for `effects`, and who declares their keys.

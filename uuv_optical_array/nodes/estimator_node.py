@@ -361,8 +361,8 @@ class EstimatorNode(Node):
             if readings is not None:
                 self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
-            known = self.tracker.constants(stamp) if tracking else None
-            estimate = self.estimator.estimate(readings, parameters, roll, known)
+            expected = self.tracker.expected(stamp) if tracking else None
+            estimate = self.estimator.estimate(readings, parameters, roll, expected)
             if readings is None:
                 self.frozen.check(
                     parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)

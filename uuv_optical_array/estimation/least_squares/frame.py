@@ -89,6 +89,8 @@ class FrameResult(NamedTuple):
     score, runner_up_score
         Of the misfit of the best and of the next minimum, as `problem.Misfit` has them: lenient;
         nan where there is none.
+    strict_score
+        Of the best, not lenient.
     stretch
         That of the best, which the covariance has.
     best
@@ -113,6 +115,7 @@ class FrameResult(NamedTuple):
     stretch: float
     best: Array
     log_evidence: float
+    strict_score: float
 
 
 def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
@@ -360,4 +363,5 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
         best.stretch,
         at,
         evidence,
+        best.score,
     )

@@ -1,4 +1,4 @@
-"""Kinds of frame that an image may be, clear or shaded, weighed by their evidence."""
+"""Kinds of frame that an image may be, such as clear or shaded, weighed by their evidence."""
 
 import math
 from dataclasses import replace
@@ -8,10 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.constants import Expected
 from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import POWER, SHADE_DOUBT
+
+# An image is hardly a clear one where a fifth of them at most leave larger residuals, or where the
+# one before makes it this probable.
+DOUBTFUL, SUSPECTED = 0.84, 0.05
+LEAST = 1e-6  # probability of a kind, whatever the images before said
 
 
 class FrameKind(NamedTuple):
@@ -21,30 +27,32 @@ class FrameKind(NamedTuple):
     ----------
     problem
         Its posterior, without readings.
-    log_share
-        Logarithm of the share of such frames.
+    share
+        Of such frames, in (0, 1].
     places
         Those of the scene's constants among the nuisances, shape ``(q,)``.
     added
         What this kind adds to the covariance of the constants, shape ``(r, r)``.
     doubt
         Factor of the pose's covariance, >= 1, for what the kind does not describe.
+    rare
+        Whether an image is taken for such a frame only where it is hardly a clear one.
     """
 
     problem: Problem
-    log_share: float
+    share: float
     places: NDArray[np.intp]
     added: Array
     doubt: float
+    rare: bool
 
-    def knowing(self, constants: tuple[Array, Array] | None) -> Problem:
-        """Return the problem where the constants are known by a mean and a covariance."""
-        if constants is None or not len(self.places):
+    def knowing(self, expected: Expected | None) -> Problem:
+        """Return the problem where more is known of the constants than the scene says."""
+        if expected is None or not len(self.places):
             return self.problem
-        mean, covariance = constants
         whole, at = self.added.copy(), self.problem.nuisance_mean.copy()
-        whole[self.places[:, None], self.places] += covariance
-        at[self.places] += mean
+        whole[self.places[:, None], self.places] += expected.covariance
+        at[self.places] += expected.mean
         precision: Array = np.asarray(np.linalg.inv(whole), dtype=float)
         return self.problem._replace(nuisance_mean=at, nuisance_precision=precision)
 
@@ -63,21 +71,50 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
     """
     known, constants = model.scene.prior, list(prior.nuisance_std)
     kinds = []
-    for share, depth in known.shades():
-        stds = known.shaded_std(depth)
+    for light in known.lights(model.scene.full_scale_counts):
+        stds = known.std_in(light)
         names = list(stds)
         problem = problem_of(model, replace(prior, nuisance_std=stds), compiled)
         mean = problem.nuisance_mean.copy()
-        if depth:
-            mean[names.index(POWER)] = -depth
-        noise = problem.noise._replace(square=known.shaded_gain_std(depth) ** 2)
+        if light.cloud:
+            mean[names.index(POWER)] = -light.depth
+        noise = problem.noise._replace(square=known.gain_std_in(light) ** 2)
         places = np.array([names.index(name) for name in constants], dtype=np.intp)
         added = np.square(list(stds.values()))
         added[places] -= np.square(list(prior.nuisance_std.values()))
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt = SHADE_DOUBT if depth else 1.0
-        kinds.append(FrameKind(problem, math.log(share), places, np.diag(added), doubt))
+        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, light.daylight_counts > 0
+        kinds.append(FrameKind(problem, light.share, places, np.diag(added), doubt, rare))
     return kinds
+
+
+def expecting(kinds: list[FrameKind], expected: Expected | None) -> list[FrameKind]:
+    """Return kinds of frame with the shares that the images before let expect."""
+    if expected is None or expected.uneven is None or not kinds[-1].rare:
+        return kinds
+    share = min(max(expected.uneven, LEAST), 1 - LEAST)
+    clear, rare = kinds
+    return [clear._replace(share=1 - share), rare._replace(share=share)]
+
+
+def is_doubtful(clear: FrameResult, share: float) -> bool:
+    """Say whether an image may be of a rare kind, by the fit as a clear one and the rare share.
+
+    What no clear frame explains at all stays without a pose.
+    """
+    return clear.outcome == FITTED and (clear.strict_score > DOUBTFUL or share > SUSPECTED)
+
+
+def weighed(
+    kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
+) -> tuple[FrameResult, float]:
+    """Return the mixture of what the first kinds make of an image, as `mixture` does."""
+    evidence, widened = [], []
+    for kind, problem, frame in zip(kinds, problems, frames, strict=False):
+        volume = np.linalg.slogdet(problem.nuisance_precision)[1] / 2
+        evidence.append(math.log(kind.share) + volume + frame.log_evidence)
+        widened.append(frame._replace(covariance=kind.doubt * frame.covariance))
+    return mixture(widened, np.array(evidence))
 
 
 def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, float]:

@@ -40,7 +40,7 @@ class StateSpace:
     def __init__(self, constants: Constants) -> None:
         c, spoil = constants, constants.detectors if constants.gain_std > 0 else 0
         learnt = spoil if spoil <= MOST_LEARNT else 0
-        shades = 5 if c.shade_lasts_s > 0 else 0
+        shades = 5 if c.unclear_lasts_s > 0 else 0
         self.spoilt = spoil - learnt
         self.constants = slice(MOVING, MOVING + len(c.names))
         self.gains = slice(self.constants.stop, self.constants.stop + learnt)
@@ -51,13 +51,13 @@ class StateSpace:
         self._stds = np.concatenate(
             [np.zeros(MOVING), c.stds, np.full(learnt, c.gain_std), np.ones(shades)]
         )
-        self._shade_lasts_s = c.shade_lasts_s
+        self._unclear_lasts_s = c.unclear_lasts_s
 
     def hold(self, constants_hold_s: float) -> None:
         """Let constants and gains drift to new values in a time, s."""
         self._constants_hold_s = constants_hold_s
         self._hold_s = np.full(self.size, constants_hold_s)
-        self._hold_s[:MOVING], self._hold_s[self.shades] = np.inf, self._shade_lasts_s
+        self._hold_s[:MOVING], self._hold_s[self.shades] = np.inf, self._unclear_lasts_s
 
     def unknown(self) -> Belief:
         """Return the belief in what lasts before any frame, and in nothing else."""

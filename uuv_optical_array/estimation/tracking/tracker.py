@@ -30,8 +30,8 @@ from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.estimation.constants import Constants
+from uuv_optical_array.core.geometry import wrapped
+from uuv_optical_array.estimation.constants import Constants, Expected, drift
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.correction import Corrected, Correction
 from uuv_optical_array.estimation.tracking.frame import (
@@ -104,6 +104,7 @@ class Tracker:
         self._forgotten: _State | None = None  # the last state of the track before
         self._own_motion = OwnMotion()
         self._constants = c = constants or Constants()
+        self._uneven, self._unclear_lasts_s = c.uneven, c.unclear_lasts_s
         self._space = StateSpace(c)
         self._correction = Correction(self._space, c)
         # Of the constants in which the light is not linear, the least standard deviations.
@@ -273,25 +274,27 @@ class Tracker:
             raise NoPose("no track: there is no frame yet")
         return self._history[-1][1]
 
-    def constants(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Return what is known of the constants: the prior of the next frame's fit.
+    def expected(self, stamp_ns: int) -> Expected:
+        """Return what is known of a frame before its image: the prior of its fit.
 
         Parameters
         ----------
         stamp_ns
-            Of that frame, ns; they have drifted since the newest one in the track.
+            Of that frame, ns; the constants have drifted since the newest one in the track, and
+            its light may have become other light.
 
         Returns
         -------
-        mean
-            Of the offsets, in the order of their names, shape ``(q,)``.
-        covariance
-            Shape ``(q, q)``, positive definite.
+        Expected
+            Offsets in the order of the constants' names; the covariance is positive definite.
         """
-        state = self._history[-1][1] if self._history else self._forgotten
+        state, usual = self._history[-1][1] if self._history else self._forgotten, self._uneven
         if state is None:
-            return self._space.known(self._space.unknown(), 0.0)
-        return self._space.known(state.belief, (stamp_ns - state.frame.stamp_ns) * 1e-9)
+            return Expected(*self._space.known(self._space.unknown(), 0.0), usual)
+        step_s = (stamp_ns - state.frame.stamp_ns) * 1e-9
+        kept = float(drift(self._unclear_lasts_s, step_s)) if usual else 0.0
+        uneven = usual + kept * (state.frame.lasting - usual)
+        return Expected(*self._space.known(state.belief, step_s), uneven)
 
     def predict(self, stamp_ns: int) -> Track:
         """Carry the track on to an instant by its rate and the commands.

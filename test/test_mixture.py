@@ -17,7 +17,9 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 def result(pose, std, outcome=FITTED):
     nothing, covariance = np.full(5, np.nan), np.diag(np.full(5, std**2))
     pose = np.array(pose, dtype=float)
-    return FrameResult(outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0, 0.0)
+    return FrameResult(
+        outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0.0, 0.0, 0.0
+    )
 
 
 def test_a_mixture_has_the_moments_of_draws_from_both():

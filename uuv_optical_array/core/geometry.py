@@ -295,7 +295,7 @@ def body_twist(
     return twist, (spread + spread.T) / 2
 
 
-def turned_on_mount(pose: ArrayLike, roll: float, bow_m: float) -> Array:
+def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
     """Return how a pose seems to move when the array is turned on its mount, to first order.
 
     Parameters
@@ -312,12 +312,11 @@ def turned_on_mount(pose: ArrayLike, roll: float, bow_m: float) -> Array:
     Array
         By pitch and yaw of the array about its own axes, m and rad per rad, shape ``(5, 2)``.
     """
-    pitch, yaw = np.asarray(pose, dtype=float)[3:]
-    level = max(cos(pitch), 1e-6)
+    pitch, yaw = float(pose[PITCH]), float(pose[YAW])
     # The array stays where it is, and so the vehicle seems to swing about it.
-    swing = [(bow_m * up, -bow_m * left) for _, left, up in rotation(pitch, yaw, roll)]
-    turn = (cos(roll), -sin(roll)), (sin(roll) / level, cos(roll) / level)
-    return np.array([*swing, *turn])
+    swing = [(bow_m * above, -bow_m * aside) for _, aside, above in rotation(pitch, yaw, roll)]
+    sin_r, cos_r, level = math.sin(roll), math.cos(roll), max(math.cos(pitch), 1e-6)
+    return np.array([*swing, (cos_r, -sin_r), (sin_r / level, cos_r / level)])
 
 
 def turned_about_beam(poses: Array, roll: float) -> Array:

@@ -312,6 +312,8 @@ class Estimator:
             for a signature or an image that belongs to no pose of the scene.
         """
         found = self._estimate(image, parameters, float(roll), expected)
+        if self.table.scene.prior.aim_std_deg == 0:
+            return found
         covariance = found.covariance + self.aim_covariance(found.pose, roll)
         return replace(found, covariance=covariance)
 
@@ -346,7 +348,7 @@ class Estimator:
         # A copy, as compiled code is made anew for every layout of the memory.
         parameters = np.array(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
-        if parameters.shape != (5,) or not (np.abs(parameters) < 1e100).all():
+        if parameters.shape != (5,) or not all(abs(each) < 1e100 for each in parameters.tolist()):
             raise NoPose(f"not five finite numbers: {parameters.tolist()}")
         if parameters[0] <= 0:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
@@ -441,9 +443,7 @@ class Estimator:
             return self._saturated(roll)
         found, clear = self._fit(self._guide, parameters, readings, roll, expected)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
-        off = wrapped(found.pose - found.best[:5])
-        linear = off @ np.linalg.solve(found.covariance, off) < LINEAR**2
-        gaussian = runner_up is None and linear and clear > CLEAR
+        gaussian = runner_up is None and found.off < LINEAR**2 and clear > CLEAR
         return Estimate(
             found.pose,
             found.covariance,

@@ -209,7 +209,8 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
     """
     detectors = optics.detectors
     size, n = lamp_slopes.shape[1], detectors.shape[1]
-    image[0] = beam[LIGHT]
+    for j in each(n):
+        image[0, j] = beam[LIGHT, j]
     if len(image) == 1:
         return
     vectors = room(6, lamp[0], n)
@@ -242,7 +243,9 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
                 + vectors[4, j] * by_v
                 + vectors[5, j] * by_w
             )
-    image[1 + size :] = 0.0
+    for row in range(1 + size, len(image)):
+        for j in each(n):
+            image[row, j] = 0.0
     if optics.power_at >= 0:
         image[1 + size + optics.power_at] = image[0]
     if optics.sigma_at >= 0:

@@ -95,6 +95,8 @@ class FrameResult(NamedTuple):
         That of the best, which the covariance has.
     best
         Pose and nuisances of the best minimum, shape ``(p,)``.
+    off
+        Square of the distance from the pose of `best` to `pose`, in standard deviations.
     log_evidence
         Logarithm of the integral of likelihood and prior, without the constants of the readings
         and of the pose's prior.
@@ -114,6 +116,7 @@ class FrameResult(NamedTuple):
     runner_up_angle: float
     stretch: float
     best: Array
+    off: float
     log_evidence: float
     strict_score: float
 
@@ -331,7 +334,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
-    outcome, pose, evidence = NO_START, nothing, -np.inf
+    outcome, pose, off, evidence = NO_START, nothing, np.nan, -np.inf
     runner_up, runner_up_score = nothing, np.nan
     if len(minima) > 0:
         at[:] = minima[0].parts[AT]
@@ -345,9 +348,12 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
                 moments = whole_posterior(problem, minima)
             pose, evidence = moments.mean, moments.log_weight
             covariance = best.stretch * moments.covariance
-            factor = covariance.copy()
+            factor, apart = covariance.copy(), pose - at[:5]
             if moments.nodes < LEAST_NODES or not cholesky(factor):
                 outcome = NO_COVARIANCE
+            else:
+                solve_lower(factor, apart)
+                off = (apart * apart).sum()
             if len(minima) > 1:
                 runner_up = minima[1].parts[POSE, :5].copy()
                 runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
@@ -362,6 +368,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
         second_angle,
         best.stretch,
         at,
+        off,
         evidence,
         best.score,
     )

@@ -3,9 +3,10 @@
 Blocks of images go to the follower's nodes and to a relay that answers each image with a ready-made
 pose, in turn, so that a noisy machine slows both; their medians are compared. The images come from
 the process that hears the answers, in the thread of its executor; follower and relay are in the
-same one, or together in another. `frame time` is the time from answer to answer while images come,
-and `late` the age of which one pose of a hundred is older, in frame times; `passed over` are images
-that got no pose. The last three columns are the time that the steps before the pose take.
+same one, or together in another. `frame` is the time from answer to answer while images come, and
+`late` the age of which one pose of a hundred is older, in frame times; `passed` are images that got
+no pose. The last three columns are the time that steps before the pose take in one process: the
+fit, all of the estimate, and the track as far as the pose waits for it.
 """
 
 import argparse
@@ -26,15 +27,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
+from uuv_optical_array.commands.shared import cli, report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.nodes import estimator_node, feature_node
+from uuv_optical_array.nodes import estimator_node
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
 
 ASKED = {"follower": ("array/image", "relative_pose"), "relay": ("relay/image", "relay/pose")}
-COLUMNS = ("processes", "method", "side", "Hz", "relay", "99 %", "pose", "99 %", "ratio")
-COLUMNS += ("poses", "passed over", "frame time", "late", "estimate", "features", "track")
+PROGRAM = (".venv/bin/python", "benchmarks/latency.py")
+COLUMNS = ("proc.", "side", "Hz", "relay", "99 %", "pose", "99 %", "ratio", "poses", "passed")
+COLUMNS += ("frame", "late", "fit", "estimate", "track")
 BLOCK_S = 0.2
 PATIENCE_S = 3.0  # for the answer to the last image of a block
 
@@ -131,10 +134,10 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
         asker, executor = Asker(), fastest_executor()
         nodes: list[Any] = [asker]
         if not apart:
-            originals = feature_node.key_parameters, estimator_node.enter, Estimator.estimate
+            originals = Estimator._fit, Estimator.estimate, estimator_node.enter
+            watched(Estimator, "_fit", spent, "fit")
             watched(Estimator, "estimate", spent, "estimate")
             watched(estimator_node, "enter", spent, "track")
-            watched(feature_node, "key_parameters", spent, "features")
             feature, estimator, formation = follower()
             nodes += [Relay(), feature, estimator, formation]
         for node in nodes:
@@ -154,18 +157,17 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
             for until in asker.send(messages, rate_hz):
                 while (left := until - time.perf_counter()) > 0:
                     executor.spin_once(timeout_sec=left)
-            report(apart, method, side, rate_hz, count, asker.times, spent)
+            line(apart, side, rate_hz, count, asker.times, spent)
         if not apart:
-            feature_node.key_parameters, estimator_node.enter, Estimator.estimate = originals
+            Estimator._fit, Estimator.estimate, estimator_node.enter = originals
         rclpy.try_shutdown()
         if process is not None:
             process.send_signal(signal.SIGINT)
             process.wait()
 
 
-def report(
+def line(
     apart: bool,
-    method: str,
     side: int,
     rate_hz: float,
     count: int,
@@ -176,36 +178,47 @@ def report(
     first = 2 if apart else 1
     ages = {name: [age * 1e3 for age in answers] for name, answers in times.items()}
     if min(map(len, ages.values())) < 5:
-        print(f"{first:9} {method} {side} {rate_hz:g} Hz: too few answers", flush=True)
+        print(f"{first:8} {side:8} {rate_hz:8g}  too few answers", flush=True)
         return
     (relay, late_relay), (pose, late_pose) = (
         np.quantile(ages[name], [0.5, 0.99]) for name in ("relay", "follower")
     )
     figures = [relay, late_relay, pose, late_pose, pose / relay]
-    cells = [f"{first}", method, f"{side}", f"{rate_hz:g}", *(f"{each:.2f}" for each in figures)]
+    cells = [f"{first}", f"{side}", f"{rate_hz:g}", *(f"{each:.2f}" for each in figures)]
     poses = len(ages["follower"])
     frame_ms = 1e3 / rate_hz * count / poses
     cells += [f"{poses}", f"{count - poses}", f"{frame_ms:.2f}"]
     cells += [f"{late_pose / frame_ms:.2f}"]
-    cells += [f"{statistics.median(each) * 1e3:.2f}" for _, each in sorted(spent.items()) if each]
-    print(" ".join(f"{cell:>11}" for cell in cells), flush=True)
+    cells += [f"{statistics.median(each) * 1e3:.2f}" for each in spent.values() if each]
+    print(" ".join(f"{cell:>8}" for cell in cells), flush=True)
+
+
+def table(options: argparse.Namespace) -> int:
+    """Print the table of each method."""
+    for method in options.methods:
+        print(f"{method}, times in ms, 'late' in frame times")
+        print(" ".join(f"{name:>8}" for name in COLUMNS))
+        for processes in options.processes:
+            for side in options.sides:
+                measure(options, processes == 2, method, side)
+    return 0
 
 
 def main() -> None:
-    """Print the table."""
+    """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--rates", type=float, nargs="+", default=[10, 100, 500])
     parser.add_argument("--sides", type=int, nargs="+", default=[5, 21])
     parser.add_argument("--methods", nargs="+", default=["least_squares", "sam_interpolated"])
     parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
     parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
+    cli.add_report(parser)
     options = parser.parse_args()
-    print("Times in ms; 'late' in frame times.")
-    print(" ".join(f"{name:>11}" for name in COLUMNS))
-    for processes in options.processes:
-        for method in options.methods:
-            for side in options.sides:
-                measure(options, processes == 2, method, side)
+    options.run = table
+    if options.report:
+        report.run(options, sys.argv[1:], PROGRAM)
+    else:
+        table(options)
 
 
 if __name__ == "__main__":

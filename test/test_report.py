@@ -51,6 +51,12 @@ def test_a_block_takes_the_place_of_that_of_the_same_command_alone(printing, tmp
     assert old.endswith("After.\n")
 
 
+def test_the_line_of_a_program_leaves_the_page_out():
+    words = ["--sides", "5", "--report=page.md", "--methods", "a method"]
+    line = report.command_of(words, ["python", "latency.py"])
+    assert line == "python latency.py --sides 5 --methods 'a method'"
+
+
 def test_a_command_that_fails_leaves_the_page(printing, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"{BEGIN}\nold\n{report.END}", encoding="utf-8")

@@ -31,9 +31,12 @@ class _Both(io.TextIOBase):
         return self.stream.isatty()
 
 
-def command_of(words: Sequence[str]) -> str:
-    """Return the line of a shell for arguments of ``uuv_array``, without ``--report PAGE``."""
-    kept, rest = ["uuv_array"], iter(words)
+UUV_ARRAY = ("uuv_array",)
+
+
+def command_of(words: Sequence[str], program: Sequence[str] = UUV_ARRAY) -> str:
+    """Return the line of a shell for a program's arguments, without ``--report PAGE``."""
+    kept, rest = list(program), iter(words)
     for word in rest:
         option, equals, _ = word.partition("=")
         if len(option) > 2 and "--report".startswith(option):  # argparse takes it shortened
@@ -64,7 +67,9 @@ def filled(page: str, command: str, text: str) -> str:
     return f"{before}{block}{after}"
 
 
-def run(options: argparse.Namespace, words: Sequence[str]) -> int:
+def run(
+    options: argparse.Namespace, words: Sequence[str], program: Sequence[str] = UUV_ARRAY
+) -> int:
     """Run a command, and write what it printed into the page if it ended well.
 
     Parameters
@@ -73,6 +78,8 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
         Of the command, with `run` and the page as `report`.
     words
         The arguments that these options were read from.
+    program
+        What they were given to.
 
     Raises
     ------
@@ -82,7 +89,7 @@ def run(options: argparse.Namespace, words: Sequence[str]) -> int:
     if getattr(options, "json", False):
         raise ValueError("--report: a page is for readers; leave --json out")
     page = outputs.file_to_write(options.report, "--report")
-    command = command_of(words)
+    command = command_of(words, program)
 
     def fill(text: str) -> str:
         there = page.read_text(encoding="utf-8") if page.exists() else ""

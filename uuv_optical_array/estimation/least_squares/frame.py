@@ -12,7 +12,12 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
-from uuv_optical_array.estimation.least_squares.posterior import PosteriorMoments, integrate
+from uuv_optical_array.estimation.least_squares.posterior import (
+    PosteriorMoments,
+    integrate,
+    is_covered,
+    new_lattice,
+)
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     INFORMATION,
@@ -36,8 +41,6 @@ LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all th
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
-# A minimum within so many standard deviations of a posterior is part of it.
-CONNECTED = 4.0
 # Nodes of the posterior's lattice below which there is no covariance.
 LEAST_NODES = 5
 LONG_STEPS = 2  # after which a start is known to lead to a minimum that was found before
@@ -243,15 +246,6 @@ def find_minima(
     return minima, found, angle, second_angle
 
 
-def is_part(pose: Array, moments: PosteriorMoments) -> bool:
-    """Say whether a pose belongs to a posterior, by its moments."""
-    factor, off = moments.covariance.copy(), pose[:5] - moments.mean
-    if not cholesky(factor):
-        return False
-    solve_lower(factor, off)
-    return bool((off * off).sum() < CONNECTED * CONNECTED)
-
-
 def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
     """Return the moments of two posteriors that are not connected, as one."""
     largest = max(one.log_weight, other.log_weight)
@@ -272,14 +266,23 @@ def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
 
 def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior about all minima that are not negligible."""
-    moments = integrate(problem, minima[0].parts[AT])
+    lattices = [new_lattice(minima[0].parts.shape[1])]
+    moments = integrate(problem, minima[0].parts[AT], lattices[0])
     for i in range(1, len(minima)):
         if minima[i].cost - minima[0].cost > NEGLIGIBLE:
             break
-        if not is_part(minima[i].parts[POSE], moments):
-            other = integrate(problem, minima[i].parts[AT])
-            if other.nodes >= LEAST_NODES:
-                moments = other if moments.nodes < LEAST_NODES else joined(moments, other)
+        parts, counted = minima[i].parts, False
+        for lattice in lattices:
+            counted = counted or is_covered(parts, lattice)
+        if counted:
+            continue
+        lattices.append(new_lattice(parts.shape[1]))
+        other = integrate(problem, parts[AT], lattices[-1])
+        # From far out a lattice may climb to a better minimum, whose posterior counts already.
+        for j in range(i):
+            counted = counted or is_covered(minima[j].parts, lattices[-1])
+        if not counted and other.nodes >= LEAST_NODES:
+            moments = other if moments.nodes < LEAST_NODES else joined(moments, other)
     return moments
 
 

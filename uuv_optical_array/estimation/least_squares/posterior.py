@@ -38,6 +38,7 @@ NEGLIGIBLE = 7.5  # below it, from where nodes are left out
 MOST_NODES = 1200
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
 FINER = 4  # times the lattice may be made finer
+NEAR = 3.0  # standard deviations from a node within which a minimum belongs to it
 # Decrement that all else may still have at a node; Laplace's approximation takes it into account.
 SETTLED = 0.3
 CORRECTIONS = 12  # steps of all else at a node
@@ -49,7 +50,8 @@ class Lattice(NamedTuple):
     Parameters
     ----------
     logs
-        Logarithm of the probability density of the attitude, without constants, shape ``(m,)``.
+        Logarithm of the probability density of the attitude, without constants, shape ``(m,)``;
+        -inf: no node.
     ats
         Coordinates and nuisances of the conditional mean, shape ``(m, p)``.
     moved
@@ -325,6 +327,7 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
             found = True
         if not found:
             break
+    logs[count:] = -np.inf
     coarseness = np.zeros(2)
     for k in range(2):
         # Where the slope of the light jumps the posterior is narrower than its curvature says.
@@ -369,7 +372,46 @@ def moments_of(lattice: Lattice, count: int, largest: float) -> PosteriorMoments
     return PosteriorMoments(largest + np.log(whole), mean, second, nodes)
 
 
-def integrate(problem: Problem, minimum: Array) -> PosteriorMoments:
+def new_lattice(size: int) -> Lattice:
+    """Return a lattice without nodes, for p coordinates and nuisances."""
+    return Lattice(
+        np.full(MOST_NODES, -np.inf),
+        np.empty((MOST_NODES, size)),
+        np.empty((MOST_NODES, 2, size)),
+        np.empty((MOST_NODES, 2)),
+        np.empty((MOST_NODES, 3)),
+        np.empty((MOST_NODES, 5)),
+        np.empty((MOST_NODES, 5, 5)),
+    )
+
+
+def is_covered(parts: Array, lattice: Lattice) -> bool:
+    """Say whether a minimum, by the parts of its state, belongs to what a lattice covers.
+
+    That is within `NEAR` standard deviations of a node, of the attitude there and of all else about
+    its conditional mean.
+    """
+    size, largest = parts.shape[1], lattice.logs.max()
+    off = np.empty(size)
+    for node in range(len(lattice.logs)):
+        if not lattice.logs[node] > largest - NEGLIGIBLE:
+            continue
+        u = parts[AT, PITCH] - lattice.ats[node, PITCH]
+        v = parts[AT, YAW] - lattice.ats[node, YAW]
+        curvatures = lattice.curvatures[node]
+        distance = u * u * curvatures[0] + 2 * u * v * curvatures[1] + v * v * curvatures[2]
+        for i in range(size):
+            off[i] = parts[AT, i] - lattice.ats[node, i]
+            off[i] -= u * lattice.moved[node, 0, i] + v * lattice.moved[node, 1, i]
+            for j in range(i):
+                distance += 2 * off[i] * parts[INFORMATION + i, j] * off[j]
+            distance += off[i] * parts[INFORMATION + i, i] * off[i]
+        if distance < NEAR * NEAR:
+            return True
+    return False
+
+
+def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum.
 
     Parameters
@@ -378,27 +420,14 @@ def integrate(problem: Problem, minimum: Array) -> PosteriorMoments:
         The posterior.
     minimum
         Coordinates and nuisances of a minimum of the cost, shape ``(p,)``.
+    lattice
+        A new one; result, over all that is not negligible.
 
     Returns
     -------
     PosteriorMoments
         With a weight of -inf where the image leaves no finite posterior.
     """
-    size = len(minimum)
-    lattice = Lattice(
-        np.empty(MOST_NODES),
-        np.empty((MOST_NODES, size)),
-        np.empty((MOST_NODES, 2, size)),
-        np.empty((MOST_NODES, 2)),
-        np.empty((MOST_NODES, 3)),
-        np.empty((MOST_NODES, 5)),
-        np.empty((MOST_NODES, 5, 5)),
-    )
-    return integrate_on(problem, minimum, lattice)
-
-
-def integrate_on(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
-    """As `integrate`, on a lattice that is given."""
     lattice = borrowed(lattice)
     write_node(problem, minimum, lattice, 0)
     if not np.isfinite(lattice.logs[0]):

@@ -1,0 +1,40 @@
+"""A posterior of several minima has one volume, however many of them are found."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.shared.working_volume import lit_poses
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Return that of a weakly curved array in a narrow beam: its posteriors are bent valleys."""
+    values = load_scene("reference").settings()
+    values["array"].update(detectors_per_side=7, radius_m=0.6)
+    values["lamp"].update(beam_sigma_deg=5.0, reference_counts=3600.0)
+    values["effects"]["saturation"]["level_counts"] = 4095.0
+    values["effects"]["adc"]["bits"] = 12
+    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
+    return build_table(scene_from_settings(values, "weakly curved"))
+
+
+def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many(table):
+    model, rng = ForwardModel(table.scene), np.random.default_rng(4)
+    images = model.expose(lit_poses(model, 12, rng), rng)
+    estimators = [Estimator(table, candidates=count) for count in (1, 32)]
+    several = 0
+    for readings in images.reshape(len(images), -1):
+        one, many = (
+            each._fit(each._guide, np.full((5, 1), np.nan), readings, 0.0, None)[0]
+            for each in estimators
+        )
+        several += np.isnan(one.runner_up_score) and not np.isnan(many.runner_up_score)
+        assert many.log_evidence == pytest.approx(one.log_evidence, abs=0.2)
+        apart = many.pose - many.best[:5]
+        expected = apart @ np.linalg.solve(many.covariance, apart)
+        assert many.off == pytest.approx(expected, rel=1e-6)
+    assert several > 5

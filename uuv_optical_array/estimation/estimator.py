@@ -72,6 +72,8 @@ START_ROWS = 1024
 NEAR_ROWS, NEAREST = 512, 0.2
 # Probability beyond which an image counts as one that nothing shades.
 CLEAR = 0.99
+# Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
+SURELY_CLEAR = 0.999
 
 
 @dataclass(frozen=True)
@@ -477,6 +479,12 @@ class Estimator:
                 break
             problems.append(kind.knowing(expected))
             of_image = problems[-1]._replace(readings=readings, roll=roll)
+            if kind.rare and not guide.gaussian:
+                # The integral takes several times as long as a clear one, and few images need it.
+                linear = self._frame(of_image, guide._replace(gaussian=True), parameters)
+                _, clear = weighed(kinds, problems, [*frames, linear])
+                if clear > SURELY_CLEAR:
+                    break
             frames.append(self._frame(of_image, guide, parameters))
         found, clear = frames[0], 1.0
         if len(frames) > 1:

@@ -266,23 +266,40 @@ def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
 
 def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior about all minima that are not negligible."""
-    lattices = [new_lattice(minima[0].parts.shape[1])]
-    moments = integrate(problem, minima[0].parts[AT], lattices[0])
+    size = minima[0].parts.shape[1]
+    lattices = [new_lattice(size)]
+    found = [integrate(problem, minima[0].parts[AT], lattices[0])]
+    counts = [found[0].nodes >= LEAST_NODES]
+    owners = [0]  # of each minimum, whose lattice covers it
     for i in range(1, len(minima)):
         if minima[i].cost - minima[0].cost > NEGLIGIBLE:
             break
-        parts, counted = minima[i].parts, False
-        for lattice in lattices:
-            counted = counted or is_covered(parts, lattice)
-        if counted:
-            continue
-        lattices.append(new_lattice(parts.shape[1]))
-        other = integrate(problem, parts[AT], lattices[-1])
-        # From far out a lattice may climb to a better minimum, whose posterior counts already.
-        for j in range(i):
-            counted = counted or is_covered(minima[j].parts, lattices[-1])
-        if not counted and other.nodes >= LEAST_NODES:
-            moments = other if moments.nodes < LEAST_NODES else joined(moments, other)
+        owner = -1
+        for k in range(len(lattices)):
+            if owner < 0 and is_covered(minima[i].parts, lattices[k]):
+                owner = k
+        if owner < 0:
+            lattices.append(new_lattice(size))
+            other = integrate(problem, minima[i].parts[AT], lattices[-1])
+            # It may reach minima from which it was not reached: of two such the heavier is whole.
+            reached = [is_covered(minima[j].parts, lattices[-1]) for j in range(i)]
+            heaviest = other.nodes >= LEAST_NODES
+            for j in range(i):
+                if reached[j] and counts[owners[j]]:
+                    heaviest = heaviest and other.log_weight > found[owners[j]].log_weight
+            owner = len(found)
+            found.append(other)
+            counts.append(heaviest)
+            for j in range(i):
+                if reached[j] and heaviest:
+                    counts[owners[j]] = False
+                    owners[j] = owner
+        owners.append(owner)
+    moments, first = found[0], counts[0]
+    for k in range(1, len(found)):
+        if counts[k]:
+            moments = joined(moments, found[k]) if first else found[k]
+            first = True
     return moments
 
 

@@ -158,6 +158,7 @@ def test_the_ready_scenes_differ_only_in_scatter_in_what_is_known_and_in_the_rea
         "prior.k_std_per_m",
         "prior.known",
         "prior.lamp_power_std",
+        "prior.uneven_probability",
         "table.pitch_deg",
         "table.x_m",
         "table.y_m",

@@ -82,6 +82,10 @@ POWER_CURE = "Calibrate again when lamp or battery is changed; widen `prior.lamp
 K_CURE = "Measure K where the vehicles dive or calibrate there; widen `prior.k_std_per_m`."
 BEAM_CURE = "Calibrate the lamp that is mounted; a diffuser that ages widens the beam."
 AMBIENT_CURE = "Measure the array with the lamp off and set `effects.ambient`, or shield it."
+GRADIENT_CURE = (
+    f"{AMBIENT_CURE} A slope that stays looks like a turn of the follower, to the track too; with "
+    "`prior.ambient_gradient_std_counts` the track learns it, and poses of one image are less sure."
+)
 LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate the leader's."
 GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."
 FAULT_CURE = "Repair it, or name it in `effects.detector_faults` until then."
@@ -144,7 +148,7 @@ def _gradients() -> list[Kind]:
         Kind(
             f"gradient_{high:g}",
             f"Daylight adds 0 counts at the port edge and {high:g} at the starboard edge.",
-            AMBIENT_CURE,
+            GRADIENT_CURE,
             truths.plus(0.0, high),
         )
         for high in (10.0, 30.0)

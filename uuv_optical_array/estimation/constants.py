@@ -92,7 +92,7 @@ def constants_of(model: ForwardModel) -> Constants:
         model.array.side**2,
         frame_of(model),
         prior.unclear_lasts_s,
-        0.0 if prior.shade_probability else prior.uneven_probability,
+        prior.uneven_share,
     )
 
 

@@ -187,15 +187,20 @@ class PriorSettings:
         if share := self.shade_probability:
             depths = self.shade_depth, RIM * self.shade_depth
             unclear = [FrameLight(share / 2, depth, True) for depth in depths]
-        elif share := self.uneven_probability:
+        elif share := self.uneven_share:
             daylight = UNEVEN_DAYLIGHT * full_scale_counts
             unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
         return [FrameLight(1 - share), *unclear]
 
     @property
+    def uneven_share(self) -> float:
+        """Share of frames that are lit unevenly in a way that the scene does not name."""
+        return 0.0 if self.shade_probability else self.uneven_probability
+
+    @property
     def unclear_lasts_s(self) -> float:
         """Time in which light that is not clear becomes other light, s; 0: it is always clear."""
-        return self.shade_lasts_s if self.shade_probability or self.uneven_probability else 0.0
+        return self.shade_lasts_s if self.shade_probability or self.uneven_share else 0.0
 
     def std_in(self, light: FrameLight) -> dict[str, float]:
         """Return what `nuisance_std` does, of a kind of frame."""

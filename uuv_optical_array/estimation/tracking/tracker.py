@@ -104,7 +104,6 @@ class Tracker:
         self._forgotten: _State | None = None  # the last state of the track before
         self._own_motion = OwnMotion()
         self._constants = c = constants or Constants()
-        self._uneven, self._unclear_lasts_s = c.uneven, c.unclear_lasts_s
         self._space = StateSpace(c)
         self._correction = Correction(self._space, c)
         # Of the constants in which the light is not linear, the least standard deviations.
@@ -288,11 +287,12 @@ class Tracker:
         Expected
             Offsets in the order of the constants' names; the covariance is positive definite.
         """
-        state, usual = self._history[-1][1] if self._history else self._forgotten, self._uneven
+        state = self._history[-1][1] if self._history else self._forgotten
+        usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s
         if state is None:
             return Expected(*self._space.known(self._space.unknown(), 0.0), usual)
         step_s = (stamp_ns - state.frame.stamp_ns) * 1e-9
-        kept = float(drift(self._unclear_lasts_s, step_s)) if usual else 0.0
+        kept = float(drift(lasts_s, step_s)) if usual else 0.0
         uneven = usual + kept * (state.frame.lasting - usual)
         return Expected(*self._space.known(state.belief, step_s), uneven)
 

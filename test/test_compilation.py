@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not i
 WAIT_AND_COMPILE = """
 import sys
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.least_squares.coordinates import quarter_turn
+from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
 function = compilation.compiled(quarter_turn)
 print("ready", flush=True)
 sys.stdin.readline()

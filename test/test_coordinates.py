@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import lamp_in_body
-from uuv_optical_array.estimation.least_squares.coordinates import (
+from uuv_optical_array.estimation.unknowns.coordinates import (
     Frame,
     frame_of,
     from_pose,

@@ -10,7 +10,6 @@ from scipy.special import log_ndtr
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose, to_lamp
 from uuv_optical_array.estimation.least_squares.problem import (
     MAX_STEP,
     MOST_STEPS,
@@ -23,6 +22,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.gauss_newton import DAMPING, FREE, GIVE_UP, minimiser
 from uuv_optical_array.estimation.least_squares import problem as image_problem
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -7,8 +7,8 @@ from drawn_effects import SHAPES, poses, scene_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.estimation.least_squares.coordinates import frame_of
-from uuv_optical_array.estimation.tracking.joint_coordinates import JointCoordinates
+from uuv_optical_array.estimation.unknowns.coordinates import frame_of
+from uuv_optical_array.estimation.unknowns.joint_coordinates import JointCoordinates
 from uuv_optical_array.forward.model import ForwardModel
 
 pytestmark = pytest.mark.filterwarnings("error")

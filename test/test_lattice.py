@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 from uuv_optical_array.estimation.least_squares.frame import joined
 from uuv_optical_array.estimation.least_squares.posterior import (
     Lattice,
@@ -13,6 +12,7 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     write_node,
 )
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, evaluate, problem_of
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

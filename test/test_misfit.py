@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose
 from uuv_optical_array.estimation.least_squares.misfit import (
     chi_square_score,
     chi_square_value,
@@ -21,6 +20,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     problem_of,
     refine,
 )
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

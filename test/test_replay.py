@@ -17,12 +17,12 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.commands import estimate
-from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode

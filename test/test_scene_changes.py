@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from drawn_effects import scene_with
 
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.track import Learnt
+from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import scene_from_settings
 

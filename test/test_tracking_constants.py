@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion, whitened
 
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
@@ -19,6 +18,7 @@ from uuv_optical_array.estimation.tracking.tracker import (
     UNKNOWN_POSE,
     Tracker,
 )
+from uuv_optical_array.estimation.unknowns.constants import Constants
 
 pytestmark = pytest.mark.filterwarnings("error")
 

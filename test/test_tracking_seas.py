@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from uuv_optical_array.estimation.constants import Constants
-from uuv_optical_array.estimation.least_squares.coordinates import frame_of
 from uuv_optical_array.estimation.linearised import Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.estimation.unknowns.coordinates import frame_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

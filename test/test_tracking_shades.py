@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.unknowns.constants import Constants
 
 LASTS_S = 3.0
 SHARE = 0.36  # of a pose's variance, that lasts

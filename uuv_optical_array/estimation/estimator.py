@@ -25,7 +25,6 @@ from uuv_optical_array.core.geometry import (
 )
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.constants import Expected, constants_of
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -53,7 +52,8 @@ from uuv_optical_array.estimation.signature.plausibility import bounds, check_pa
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
-from uuv_optical_array.estimation.tracking import joint_coordinates
+from uuv_optical_array.estimation.unknowns import joint_coordinates
+from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 

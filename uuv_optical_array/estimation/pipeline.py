@@ -8,7 +8,6 @@ import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.constants import Expected
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
@@ -20,6 +19,7 @@ from uuv_optical_array.estimation.tracking.enter import enter, entered
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 
 

@@ -15,7 +15,6 @@ from std_msgs.msg import Header
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.constants import constants_of
 from uuv_optical_array.estimation.estimator import (
     Estimate,
     Estimator,
@@ -37,6 +36,7 @@ from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

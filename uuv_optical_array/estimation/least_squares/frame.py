@@ -11,7 +11,6 @@ import numpy as np
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
-from uuv_optical_array.estimation.least_squares.coordinates import from_pose, quarter_turn
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
@@ -32,6 +31,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     refine,
 )
 from uuv_optical_array.estimation.signature.features import write_parameters
+from uuv_optical_array.estimation.unknowns.coordinates import from_pose, quarter_turn
 
 MOST_STARTS = 64
 # So few lit detectors fit many poses, and all starts are tried at once.

@@ -19,7 +19,6 @@ import numpy as np
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.elementwise import borrowed, law, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
-from uuv_optical_array.estimation.least_squares.coordinates import to_lamp
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,
@@ -30,6 +29,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     State,
     evaluate,
 )
+from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
 SPACING = 1.6  # of the lattice, in standard deviations at the minimum
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice

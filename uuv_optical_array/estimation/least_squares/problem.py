@@ -11,18 +11,18 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import each, room, total, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
-from uuv_optical_array.estimation.least_squares.coordinates import (
-    Frame,
-    frame_of,
-    to_lamp,
-    write_slopes,
-)
 from uuv_optical_array.estimation.least_squares.misfit import (
     chi_square_score,
     chi_square_value,
     residual_moments,
 )
 from uuv_optical_array.estimation.likelihood import likelihood_of
+from uuv_optical_array.estimation.unknowns.coordinates import (
+    Frame,
+    frame_of,
+    to_lamp,
+    write_slopes,
+)
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (

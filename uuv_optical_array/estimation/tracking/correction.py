@@ -13,13 +13,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.frame import Frame, Relinearise, checked_readings
-from uuv_optical_array.estimation.tracking.joint_coordinates import AsTheyAre, JointCoordinates
 from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, weigh
 from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import POSE
+from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre, JointCoordinates
 from uuv_optical_array.forward.scene import SHADE_DOUBT
 
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, wrapped
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.unknowns.constants import Constants
 
 # What is beyond any sea but not beyond double precision, m and rad.
 MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13

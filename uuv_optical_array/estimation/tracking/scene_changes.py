@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.estimation.constants import Constants
 from uuv_optical_array.estimation.tracking.track import Learnt
+from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import GRADIENTS, POWER
 

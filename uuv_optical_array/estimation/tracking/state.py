@@ -8,9 +8,9 @@ standard deviations.
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.constants import Constants, drift
 from uuv_optical_array.estimation.tracking.root_filter import Belief, triangular
 from uuv_optical_array.estimation.tracking.track import POSE, RATE
+from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 
 MOVING = RATE.stop
 # Gain errors of more detectors are not learnt, but spoil their readings for ever.

@@ -31,7 +31,6 @@ from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
-from uuv_optical_array.estimation.constants import Constants, Expected, drift
 from uuv_optical_array.estimation.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.correction import Corrected, Correction
 from uuv_optical_array.estimation.tracking.frame import (
@@ -52,6 +51,7 @@ from uuv_optical_array.estimation.tracking.track import (
     StampRefused,
     Track,
 )
+from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
 from uuv_optical_array.forward.scene import AMBIENT, GRADIENTS
 
 RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track

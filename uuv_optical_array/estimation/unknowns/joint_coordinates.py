@@ -2,7 +2,7 @@
 
 Range, the lamp's power, the water and the beam's width all read as brightness. What an image knows
 is the brightness, so of range and constants together it leaves a valley that is narrow and bent.
-In the fit's coordinates of the pose (`least_squares.coordinates`), with the constants taken into
+In the fit's coordinates of the pose (`coordinates`), with the constants taken into
 the attenuation, ``ln r + K r / 2 + eta^2 / (4 sigma^2) - ln(P) / 2``, the valley is straight:
 an image fixes this number and next to nothing else of the constants. A filter that corrects pose
 and constants in metres takes the bend for knowledge, a little in every frame, and becomes sure of
@@ -18,8 +18,8 @@ from numpy import sqrt
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import zeros
-from uuv_optical_array.estimation.constants import Constants
-from uuv_optical_array.estimation.least_squares.coordinates import (
+from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.estimation.unknowns.coordinates import (
     AZIMUTH,
     LOG_ATTENUATION,
     Frame,

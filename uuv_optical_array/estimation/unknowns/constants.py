@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.least_squares.coordinates import Frame, frame_of
+from uuv_optical_array.estimation.unknowns.coordinates import Frame, frame_of
 from uuv_optical_array.forward.model import ForwardModel
 
 

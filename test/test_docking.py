@@ -21,7 +21,7 @@ from uuv_optical_array.estimation.docking.path import (
     refine,
 )
 from uuv_optical_array.estimation.docking.smoother import DockingSmoother
-from uuv_optical_array.estimation.likelihood import information
+from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

@@ -8,7 +8,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.likelihood import information, likelihood_of, log_likelihood
+from uuv_optical_array.estimation.information.likelihood import (
+    information,
+    likelihood_of,
+    log_likelihood,
+)
 from uuv_optical_array.forward.optics import MIN_VARIANCE, ReadingNoise
 
 pytestmark = [

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from uuv_optical_array.core.geometry import relative_pose
-from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound, fisher_information
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound, fisher_information
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from test_limits import SHAPES, make_scene, std_m_deg
 
 from uuv_optical_array.commands.studies import limits as command
-from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.likelihood import log_likelihood
-from uuv_optical_array.estimation.linearised import Lineariser
+from uuv_optical_array.estimation.information.likelihood import log_likelihood
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tracks import NOISE, OPEN, START_NS, STATION, TENTH_NS, assert_same, motion, whitened
 
-from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import (

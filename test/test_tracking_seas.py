@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from uuv_optical_array.estimation.linearised import Lineariser
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants

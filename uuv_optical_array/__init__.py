@@ -19,7 +19,7 @@ _HOME = {
     "Estimator": "estimation.estimator",
     "NoPose": "core.errors",
     "Pipeline": "estimation.pipeline",
-    "cramer_rao_bound": "estimation.cramer_rao",
+    "cramer_rao_bound": "estimation.information.cramer_rao",
     "array_image": "plots.style",
 }
 __all__ = ["__version__", *_HOME]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.parameters import BACKGROUND, GAINS, POWER, SIGMA, K
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.likelihood import information, log_likelihood
+from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance

@@ -25,6 +25,10 @@ from uuv_optical_array.core.geometry import (
 )
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.information.linearised import (
+    LinearisedReadings,
+    Lineariser,
+)
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -42,10 +46,6 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
 )
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
-from uuv_optical_array.estimation.linearised import (
-    LinearisedReadings,
-    Lineariser,
-)
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
-from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array, X, Y
-from uuv_optical_array.estimation.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene

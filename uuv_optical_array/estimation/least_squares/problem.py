@@ -11,12 +11,12 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import each, room, total, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
+from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.estimation.least_squares.misfit import (
     chi_square_score,
     chi_square_value,
     residual_moments,
 )
-from uuv_optical_array.estimation.likelihood import likelihood_of
 from uuv_optical_array.estimation.unknowns.coordinates import (
     Frame,
     frame_of,

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, Array
+from uuv_optical_array.estimation.information.likelihood import log_likelihood
 from uuv_optical_array.estimation.least_squares.misfit import chi_square_score, residual_moments
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
-from uuv_optical_array.estimation.likelihood import log_likelihood
 from uuv_optical_array.forward.model import ForwardModel
 
 SAMPLES = 4096  # of each round

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
-from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.frame import Frame, Relinearise, checked_readings
 from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, weigh
 from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace

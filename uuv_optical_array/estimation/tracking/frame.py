@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, wrapped
-from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
 # What is beyond any sea but not beyond double precision, m and rad.

@@ -31,7 +31,7 @@ from scipy.special import chdtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
-from uuv_optical_array.estimation.linearised import LinearisedReadings
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.correction import Corrected, Correction
 from uuv_optical_array.estimation.tracking.frame import (
     Frame,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import room, zeros
-from uuv_optical_array.estimation.likelihood import likelihood_of
+from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (

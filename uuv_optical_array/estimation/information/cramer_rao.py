@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.likelihood import information
+from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.

@@ -1,0 +1,1 @@
+"""What readings tell of the pose: likelihood, Fisher information and its bound."""

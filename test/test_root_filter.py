@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.estimation.tracking.root_filter import (
+from uuv_optical_array.estimation.tracking.filter.root_filter import (
     Belief,
     Reading,
     correct,

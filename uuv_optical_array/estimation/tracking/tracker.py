@@ -32,17 +32,17 @@ from scipy.special import chdtri
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.correction import Corrected, Correction
-from uuv_optical_array.estimation.tracking.frame import (
+from uuv_optical_array.estimation.tracking.filter.correction import Corrected, Correction
+from uuv_optical_array.estimation.tracking.filter.frame import (
     Frame,
     Relinearise,
     checked_pose,
     checked_readings,
 )
+from uuv_optical_array.estimation.tracking.filter.root_filter import Belief, triangular
+from uuv_optical_array.estimation.tracking.filter.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.motion import OwnMotion, RandomMotion, in_beacon
-from uuv_optical_array.estimation.tracking.root_filter import Belief, triangular
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import (
     POSE,
     RATE,

@@ -8,7 +8,7 @@ standard deviations.
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.root_filter import Belief, triangular
+from uuv_optical_array.estimation.tracking.filter.root_filter import Belief, triangular
 from uuv_optical_array.estimation.tracking.track import POSE, RATE
 from uuv_optical_array.estimation.unknowns.constants import Constants, drift
 

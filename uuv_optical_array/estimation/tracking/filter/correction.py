@@ -14,9 +14,9 @@ from scipy.linalg import solve_triangular
 
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.frame import Frame, Relinearise, checked_readings
-from uuv_optical_array.estimation.tracking.root_filter import Belief, Reading, correct, weigh
-from uuv_optical_array.estimation.tracking.state import MOVING, StateSpace
+from uuv_optical_array.estimation.tracking.filter.frame import Frame, Relinearise, checked_readings
+from uuv_optical_array.estimation.tracking.filter.root_filter import Belief, Reading, correct, weigh
+from uuv_optical_array.estimation.tracking.filter.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre, JointCoordinates

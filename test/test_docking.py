@@ -7,21 +7,21 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.estimation.docking.motion import (
+from uuv_optical_array.estimation.information.likelihood import information
+from uuv_optical_array.estimation.tracking.docking.motion import (
     MOTION,
     DockingMotion,
     DockingSettings,
     StatePrior,
 )
-from uuv_optical_array.estimation.docking.path import (
+from uuv_optical_array.estimation.tracking.docking.path import (
     PathProblem,
     approaches_last,
     evaluate,
     propose,
     refine,
 )
-from uuv_optical_array.estimation.docking.smoother import DockingSmoother
-from uuv_optical_array.estimation.information.likelihood import information
+from uuv_optical_array.estimation.tracking.docking.smoother import DockingSmoother
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

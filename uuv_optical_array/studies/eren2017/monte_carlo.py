@@ -9,11 +9,11 @@ import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
-from uuv_optical_array.estimation.docking.motion import DockingSettings
-from uuv_optical_array.estimation.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.tracking.docking.motion import DockingSettings
+from uuv_optical_array.estimation.tracking.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel

@@ -11,8 +11,8 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
-from uuv_optical_array.estimation.docking.motion import MOTION, DockingMotion, StatePrior
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
+from uuv_optical_array.estimation.tracking.docking.motion import MOTION, DockingMotion, StatePrior
 from uuv_optical_array.forward.model import ForwardModel
 
 MOST_STEPS = 12

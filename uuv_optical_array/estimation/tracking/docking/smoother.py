@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.docking.motion import (
+from uuv_optical_array.estimation.tracking.docking.motion import (
     DockingMotion,
     DockingSettings,
     StatePrior,
 )
-from uuv_optical_array.estimation.docking.path import (
+from uuv_optical_array.estimation.tracking.docking.path import (
     PathProblem,
     PathState,
     approaches_first,

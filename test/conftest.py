@@ -167,7 +167,7 @@ def dask_workers(folder, preload):
 
 def filled_while_a_worker_dies(store, address, workers, pause_s):
     """Fill a store on a cluster and kill a worker half way; return what each chunk gave."""
-    from uuv_optical_array.core.numerics.cluster import on_cluster
+    from uuv_optical_array.core.parallel.cluster import on_cluster
 
     present = []
 

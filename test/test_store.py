@@ -13,8 +13,8 @@ import yaml
 from conftest import PATIENCE_S, dask_workers, filled_while_a_worker_dies
 
 from uuv_optical_array.commands import main
-from uuv_optical_array.core.numerics import cluster
-from uuv_optical_array.core.numerics.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.core.parallel import cluster
+from uuv_optical_array.core.parallel.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.core.storage import memory
 from uuv_optical_array.core.storage.memory import machine_bytes, serving_bytes
 from uuv_optical_array.estimation.estimator import Estimator

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import PATIENCE_S
 
-from uuv_optical_array.core.numerics.cluster import on_threads
+from uuv_optical_array.core.parallel.cluster import on_threads
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.table import store as store_module
 from uuv_optical_array.estimation.table.disk import cached_table, load_table, save_table

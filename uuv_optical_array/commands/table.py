@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from uuv_optical_array.commands.shared import cli, outputs, progress
-from uuv_optical_array.core.numerics.cluster import on_cluster, on_threads, threads_within
+from uuv_optical_array.core.parallel.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.core.storage import memory
 from uuv_optical_array.estimation.table.disk import check_replaceable, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table

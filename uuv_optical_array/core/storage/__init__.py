@@ -1,1 +1,1 @@
-"""Files: whole or not at all, checked, of YAML, JSON or CSV, and work in chunks that lasts."""
+"""Files: whole or not at all, checked, of YAML, JSON or CSV."""

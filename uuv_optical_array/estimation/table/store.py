@@ -14,8 +14,8 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.parallel.chunks import ChunkedRows
 from uuv_optical_array.core.storage import files, memory
-from uuv_optical_array.core.storage.chunks import ChunkedRows
 from uuv_optical_array.estimation.table.signature_table import (
     BLOCK_POSES,
     GridPoses,

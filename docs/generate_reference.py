@@ -24,8 +24,8 @@ from uuv_optical_array.core.settings import Setting, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.scene import GROUPS, PRIORS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
+from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.nodes.shared import reasons
-from uuv_optical_array.nodes.shared.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.studies.robustness.kinds import KINDS
 
 ROOT = Path(__file__).parents[1]

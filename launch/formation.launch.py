@@ -7,7 +7,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.nodes.shared.launch_arguments import EACH, FORMATION, YES, choices
+from uuv_optical_array.nodes.bringup.launch_arguments import EACH, FORMATION, YES, choices
 
 
 def generate_launch_description():

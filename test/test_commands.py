@@ -27,7 +27,7 @@ def follow(*words, start_s=None):
     """
     python, option, code = PROGRAM
     if start_s is not None:
-        code = f"from uuv_optical_array.nodes import demo; demo.START_S = {start_s}; {code}"
+        code = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}; {code}"
     process = subprocess.Popen(
         [python, option, code, "follow", "--headless", *map(str, words)],
         stdout=subprocess.PIPE,

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.array import ArraySettings
-from uuv_optical_array.nodes.demo import RecorderNode
+from uuv_optical_array.nodes.bringup.demo import RecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.forward.array import ArraySettings
-from uuv_optical_array.nodes.shared.bag_recorder import BagRecorderNode
+from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.recording.bag import RUN, BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
@@ -55,7 +55,7 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
 
 
 def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp_path):
-    from uuv_optical_array.nodes.demo import follow
+    from uuv_optical_array.nodes.bringup.demo import follow
 
     counts = dict.fromkeys(RUN, 0)
     with BagWriter(tmp_path / "run") as bag:

@@ -11,7 +11,7 @@ import pytest
 from conftest import PATIENCE_S
 
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.nodes.shared import security
+from uuv_optical_array.nodes.bringup import security
 
 POLICY = files.shared_file("config/security/policy.xml")
 # What an element of the SROS2 policy schema 0.2.0 may hold, and the attributes that it must have.
@@ -136,7 +136,7 @@ def hook(event, arguments):
 sys.addaudithook(hook)
 import rclpy
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
-from uuv_optical_array.nodes.shared.security import PROCESSES
+from uuv_optical_array.nodes.bringup.security import PROCESSES
 start(["--ros-args", "-p", "scene:=" + sys.argv[1], "-p", "estimator_node:method:=sam"])
 executor = fastest_executor()
 nodes = [node for name in ("simulator_node", "feature_node", "estimator_node", "formation_node",

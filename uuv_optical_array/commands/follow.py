@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the demonstration; return 1 when the leader was lost."""
     picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
     record = options.record and outputs.folder_to_write(options.record, "--record", new=True)
-    follow = needs("ros", "uuv_optical_array.nodes.demo").follow
+    follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
     if options.params_file is not None:
         if not options.params_file.is_file():

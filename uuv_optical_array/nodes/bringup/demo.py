@@ -20,10 +20,10 @@ from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import ArraySettings
+from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.shared.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.shared.graph import SEPARATE, UNKNOWN, publishers, several_publishers
 from uuv_optical_array.nodes.shared.messages import (
     image_from_message,

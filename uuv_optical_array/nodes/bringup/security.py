@@ -1,6 +1,6 @@
 """What each process of the nodes may say and hear: a policy for SROS2.
 
-``python -m uuv_optical_array.nodes.shared.security`` prints the policy of the nodes as they run
+``python -m uuv_optical_array.nodes.bringup.security`` prints the policy of the nodes as they run
 with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave.
 """
 

@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Place
+from uuv_optical_array.calibration.maximum_likelihood.likelihood import CalibrationLikelihood, Place
+from uuv_optical_array.calibration.maximum_likelihood.solver import (
+    MAX_STEP,
+    CalibrationProblem,
+    evaluate,
+    outward,
+    propose,
+    refine,
+)
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,
@@ -21,14 +29,6 @@ from uuv_optical_array.calibration.parameters import (
     SIGMA,
     K,
     bounds,
-)
-from uuv_optical_array.calibration.solver import (
-    MAX_STEP,
-    CalibrationProblem,
-    evaluate,
-    outward,
-    propose,
-    refine,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings

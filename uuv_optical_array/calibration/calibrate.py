@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.maximum_likelihood.fit import CalibrationFit
+from uuv_optical_array.calibration.maximum_likelihood.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.notes import MISFIT, cure, notes_of, refusal
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import chdtri
 
-from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.maximum_likelihood.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, CalibrationState
+from uuv_optical_array.calibration.maximum_likelihood.likelihood import (
+    CalibrationLikelihood,
+    CalibrationState,
+)
 from uuv_optical_array.core.geometry import Array
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.calibration.likelihood import (
+from uuv_optical_array.calibration.maximum_likelihood.likelihood import (
     CalibrationLikelihood,
     CalibrationState,
     Place,

@@ -5,17 +5,22 @@ from collections.abc import Callable, Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.agreement import Agreement, agreement_of
-from uuv_optical_array.calibration.identifiability import (
+from uuv_optical_array.calibration.maximum_likelihood.agreement import Agreement, agreement_of
+from uuv_optical_array.calibration.maximum_likelihood.identifiability import (
     carried,
     covariance,
     largest_errors,
     undetermined,
 )
-from uuv_optical_array.calibration.likelihood import (
+from uuv_optical_array.calibration.maximum_likelihood.likelihood import (
     CalibrationLikelihood,
     CalibrationState,
     Place,
+)
+from uuv_optical_array.calibration.maximum_likelihood.solver import (
+    CalibrationProblem,
+    outward,
+    refine,
 )
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
@@ -24,7 +29,6 @@ from uuv_optical_array.calibration.parameters import (
     SIGMA,
     directions,
 )
-from uuv_optical_array.calibration.solver import CalibrationProblem, outward, refine
 from uuv_optical_array.core.geometry import Array
 
 OUTLIER = 5.0  # standard deviations; noise alone does it to one reading in two million

@@ -18,7 +18,7 @@ from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.studies import bound_map as picture
-from uuv_optical_array.studies.bound_map import bound_map
+from uuv_optical_array.studies.limits.bound_map import bound_map
 
 pytestmark = pytest.mark.filterwarnings("error")
 

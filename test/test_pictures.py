@@ -19,12 +19,12 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
 from uuv_optical_array.plots.studies import bound_map, design, eren2016, eren2017, tradeoff
-from uuv_optical_array.studies.bound_map import bound_map as bounds_of
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
 from uuv_optical_array.studies.eren2016.figures import STEPS
 from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
+from uuv_optical_array.studies.limits.bound_map import bound_map as bounds_of
 from uuv_optical_array.studies.shared.separation import Conditions
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 

@@ -14,7 +14,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import scene_file, sentence
-from uuv_optical_array.studies.reach import RANGES_M, reach
+from uuv_optical_array.studies.limits.reach import RANGES_M, reach
 
 run = functools.partial(command_line.run, "scenes")
 

@@ -64,7 +64,7 @@ def schema_text() -> str:
 
 def figures(scene: Scene) -> list[str]:
     """Return what a scene is like, in lines."""
-    from uuv_optical_array.studies.reach import RANGES_M, reach
+    from uuv_optical_array.studies.limits.reach import RANGES_M, reach
 
     lamp, array, found = scene.lamp, scene.array, reach(scene)
     side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)

@@ -1,0 +1,1 @@
+"""Where and how far a scene can be seen at all."""

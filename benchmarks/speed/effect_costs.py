@@ -1,4 +1,4 @@
-"""What each effect of a scene costs: ``python benchmarks/effect_costs.py``.
+"""What each effect of a scene costs: ``python benchmarks/speed/effect_costs.py``.
 
 Time for a million readings of the ideal light plus one effect, over that of the ideal light alone,
 measured in turns in one run; the median of the rounds. The second column is a single image.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from generated import reference
-from test_docs import PACKAGE, PAGES, ROOT, without_blocks
+from pages import PACKAGE, PAGES, ROOT, without_blocks
 
 from uuv_optical_array import build_table
 from uuv_optical_array.commands import build_parser

@@ -1,23 +1,15 @@
 """What the documents point to is there: files, sections, commands, options, make's targets."""
 
 import re
-from pathlib import Path
 
 import pytest
+from pages import PACKAGE, PAGES, ROOT, without_blocks
 
 from uuv_optical_array.commands import build_parser
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "uuv_optical_array"
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 # Options of other programs that a page names by themselves.
 FOREIGN = {"--memory-limit"}
-
-
-def without_blocks(text):
-    """Return the prose of a page."""
-    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def code(page):

@@ -1,13 +1,13 @@
 """The five key parameters against a slow second implementation, and every hard case by hand."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from second_features import slow_key_parameters
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.signature.features import (
@@ -31,55 +31,6 @@ def strict_arithmetic():
     """Raise on every floating-point accident except underflow, which is a correct zero."""
     with np.errstate(over="raise", divide="raise", invalid="raise"):
         yield
-
-
-def slow_gradient(profile):
-    last = len(profile) - 1
-    gradient = [profile[1] - profile[0]]
-    gradient += [(profile[i + 1] - profile[i - 1]) / 2 for i in range(1, last)]
-    return [*gradient, profile[last] - profile[last - 1]]
-
-
-def slow_skewness(values):
-    return 0.0 if max(values) == min(values) else float(stats.skew(values))
-
-
-def slow_vertex(profile, index):
-    if index in (0, len(profile) - 1):
-        return float(index)
-    a, b, _ = np.polyfit([-1.0, 0.0, 1.0], profile[index - 1 : index + 2], 2)
-    return index - b / (2 * a)
-
-
-def slow_key_parameters(image, full_scale, peak):
-    """One image, detector by detector, as the documentation words it."""
-    image = [[float(value) for value in line] for line in image]
-    side = len(image)
-    brightest = max(max(line) for line in image)
-    if brightest == 0:
-        return [0.0] * 5
-    top = [(r, c) for r in range(side) for c in range(side) if image[r][c] == brightest]
-    # Fractions: detectors that are as near as each other must not differ by rounding.
-    middle_row = Fraction(sum(r for r, _ in top), len(top))
-    middle_column = Fraction(sum(c for _, c in top), len(top))
-    # min keeps the first of equals: the one that is read first, line by line.
-    row, column = min(top, key=lambda p: (p[0] - middle_row) ** 2 + (p[1] - middle_column) ** 2)
-    horizontal = image[row]
-    vertical = [line[column] for line in image]
-    if peak == "detector":
-        at_row, at_column = row, column
-    else:
-        flat_down, flat_across = len({r for r, _ in top}) > 1, len({c for _, c in top}) > 1
-        at_row = float(middle_row) if flat_down else slow_vertex(vertical, row)
-        at_column = float(middle_column) if flat_across else slow_vertex(horizontal, column)
-    centre = (side - 1) / 2
-    return [
-        brightest / full_scale,
-        at_column - centre,
-        at_row - centre,
-        slow_skewness(slow_gradient(horizontal)),
-        slow_skewness(slow_gradient(vertical)),
-    ]
 
 
 @st.composite

@@ -4,33 +4,22 @@ import math
 
 import numpy as np
 import pytest
+from scenes import SHAPES, WATER, make_scene, std_m_deg
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from uuv_optical_array.core.geometry import relative_pose
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound, fisher_information
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-SHAPES = ("planar", "curved")
 ALIGNED = np.array([[-4.0, 0, 0, 0, 0], [-6.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
 ASIDE = np.array([-5.0, 0.4, -0.3, 0.1, 0.15])
-WATER = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": {"sigma_counts": 1.0}}
 AMBIENT = {"ambient": {"level_counts": 0.0}}
 SHOT = {"shot_noise": {"electrons_per_count": 2.0}}
 ADC = {"adc": {"bits": 10}}
 UNCERTAIN = {"lamp_power_std": 0.1, "k_std_per_m": 0.02, "ambient_std_counts": 5.0}
-
-
-def make_scene(shape="curved", side=5, effects=WATER, prior=None, **lamp):
-    scene = load_scene("reference").settings()
-    scene["array"].update(shape=shape, detectors_per_side=side)
-    if shape == "planar":
-        del scene["array"]["radius_m"]
-    scene["lamp"].update(lamp)
-    return scene_from_settings({**scene, "effects": effects, "prior": prior}, "test")
 
 
 def make_model(*arguments, **settings):
@@ -70,10 +59,6 @@ def with_shot_noise(light):
     # Kay, 1993, eq. 3.31: 1 / v + v'^2 / (2 v^2), here with v = 1 + light / 2.
     variance = 1 + light / 2
     return 1 / variance + 0.5 * (0.5 / variance) ** 2
-
-
-def std_m_deg(model, poses):
-    return cramer_rao_bound(model, poses).std * [1, 1, 1, *np.degrees([1, 1])]
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from test_limits import SHAPES, make_scene, std_m_deg
+from scenes import SHAPES, make_scene, std_m_deg
 
 from uuv_optical_array.commands.studies import limits as command
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound

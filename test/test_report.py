@@ -4,7 +4,7 @@ import re
 
 import pytest
 from command_line import run
-from test_docs import PAGES
+from pages import PAGES
 
 from uuv_optical_array.commands.shared import report
 from uuv_optical_array.commands.studies import paper

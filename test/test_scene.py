@@ -8,6 +8,7 @@ import pytest
 import yaml
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scenes import READY
 
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.forward.model import ForwardModel
@@ -121,9 +122,6 @@ def test_a_ready_scene_loads_by_its_bare_name_and_gives_an_image(name):
     image = ForwardModel(scene).expected([-4.0, 0, 0, 0, 0])
     assert image.max() == pytest.approx(900.0)
     assert scene.full_scale_counts == 1023.0
-
-
-READY = sorted(path.stem for path in shared_file("config/scenes").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("name", READY)

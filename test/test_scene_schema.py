@@ -8,7 +8,8 @@ import jsonschema
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from test_scene import FULL, READY
+from scenes import READY
+from test_scene import FULL
 
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage import yaml_text

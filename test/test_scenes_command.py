@@ -5,7 +5,7 @@ import functools
 import command_line
 import numpy as np
 import pytest
-from test_scene import READY
+from scenes import READY
 
 from uuv_optical_array.commands import scenes as command
 from uuv_optical_array.core.geometry import IN_DEGREES

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import second_forward
 import yaml
-from test_features import slow_key_parameters
+from second_features import slow_key_parameters
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.storage import files, manifest

@@ -1,0 +1,24 @@
+"""Scenes that several tests use, and how well they let a pose be known."""
+
+import numpy as np
+
+from uuv_optical_array.core.storage.files import shared_file
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+READY = sorted(path.stem for path in shared_file("config/scenes").glob("*.yaml"))
+SHAPES = ("planar", "curved")
+WATER = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": {"sigma_counts": 1.0}}
+
+
+def make_scene(shape="curved", side=5, effects=WATER, prior=None, **lamp):
+    scene = load_scene("reference").settings()
+    scene["array"].update(shape=shape, detectors_per_side=side)
+    if shape == "planar":
+        del scene["array"]["radius_m"]
+    scene["lamp"].update(lamp)
+    return scene_from_settings({**scene, "effects": effects, "prior": prior}, "test")
+
+
+def std_m_deg(model, poses):
+    return cramer_rao_bound(model, poses).std * [1, 1, 1, *np.degrees([1, 1])]

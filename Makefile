@@ -6,8 +6,10 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 # The same on the long-term release, for the tests that run nodes.
 JAZZY := .venv-jazzy
-ROS_TESTS := $(wildcard test/test_*node*.py) $(addprefix test/test_, attitude.py demo.py \
-  end_to_end.py fit_compiler.py isolation.py messages.py)
+ROS_TESTS := $(wildcard test/nodes/test_*node*.py test/nodes/shared/test_*node*.py) \
+  $(addprefix test/, nodes/shared/test_attitude.py nodes/shared/test_messages.py \
+  nodes/bringup/test_demo.py nodes/bringup/test_end_to_end.py estimation/test_fit_compiler.py \
+  package/test_isolation.py)
 
 # rclpy logs here, so the home may be read-only.
 export ROS_LOG_DIR ?= $(CURDIR)/.venv/log

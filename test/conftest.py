@@ -22,14 +22,14 @@ import yaml
 PATIENCE_S = 120.0  # only a failure takes so long
 SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
 
-# What only some machines have. launch_testing imports every module of this folder, and collects
-# none of them where one skips itself.
+# What only some machines have. launch_testing imports every module below this folder, and
+# collects none of them where one skips itself.
 NEEDS = {
-    "test_launch.py": ("launch_ros", "launch_testing", "launch_testing_ros"),
-    "test_scene_schema.py": ("jsonschema",),
-    "test_serial_array.py": ("serial", "cobs"),
-    "test_view.py": ("viser",),
-    "test_view_node.py": ("viser",),
+    "nodes/bringup/test_launch.py": ("launch_ros", "launch_testing", "launch_testing_ros"),
+    "forward/test_scene_schema.py": ("jsonschema",),
+    "examples/test_serial_array.py": ("serial", "cobs"),
+    "view/test_view.py": ("viser",),
+    "nodes/test_view_node.py": ("viser",),
 }
 LEFT_OUT = {
     file: f"{module} is not installed"

@@ -28,7 +28,7 @@ from uuv_optical_array.studies.limits.bound_map import bound_map as bounds_of
 from uuv_optical_array.studies.shared.separation import Conditions
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture

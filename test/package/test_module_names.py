@@ -3,7 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def test_each_module_of_tests_and_benchmarks_has_a_name_of_its_own():

@@ -9,7 +9,7 @@ import pytest
 
 import uuv_optical_array
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 NAMES = [name for name in uuv_optical_array.__all__ if name != "__version__"]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from command_line import assert_picture
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from generated import reference
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
 def test_it_has_less_than_a_thousand_words():

@@ -17,7 +17,7 @@ def test_another_run_has_a_domain_a_log_and_a_cache_of_its_own():
         [sys.executable, "-c", ANOTHER],
         capture_output=True,
         text=True,
-        cwd=Path(__file__).parent,
+        cwd=Path(__file__).parents[1],
         timeout=PATIENCE_S,
         check=True,
     )

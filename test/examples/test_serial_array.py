@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "serial_array_node.py"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "serial_array_node.py"
 spec = importlib.util.spec_from_file_location("serial_array_node", EXAMPLE)
 example = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(example)

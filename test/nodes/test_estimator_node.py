@@ -22,6 +22,7 @@ from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.disk import load_table, save_table
+from uuv_optical_array.estimation.tracking.enter import enter
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
@@ -454,10 +455,11 @@ def test_an_atomic_set_that_is_refused_leaves_track_estimator_and_parameters(
     estimator = Estimator(table)
     tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     for seconds, image in enumerate(images, start=1):
-        found, stamp = estimator.estimate(image, tracked.signature(image)), seconds * 10**9 + 9
-        near = estimator.lineariser(found, image)
-        known = () if found.best is None else (near(found.best), near)
-        track = tracker.update(stamp, found.pose, found.covariance, *known)
+        stamp = seconds * 10**9 + 9
+        signature = tracked.signature(image)
+        found = estimator.estimate(image, signature, 0.0, tracker.expected(stamp))
+        enter(tracker, estimator, stamp, found, image)
+        track = tracker.track()
     tracked.show(images[3], 4)
     assert_is(tracked.track(4), track)
 

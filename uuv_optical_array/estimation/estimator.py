@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose as NoPose
@@ -122,10 +123,10 @@ class Estimate:
         The same of the runner-up.
     unobservable
         Degrees of freedom of which the image says next to nothing.
-    best
-        Pose and offsets of the scene's unknown constants at the best fit, shape ``(5 + q,)``, where
-        the image's likelihood is as good as Gaussian about it; ``None`` where it is not, or where
-        something may shade the image.
+    readings
+        The likelihood of the image near its best fit, where it is as good as Gaussian and the
+        constants that were expected were told; ``None`` where it is not, or where something may
+        shade the image.
     stretch
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     clear
@@ -140,7 +141,7 @@ class Estimate:
     misfit: float = field(default=float("nan"))
     runner_up_misfit: float = field(default=float("nan"))
     unobservable: tuple[str, ...] = ()
-    best: Array | None = None
+    readings: LinearisedReadings | None = None
     stretch: float = 1.0
     clear: float = 1.0
 
@@ -419,7 +420,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        found, clear = self._fit(near, parameters, readings, roll, expected)
+        found, clear, _ = self._fit(near, parameters, readings, roll, expected)
         off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -443,7 +444,7 @@ class Estimator:
     ) -> Estimate:
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found, clear = self._fit(self._guide, parameters, readings, roll, expected)
+        found, clear, near = self._fit(self._guide, parameters, readings, roll, expected)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
         gaussian = runner_up is None and found.off < LINEAR**2 and clear > CLEAR
         return Estimate(
@@ -455,7 +456,7 @@ class Estimator:
             float(ndtr(-found.score)),
             float(ndtr(-found.runner_up_score)),
             self._unobservable(found.covariance),
-            found.best if gaussian else None,
+            near if gaussian else None,
             found.stretch,
             clear,
         )
@@ -468,8 +469,12 @@ class Estimator:
         readings: Array,
         roll: float,
         expected: Expected | None,
-    ) -> tuple[FrameResult, float]:
-        """Return what the fit makes of an image, and the probability that it is a clear one."""
+    ) -> tuple[FrameResult, float, LinearisedReadings | None]:
+        """Return what the fit makes of an image.
+
+        With it come the probability that the image is a clear one and, where it is told what is
+        expected, the image's likelihood near the best fit as a clear one.
+        """
         assert self._frame is not None  # prepared
         kinds = expecting(self._kinds, expected)
         problems: list[Problem] = []
@@ -495,7 +500,24 @@ class Estimator:
             raise self._misfit(found.score)
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        return found, clear
+        if expected is None:
+            return found, clear, None
+        at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
+        near = self._near(readings, at, roll, found.stretch)
+        fitted = len(kinds[0].places)
+        if len(expected.mean) > fitted and clear > 0:
+            # What the clear fit was given is not known exactly.
+            pose_precision = np.diag(1 / np.square(self._prior.pose_std))
+            precision = block_diag(pose_precision, problems[0].nuisance_precision)
+            slopes = near.pose_slopes(precision, self.constants.gain_std)
+            spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
+            covariance = found.covariance + 0.5 * (spread + spread.T)
+            found = found._replace(covariance=covariance)
+        return found, clear, near
+
+    def _near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
+        near = self._linearise(readings, at, roll)
+        return near._replace(variances=stretch * near.variances)
 
     def lineariser(
         self, estimate: Estimate, image: ArrayLike, roll: float = 0.0
@@ -509,15 +531,8 @@ class Estimator:
         image, roll
             As it was given them.
         """
-        if self._frame is None:
-            self._prepare()
         readings = self._readings(image)
-
-        def near(at: Array) -> LinearisedReadings:
-            found = self._linearise(readings, at, roll)
-            return found._replace(variances=estimate.stretch * found.variances)
-
-        return near
+        return lambda at: self._near(readings, at, roll, estimate.stretch)
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def _saturated(self, roll: float) -> Estimate:

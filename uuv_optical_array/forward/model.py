@@ -123,7 +123,9 @@ class ForwardModel:
     def _of(self, kind: type[T]) -> list[T]:
         return [form for form in self._forms if isinstance(form, kind)]
 
-    def optics(self, nuisances: Sequence[str] = (), compiled: bool = False) -> Optics:
+    def optics(
+        self, nuisances: Sequence[str] = (), compiled: bool = False, given: Sequence[str] = ()
+    ) -> Optics:
         """Return the scene in numbers.
 
         Parameters
@@ -132,6 +134,9 @@ class ForwardModel:
             Settings that will be given offsets, in this order.
         compiled
             Whether it is for compiled code.
+        given
+            Backgrounds that the scene does not name, of level 0: the first steps on the array, in
+            this order.
 
         Raises
         ------
@@ -139,7 +144,7 @@ class ForwardModel:
             For a setting that the scene does not have, or where compiled code needs Numba and it
             is not there.
         """
-        for name in nuisances:
+        for name in (*nuisances, *given):
             if name not in self.nuisances:
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
 
@@ -152,7 +157,8 @@ class ForwardModel:
         n = self.array.side**2
         passed = self._of(Transmission)
         # What the scene has no effect for comes before all else that the array sees.
-        steps: list[Any] = [form for name, form in self._unknown.items() if name in nuisances]
+        steps: list[Any] = [self._unknown[name] for name in given]
+        steps += [form for name, form in self._unknown.items() if name in nuisances]
         steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
         blurs = [form.matrix for form in steps if isinstance(form, Blur)]
         values = np.zeros((len(steps), n))

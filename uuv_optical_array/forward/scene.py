@@ -265,6 +265,18 @@ class Scene:
             limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
         return min(limits, default=self.lamp.reference_counts)
 
+    def constants_std(self) -> dict[str, float]:
+        """Return the prior's `nuisance_std`, and that of what no image tells but many together do.
+
+        That is the gradient of daylight, which in one image looks like a turn of the array. Where
+        the scene names neither daylight nor a shade, it is as unknown as daylight itself.
+        """
+        stds = self.prior.nuisance_std()
+        if AMBIENT in stds and "ambient" not in self.effects and not self.prior.shade_probability:
+            for name in GRADIENTS:
+                stds.setdefault(name, stds[AMBIENT])
+        return stds
+
     def with_shape(self, shape: Shape) -> "Scene":
         """Return the scene with an array of another shape, as `ArraySettings.with_shape`."""
         return dataclasses.replace(self, array=self.array.with_shape(shape))

@@ -53,6 +53,27 @@ class LinearisedReadings(NamedTuple):
     light: Array
     variances: Array
 
+    def pose_slopes(self, precision: Array, gain_std: float) -> Array:
+        """Return how the pose that fits best follows the last constants, which the fit is given.
+
+        Parameters
+        ----------
+        precision
+            Inverse covariance of the prior of the pose and of the k constants that are fitted with
+            it, shape ``(5 + k, 5 + k)``, positive definite.
+        gain_std
+            Relative gain error of a detector.
+
+        Returns
+        -------
+        Array
+            Shape ``(5, q - k)``.
+        """
+        fitted, given = np.split(self.slopes, [len(precision)], axis=1)
+        weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
+        slopes = np.linalg.solve(weighted @ fitted + precision, weighted @ given)
+        return np.asarray(-slopes[:5])
+
 
 class Lineariser:
     """Linearises the likelihood of images of one scene.

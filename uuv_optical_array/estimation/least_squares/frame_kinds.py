@@ -23,6 +23,8 @@ LEAST = 1e-6  # probability of a kind, whatever the images before said
 class FrameKind(NamedTuple):
     """A kind of frame, with r nuisances, some of which are the scene's q unknown constants.
 
+    Of the constants the first are fitted; those that no image can tell are given.
+
     Parameters
     ----------
     problem
@@ -30,7 +32,7 @@ class FrameKind(NamedTuple):
     share
         Of such frames, in (0, 1].
     places
-        Those of the scene's constants among the nuisances, shape ``(q,)``.
+        Those of the fitted constants among the nuisances, shape ``(k,)``.
     added
         What this kind adds to the covariance of the constants, shape ``(r, r)``.
     doubt
@@ -48,13 +50,24 @@ class FrameKind(NamedTuple):
 
     def knowing(self, expected: Expected | None) -> Problem:
         """Return the problem where more is known of the constants than the scene says."""
-        if expected is None or not len(self.places):
+        if expected is None or not len(expected.mean):
             return self.problem
+        fitted, optics = len(self.places), self.problem.optics
         whole, at = self.added.copy(), self.problem.nuisance_mean.copy()
-        whole[self.places[:, None], self.places] += expected.covariance
-        at[self.places] += expected.mean
+        whole[self.places[:, None], self.places] += expected.covariance[:fitted, :fitted]
+        at[self.places] += expected.mean[:fitted]
         precision: Array = np.asarray(np.linalg.inv(whole), dtype=float)
-        return self.problem._replace(nuisance_mean=at, nuisance_precision=precision)
+        scales, given = optics.step_scales.copy(), expected.mean[fitted:]
+        scales[: len(given)] = given
+        return self.problem._replace(
+            optics=optics._replace(step_scales=scales),
+            nuisance_mean=at,
+            nuisance_precision=precision,
+        )
+
+    def constants(self, nuisances: Array, expected: Expected) -> Array:
+        """Return the offsets of all constants where the nuisances are these."""
+        return np.concatenate([nuisances[self.places], expected.mean[len(self.places) :]])
 
 
 def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[FrameKind]:
@@ -69,19 +82,21 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
     compiled
         Whether they are for compiled code.
     """
-    known, constants = model.scene.prior, list(prior.nuisance_std)
+    known, constants = model.scene.prior, model.scene.constants_std()
     kinds = []
     for light in known.lights(model.scene.full_scale_counts):
         stds = known.std_in(light)
         names = list(stds)
-        problem = problem_of(model, replace(prior, nuisance_std=stds), compiled)
+        given = [name for name in constants if name not in stds]
+        problem = problem_of(model, replace(prior, nuisance_std=stds), compiled, given)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
         noise = problem.noise._replace(square=known.gain_std_in(light) ** 2)
-        places = np.array([names.index(name) for name in constants], dtype=np.intp)
+        fitted = [name for name in constants if name in stds]
+        places = np.array([names.index(name) for name in fitted], dtype=np.intp)
         added = np.square(list(stds.values()))
-        added[places] -= np.square(list(prior.nuisance_std.values()))
+        added[places] -= np.square([prior.nuisance_std.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
         doubt, rare = SHADE_DOUBT if light.cloud else 1.0, light.daylight_counts > 0
         kinds.append(FrameKind(problem, light.share, places, np.diag(added), doubt, rare))

@@ -1,6 +1,6 @@
 """The posterior of one image over coordinates of the pose and the scene's nuisances."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -145,7 +145,9 @@ class State(NamedTuple):
         return self.parts[VOLUME_SLOPES, :5]
 
 
-def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem:
+def problem_of(
+    model: ForwardModel, prior: PosePrior, compiled: bool, given: Sequence[str] = ()
+) -> Problem:
     """Return the problem of a model's images, without readings.
 
     Parameters
@@ -156,10 +158,12 @@ def problem_of(model: ForwardModel, prior: PosePrior, compiled: bool) -> Problem
         What is known before the image: wide for the pose, as given for the nuisances.
     compiled
         Whether it is for compiled code.
+    given
+        Backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
     nuisance_std = np.array(list(prior.nuisance_std.values()), dtype=float)
     return Problem(
-        model.optics(tuple(prior.nuisance_std), compiled),
+        model.optics(tuple(prior.nuisance_std), compiled, given),
         model.noise,
         frame_of(model),
         np.array(prior.pose_mean, dtype=float),

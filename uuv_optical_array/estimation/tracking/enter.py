@@ -39,11 +39,11 @@ def enter(
     NoPose
         As `Tracker.update`.
     """
-    if estimate.best is None or image is None:
+    if estimate.readings is None or image is None:
         lasting = 1 - estimate.clear
         return tracker.take(stamp_ns, estimate.pose, estimate.covariance, lasting=lasting)
     near = estimator.lineariser(estimate, image, roll)
-    return tracker.take(stamp_ns, estimate.pose, estimate.covariance, near(estimate.best), near)
+    return tracker.take(stamp_ns, estimate.pose, estimate.covariance, estimate.readings, near)
 
 
 def entered(tracker: Tracker, estimator: Estimator, roll: float = 0.0) -> Track:

@@ -83,8 +83,7 @@ class Constants:
 
 def constants_of(model: ForwardModel) -> Constants:
     """Return what the prior of a model's scene leaves unknown."""
-    prior = model.scene.prior
-    stds = prior.nuisance_std()
+    prior, stds = model.scene.prior, model.scene.constants_std()
     return Constants(
         tuple(stds),
         tuple(stds.values()),

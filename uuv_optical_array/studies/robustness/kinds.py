@@ -83,8 +83,8 @@ K_CURE = "Measure K where the vehicles dive or calibrate there; widen `prior.k_s
 BEAM_CURE = "Calibrate the lamp that is mounted; a diffuser that ages widens the beam."
 AMBIENT_CURE = "Measure the array with the lamp off and set `effects.ambient`, or shield it."
 GRADIENT_CURE = (
-    f"{AMBIENT_CURE} A slope that stays looks like a turn of the follower, to the track too; with "
-    "`prior.ambient_gradient_std_counts` the track learns it, and poses of one image are less sure."
+    f"{AMBIENT_CURE} In one image a slope looks like a turn of the follower; a track learns it "
+    "while the range changes, and poses by what it has learnt are no surer than that."
 )
 LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate the leader's."
 GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."

@@ -1,0 +1,105 @@
+"""A slope of daylight over the array: no single image tells it from a turn, a track learns it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.core.geometry import wrapped
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.unknowns.constants import Expected
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import GRADIENTS, load_scene, scene_from_settings
+from uuv_optical_array.studies.drives import course
+
+POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
+
+
+@pytest.fixture(scope="module")
+def estimator(compiled_fit):
+    values = load_scene("follow").settings()
+    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    return Estimator(build_table(scene_from_settings(values, "sea")))
+
+
+def test_daylight_is_as_uneven_as_it_is_unknown_but_where_the_scene_says_more():
+    follow = load_scene("follow")
+
+    def learnt(**prior):
+        changed = dataclasses.replace(follow.prior, **prior)
+        stds = dataclasses.replace(follow, prior=changed).constants_std()
+        return [stds.get(name, 0.0) for name in GRADIENTS]
+
+    assert learnt() == [follow.prior.ambient_std_counts] * 2
+    assert learnt(ambient_std_counts=0.0) == [0, 0]
+    assert learnt(ambient_gradient_std_counts=2.0) == [2, 2]
+    assert learnt(shade_probability=0.3, shade_depth=0.2) == [0, 0]
+    # Daylight that the scene names is as uneven as its prior says.
+    assert set(GRADIENTS).isdisjoint(load_scene("sunlit_shallow").constants_std())
+    assert load_scene("reference").constants_std() == {}
+
+
+def expected(estimator, slopes, std):
+    """Return that nothing is known of the constants but the slopes of daylight."""
+    stds = np.array(estimator.constants.stds)
+    stds[-2:] = std
+    return Expected(np.array([*np.zeros(len(stds) - 2), *slopes]), np.diag(stds**2))
+
+
+def seen(model, slopes):
+    offsets = dict(zip(GRADIENTS, np.array(slopes), strict=True))
+    return model.light(POSE, 0.0, offsets)
+
+
+def test_a_slope_that_is_known_changes_no_pose(estimator):
+    model = ForwardModel(estimator.table.scene)
+    without = estimator.estimate(seen(model, [0, 0]), expected=expected(estimator, [0, 0], 0.01))
+    with_it = estimator.estimate(seen(model, [6, -9]), expected=expected(estimator, [6, -9], 0.01))
+    assert with_it.pose == pytest.approx(without.pose, abs=2e-3)
+    found = with_it.readings
+    assert found.at[-2:] == pytest.approx([6, -9])
+    # Not told of it, the fit sees a turn: by more than a degree.
+    turned = estimator.estimate(seen(model, [6, -9]))
+    assert np.abs(turned.pose - without.pose)[3:].max() > 0.02
+
+
+def test_what_is_not_known_of_the_slope_widens_the_pose_as_fits_that_are_told_others(estimator):
+    model, std = ForwardModel(estimator.table.scene), 0.5
+    image = seen(model, [0, 0])
+    sharp = estimator.estimate(image, expected=expected(estimator, [0, 0], 1e-6))
+    wide = estimator.estimate(image, expected=expected(estimator, [0, 0], std))
+    moved = np.array(
+        [
+            estimator.estimate(image, expected=expected(estimator, std * side, 1e-6)).readings.at[
+                :5
+            ]
+            - estimator.estimate(
+                image, expected=expected(estimator, -std * side, 1e-6)
+            ).readings.at[:5]
+            for side in np.eye(2)
+        ]
+    )
+    added = wide.covariance - sharp.covariance
+    np.testing.assert_allclose(added, moved.T @ moved / 4, rtol=0.05, atol=0.02 * added.max())
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
+    model, rng = ForwardModel(estimator.table.scene), np.random.default_rng(seed)
+    times_s = np.arange(240) / 4
+    poses, pipeline = course(times_s, 60.0, rng), Pipeline(estimator)
+    bearing = rng.uniform(0, 2 * np.pi)
+    slopes = 12 * np.array([np.cos(bearing), np.sin(bearing)])
+    squares = []
+    for t, pose in zip(times_s, poses, strict=True):
+        offsets = dict(zip(GRADIENTS, slopes, strict=True))
+        image = model.read(12 + model.light(pose, 0.0, offsets), rng)
+        frame = pipeline.answer(round((1 + t) * 1e9), image)
+        off = [wrapped(said.pose - pose) for said in (frame.estimate, frame.track)]
+        spread = [said.covariance for said in (frame.estimate, frame.track)]
+        squares.append([e @ np.linalg.solve(c, e) for e, c in zip(off, spread, strict=True)])
+    assert np.less(squares, 46).all()  # as improbable as six standard deviations of one number
+    learnt = [frame.track.constants[name].mean for name in GRADIENTS]
+    assert learnt == pytest.approx(slopes, abs=4)

@@ -7,16 +7,8 @@ import sys
 from contextlib import suppress
 
 from uuv_optical_array import __version__
-from uuv_optical_array.commands import (
-    calibrate,
-    commission,
-    estimate,
-    follow,
-    render,
-    scenes,
-    table,
-    view,
-)
+from uuv_optical_array.commands import calibrate, commission, estimate, follow, view
+from uuv_optical_array.commands.scene import render, scenes, table
 from uuv_optical_array.commands.shared import cli, report
 from uuv_optical_array.commands.studies import (
     accuracy,

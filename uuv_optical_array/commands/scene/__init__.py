@@ -1,0 +1,1 @@
+"""The commands that explain, draw and tabulate a scene."""

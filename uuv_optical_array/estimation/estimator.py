@@ -358,11 +358,13 @@ class Estimator:
         check_parameters(parameters, self._bounds)
         if fits:
             return self._least_squares(parameters[:, None], self._readings(image), roll, expected)
-        match, rows = self._match(self.table.vectors(parameters), roll)
+        match, rows, poses = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
+        # From the match itself, and from its neighbours only where it leads nowhere.
+        near = rows[:MOST_STARTS], poses[:MOST_STARTS]
         parameters = parameters[:, None]
-        return self._verified(match, rows, parameters, self._readings(image), roll, expected)
+        return self._verified(match, *near, parameters, self._readings(image), roll, expected)
 
     def _readings(self, image: ArrayLike | None) -> Array:
         side = self.table.scene.array.detectors_per_side
@@ -376,8 +378,8 @@ class Estimator:
             )
         return readings.reshape(-1)
 
-    def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp]]:
-        """Estimate by the nearest rows of the table, and return them, nearest first."""
+    def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:
+        """Estimate by the nearest rows of the table; return these too, nearest first, level."""
         count = self.settings.neighbours
         index = self.table.index
         angles, rows = index.nearest(vector, count)
@@ -391,17 +393,20 @@ class Estimator:
                 f"more than {self.settings.max_angle_rad:g}; the pose lies outside the table "
                 "or the scene differs from the sea"
             )
-        poses = turned_about_beam(self.table.poses[rows], roll)
+        level = np.asarray(self.table.poses[rows], dtype=float)
+        poses = turned_about_beam(level, roll)
         mean = self.settings.method != "sam"
         pose = np.add.reduce(poses) / len(poses) if mean else np.array(poses[0])
         spread = poses - pose
         covariance = spread.T @ spread / len(poses) + self._cell
-        return Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1])), rows
+        match = Estimate(pose, covariance, float(angles[0]), poses[1], float(angles[1]))
+        return match, rows, level
 
     def _verified(
         self,
         match: Estimate,
         rows: NDArray[np.intp],
+        poses: Array,
         parameters: Array,
         readings: Array,
         roll: float,
@@ -412,11 +417,9 @@ class Estimator:
             self._prepare()
         if readings.min() >= self._model.noise.high:
             return match
-        # From the match itself, and from its neighbours only where it leads nowhere.
-        units = unit_vectors(self.table.vectors(self.table.parameters[rows[:MOST_STARTS]]))
         near = self._guide._replace(
-            units=np.ascontiguousarray(units.T),
-            poses=np.array(self.table.poses[rows[:MOST_STARTS]], dtype=float),
+            units=np.ascontiguousarray(self.table.index.units(rows).T),
+            poses=poses,
             candidates=1,
             gaussian=True,
         )

@@ -260,6 +260,14 @@ def test_more_neighbours_than_rows_gives_every_row_once():
     np.testing.assert_allclose(np.cos(angles), np.array([3, 2, 1]) / math.sqrt(14), rtol=1e-14)
 
 
+def test_the_directions_of_rows_are_asked_by_their_numbers():
+    rows = np.random.default_rng(7).standard_normal((300, 6))
+    asked = np.array([299, 0, 17, 17])
+    found = SpectralIndex(rows).units(asked)
+    lengths = [math.hypot(*rows[row]) for row in asked]
+    np.testing.assert_allclose(found, [rows[i] / r for i, r in zip(asked, lengths, strict=True)])
+
+
 def test_single_precision_rows_are_matched_in_double_precision():
     rng = np.random.default_rng(4)
     rows = rng.standard_normal((500, 5)).astype(np.float32)

@@ -61,10 +61,8 @@ def check_parameters(parameters: Array, largest: Array) -> None:
     NoPose
         With the value and its bound.
     """
-    smallest = (0.0, *(-largest[1:]).tolist())
-    bounds_of = zip(FEATURE_NAMES, parameters.tolist(), smallest, largest.tolist(), strict=True)
-    for name, value, low, high in bounds_of:
-        slack = ROUNDING * max(1.0, high)
+    for name, value, high in zip(FEATURE_NAMES, parameters.tolist(), largest.tolist(), strict=True):
+        low, slack = (0.0 if name == "peak" else -high), ROUNDING * max(1.0, high)
         if not low - slack <= value <= high + slack:
             raise NoPose(
                 f"not of this array: {name} is {value:.9g}, but it must be from {low:.6g} to "

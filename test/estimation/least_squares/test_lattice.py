@@ -1,4 +1,4 @@
-"""One node of the posterior's lattice against SciPy's optimiser, and how posteriors are joined."""
+"""The lattice: a node against SciPy's optimiser, its two rules, and how posteriors are joined."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,18 @@ from uuv_optical_array.estimation.least_squares.frame import joined
 from uuv_optical_array.estimation.least_squares.posterior import (
     Lattice,
     PosteriorMoments,
+    basis_of,
+    fill,
+    nearly_gaussian,
+    new_lattice,
     write_node,
 )
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, evaluate, problem_of
+from uuv_optical_array.estimation.least_squares.problem import (
+    PosePrior,
+    evaluate,
+    problem_of,
+    refine,
+)
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -62,6 +71,42 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     found = np.linalg.solve(spread, (lattice.ats[0] - start)[rest])
     np.testing.assert_allclose(found, best.x, atol=0.03)
     np.testing.assert_array_equal(lattice.ats[0][[PITCH, YAW]], start[[PITCH, YAW]])
+
+
+def by_both_rules(x):
+    """Return the moments of one image by nine nodes and by the lattice, and the nine nodes."""
+    model = ForwardModel(load_scene("reference"))
+    pose = np.array([x, 0.1, -0.1, 0.05, -0.05])
+    readings = np.rint(model.light(pose)).ravel()
+    problem = problem_of(model, PRIOR, False)._replace(readings=readings)
+    minimum = refine(problem, np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0]), 40)
+    nine, lattice = new_lattice(7), new_lattice(7)
+    for rooms_of in (nine, lattice):
+        write_node(problem, minimum.at, rooms_of, 0)
+    basis, _ = basis_of(nine.curvatures[0], False)
+    return nearly_gaussian(problem, basis, nine), fill(problem, basis, lattice)[0], nine
+
+
+def test_nine_nodes_have_the_moments_of_the_whole_lattice_where_it_is_nearly_gaussian():
+    found, whole, _ = by_both_rules(-5.0)
+    assert (found.nodes, whole.nodes > 15) == (9, True)
+    stds = np.sqrt(whole.covariance.diagonal())
+    np.testing.assert_allclose(found.mean, whole.mean, atol=0.01 * stds.min())
+    # What the lattice leaves out beyond its edge is half a percent of a variance.
+    ratio = found.covariance.diagonal() / whole.covariance.diagonal()
+    np.testing.assert_allclose(ratio, 1.005, atol=0.01)
+    np.testing.assert_allclose(
+        found.covariance / np.outer(stds, stds), whole.covariance / np.outer(stds, stds), atol=0.02
+    )
+    assert found.log_weight == pytest.approx(whole.log_weight, abs=0.01)
+
+
+def test_nine_nodes_say_nothing_of_what_is_not_nearly_gaussian():
+    found, whole, nine = by_both_rules(-10.0)
+    assert (found.nodes, whole.nodes > 9) == (0, True)
+    # The lattice can begin where they ended.
+    assert np.isfinite(nine.logs[0])
+    assert np.isneginf(nine.logs[1:]).all()
 
 
 def test_joined_posteriors_have_the_moments_of_all_their_samples():

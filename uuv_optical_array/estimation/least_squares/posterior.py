@@ -10,6 +10,10 @@ The lattice is filled outwards from a minimum, node by node, wherever the poster
 negligible: over an ellipse, a banana, or the ring of attitudes that a planar array cannot tell
 apart. A sum over a lattice whose spacing is 1.5 standard deviations integrates a Gaussian to 1e-4,
 and its variance to half a percent.
+
+Where the posterior is nearly a Gaussian of the attitude, Gauss and Hermite's rule of three by three
+nodes does the same with a third of the nodes: it is exact for a Gaussian times a polynomial of
+degree five (M. Abramowitz and I. Stegun, *Handbook of Mathematical Functions*, 1964, 25.4.46).
 """
 
 from typing import NamedTuple
@@ -32,6 +36,9 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
 SPACING = 1.6  # of the lattice, in standard deviations at the minimum
+LONGEST = 0.5  # its step, rad: as far as a lattice of attitudes can step and still see anything
+# Logarithm of the posterior over that of a Gaussian, up to which it is nearly one.
+NEARLY = 0.6
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
 WEIGHTY = 4.0  # below the largest weight's logarithm, down to where that is asked
 NEGLIGIBLE = 7.5  # below it, from where nodes are left out
@@ -240,8 +247,7 @@ def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
     angle = 0.5 * np.arctan2(curvature[1], apart)
     narrow = SPACING / np.sqrt(half + turn)
     wide = SPACING / np.sqrt(max(half - turn, 1e-12 * half))
-    # Half a radian is as far as a lattice of attitudes can step and still see anything.
-    narrow, wide = min(narrow, 0.5), min(wide, 0.5)
+    narrow, wide = min(narrow, LONGEST), min(wide, LONGEST)
     if round_shape:
         wide = narrow
     basis = np.empty((2, 2))
@@ -343,18 +349,18 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
         coarseness[k] = max(coarseness[k], 1 / max(variance, 1e-2))
         if overflow:
             coarseness[k] = -1.0
-    return moments_of(lattice, count, largest), coarseness
+    return moments_of(lattice, logs[:count]), coarseness
 
 
-def moments_of(lattice: Lattice, count: int, largest: float) -> PosteriorMoments:
-    """Return the moments of the first nodes of a lattice, per cell."""
+def moments_of(lattice: Lattice, logs: Array) -> PosteriorMoments:
+    """Return the moments of the first m nodes of a lattice, by logarithms of their weights."""
     mean, second = np.zeros(5), np.zeros((5, 5))
     poses, covariances = lattice.poses, lattice.covariances
-    whole, nodes = 0.0, 0
-    for i in range(count):
-        weight = np.exp(lattice.logs[i] - largest)
+    whole, nodes, largest = 0.0, 0, logs.max()
+    for i in range(len(logs)):
+        weight = np.exp(logs[i] - largest)
         whole += weight
-        if lattice.logs[i] > largest - NEGLIGIBLE:
+        if logs[i] > largest - NEGLIGIBLE:
             nodes += 1
         for a in range(5):
             off = poses[i, a] - poses[0, a]
@@ -370,6 +376,48 @@ def moments_of(lattice: Lattice, count: int, largest: float) -> PosteriorMoments
     for a in range(5):
         mean[a] += poses[0, a]
     return PosteriorMoments(largest + np.log(whole), mean, second, nodes)
+
+
+def nearly_gaussian(problem: Problem, basis: Array, lattice: Lattice) -> PosteriorMoments:
+    """Integrate a posterior by Gauss and Hermite's rule where it is nearly a Gaussian.
+
+    Parameters
+    ----------
+    problem
+        The posterior.
+    basis
+        Of the Gaussian at the first node, as `basis_of` returns it.
+    lattice
+        Its first node, and room for the others.
+
+    Returns
+    -------
+    PosteriorMoments
+        Per cell of the lattice; without nodes, and the lattice with its first one alone, where the
+        posterior is no such Gaussian.
+    """
+    size, logs, node = lattice.ats.shape[1], np.empty(9), 0
+    start, step = np.empty(size), np.sqrt(3.0) / SPACING
+    logs[0] = np.log(16 / 36)
+    for i in range(-1, 2):
+        for j in range(-1, 2):
+            if i == 0 and j == 0:
+                continue
+            u = step * (i * basis[0, 0] + j * basis[0, 1])
+            v = step * (i * basis[1, 0] + j * basis[1, 1])
+            for k in range(size):
+                moved = u * lattice.moved[0, 0, k] + v * lattice.moved[0, 1, k]
+                start[k] = lattice.ats[0, k] + moved
+            node += 1
+            write_node(problem, start, lattice, node)
+            over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
+            if not abs(over) < NEARLY:
+                lattice.logs[1:] = -np.inf
+                return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
+            logs[node] = over + np.log((4 if i == 0 or j == 0 else 1) / 36)
+    moments = moments_of(lattice, logs)
+    log_weight = moments.log_weight + lattice.logs[0] + np.log(2 * np.pi / SPACING**2)
+    return PosteriorMoments(log_weight, moments.mean, moments.covariance, moments.nodes)
 
 
 def new_lattice(size: int) -> Lattice:
@@ -433,6 +481,13 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
     basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
+    longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))
+    # The posterior of a planar array may go on in a ring.
+    if problem.frame.share == 0 and longest < LONGEST:
+        nearly = nearly_gaussian(problem, basis, lattice)
+        if nearly.nodes > 0:
+            log_weight = nearly.log_weight + log_cell
+            return PosteriorMoments(log_weight, nearly.mean, nearly.covariance, nearly.nodes)
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
         if coarseness[0] < 0:

@@ -259,7 +259,7 @@ def test_bad_readings_are_refused_and_leave_no_trace(part, value, message):
     )
 
 
-def test_readings_that_cannot_be_linearised_midway_are_taken_as_they_are():
+def test_readings_that_cannot_be_linearised_on_the_way_are_taken_as_they_are():
     stamps, readings = frames(5, 6, 3)
     plain, asked = Tracker(LINEAR, constants=constants(6)), Tracker(LINEAR, constants=constants(6))
     places = []

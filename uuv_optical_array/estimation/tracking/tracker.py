@@ -177,7 +177,7 @@ class Tracker:
             `covariance` are used, and the constants stay as they are.
         relinearise
             Returns the same likelihood near another place, as `LinearisedReadings.at` has it; the
-            track asks for it midway between where it was and where `readings` take it. ``None``:
+            track asks for it on the way from where it was to where `readings` take it. ``None``:
             `readings` have to do.
         lasting
             Probability that something shades the frame, in [0, 1], where `constants` name shades;

@@ -1,8 +1,9 @@
 """A track's state corrected by a frame: by its pose, or by its readings.
 
 Readings are corrected in coordinates in which images stay linear (`joint_coordinates`), and
-linearised once more midway between where the track was and where the frame takes it: of a light
-that bends evenly that is the secant, while slopes at either end pull what is learnt to one side.
+linearised once more on the way from where the track was to where the frame takes it (`ONWARD`).
+Slopes at the end of the way have the noise of the readings that they weigh, those at its beginning
+leave out the bend of the light: either pulls what is learnt to one side, the same in each frame.
 """
 
 import math
@@ -25,6 +26,11 @@ from uuv_optical_array.forward.scene import SHADE_DOUBT
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
 # does, and what is left lets the track follow.
 MOST_LASTING = 0.9 / SHADE_DOUBT
+
+
+# Of the way to where a frame takes the track: at this share the pulls of noise and bend are least
+# in drives of 20 minutes through seas drawn from the prior.
+ONWARD = 0.25
 
 
 class Corrected:
@@ -132,11 +138,11 @@ class Correction:
         if relinearise:
             step = np.zeros(space.size)
             step[:learnt] = gain @ reading.residual
-            midway = before.mean[space.linear] + 0.5 * step[space.linear]
-            place, slopes = coordinates.place(midway)
+            there = before.mean[space.linear] + ONWARD * step[space.linear]
+            place, slopes = coordinates.place(there)
             with suppress(ValueError):  # not finite there: the first slopes have to do
                 again = checked_readings(relinearise(place), self._constants)
-                reading = self._reading(before, again, midway, slopes)
+                reading = self._reading(before, again, there, slopes)
                 gain = weigh(before, reading, learnt)[0]()
         after = correct(before, reading, gain)
         place, slopes = coordinates.place(after.mean[space.linear])

@@ -1,4 +1,4 @@
-"""A slope of daylight over the array: no single image tells it from a turn, a track learns it."""
+"""Tracks of images: under a slope of daylight, which looks like a turn, and after long drives."""
 
 import dataclasses
 
@@ -103,3 +103,26 @@ def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
     assert np.less(squares, 46).all()  # as improbable as six standard deviations of one number
     learnt = [frame.track.constants[name].mean for name in GRADIENTS]
     assert learnt == pytest.approx(slopes, abs=4)
+
+
+def long_drive(estimator, seed):
+    """Return squared errors of poses and tracks, two frames a second, from 16 to 20 minutes."""
+    model, prior = ForwardModel(estimator.table.scene), estimator.table.scene.prior
+    rng, pipeline, squares = np.random.default_rng(seed), Pipeline(estimator), []
+    offsets = {name: std * rng.standard_normal() for name, std in prior.nuisance_std().items()}
+    gains = 1 + prior.gain_std * rng.standard_normal((5, 5))
+    for k in range(2400):
+        turn = 2 * np.pi * k / 120
+        way = [-6 + np.sin(turn), 0.3 * np.cos(turn), 0.2 * np.sin(2 * turn)]
+        pose = np.array([*way, 0.03 * np.sin(turn), 0.05 * np.cos(turn)])
+        image = model.read(gains * model.light(pose, 0.0, offsets), rng)
+        frame = pipeline.answer((k + 2) * 500_000_000, image)
+        for said in (frame.estimate, frame.track) if k >= 1920 else ():
+            off = wrapped(said.pose - pose)
+            squares.append(off @ np.linalg.solve(said.covariance, off))
+    return np.mean(squares)
+
+
+def test_what_is_learnt_for_long_is_not_pulled_to_one_side(estimator):
+    # In one sea all errors are as one: the mean of two chi squares of five degrees of freedom.
+    assert np.mean([long_drive(estimator, seed) for seed in (11, 12)]) < 5 + 3 * np.sqrt(10 / 2)

@@ -113,7 +113,8 @@ class Case:
 
     `keep` gets the model, poses and light (k, n) and says which poses to keep; `stretch` is how
     much wider than the table the poses are drawn. Where the image is not `informative`, the prior
-    is what is known, and errors are smaller than its deviation.
+    is what is known, and errors are smaller than its deviation. The largest array has `many`
+    detectors a side: every case has tables of its own, and one of 21 takes four times as long.
     """
 
     name: str
@@ -123,6 +124,11 @@ class Case:
     roll: float = 0.0
     informative: bool = True
     shapes: tuple = ("curved", "planar")
+    many: int = 11
+
+    @property
+    def numbers(self):
+        return (*NUMBERS[:-1], self.many)
 
 
 def border(model, poses, light):
@@ -220,7 +226,8 @@ CASES = [
         informative=False,
         shapes=("planar",),
     ),
-    Case("beam of 0.5 deg", changes=beam(0.5, 0.05)),
+    # Arrays of few detectors see no shape of so narrow a beam.
+    Case("beam of 0.5 deg", changes=beam(0.5, 0.05), many=21),
     Case("beam of 3 deg", changes=beam(3.0, 0.3)),
     Case("beam of 20 deg", changes=beam(20.0, 0.6)),
     Case("beam of 60 deg", changes=beam(60.0, 0.6), informative=False),
@@ -240,7 +247,7 @@ def frames(case, shape, number):
     middle, half = (low + high) / 2, (high - low) / 2 * case.stretch
     poses = rng.uniform(middle - half, middle + half, (4000 if number < 20 else 1000, 5))
     light = model.light(poses, case.roll).reshape(len(poses), -1)
-    poses = poses[case.keep(model, poses, light)][: 4 if number > 20 else 8]
+    poses = poses[case.keep(model, poses, light)][: 4 if number > 10 else 8]
     return poses, model.expose(poses, rng, case.roll)
 
 
@@ -253,7 +260,7 @@ def answers(method, case, shape, number):
 def squared_errors(method, case, shape):
     """Return the normalised squared error of each frame that has an estimate, of all arrays."""
     errors = []
-    for number in NUMBERS:
+    for number in case.numbers:
         poses, _ = frames(case, shape, number)
         for pose, found in zip(poses, answers(method, case, shape, number), strict=True):
             if whole(found):
@@ -273,9 +280,10 @@ def hard(request):
 
 
 @each_method
-@pytest.mark.parametrize("number", NUMBERS)
-def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, hard, number):
-    assert len(answers(method, *hard, number)) >= 3, "the case has no poses"
+@pytest.mark.parametrize("size", range(len(NUMBERS)))
+def test_every_hard_frame_has_a_whole_estimate_or_a_named_reason(method, hard, size):
+    case, shape = hard
+    assert len(answers(method, case, shape, case.numbers[size])) >= 3, "the case has no poses"
 
 
 def test_least_squares_errors_agree_with_its_covariance(hard):

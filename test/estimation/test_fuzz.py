@@ -31,6 +31,16 @@ def table(request):
     return build_table(small_scene(shape=request.param))
 
 
+@pytest.fixture(scope="module")
+def matcher(table):
+    return Estimator(table, "sam")
+
+
+@pytest.fixture(scope="module")
+def fitter(table):
+    return Estimator(table, "least_squares")
+
+
 # --- Kinds of images, each a function of (model, rng, how many) ----------------------------------
 
 
@@ -158,7 +168,7 @@ def poses_of(estimator, images, parameters, rolls, held_to=1):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_thirty_thousand_images_leave_features_and_match_whole(table, kind):
+def test_thirty_thousand_images_leave_features_and_match_whole(table, matcher, kind):
     count = 30_000 // (2 * len(KINDS)) + 1  # on either array
     images, parameters = thrown(table, kind, count)
     assert parameters.shape == (count, 5)
@@ -166,14 +176,14 @@ def test_thirty_thousand_images_leave_features_and_match_whole(table, kind):
     assert (np.abs(parameters[:, 1:3]) <= (SIDE - 1) / 2).all()
     # No more than the skewness of one among n (n - 2) / sqrt(n - 1).
     assert (np.abs(parameters[:, 3:]) <= (SIDE - 2) / np.sqrt(SIDE - 1) + 1e-9).all()
-    matched = poses_of(Estimator(table, "sam"), images, parameters, np.zeros(count), held_to=10)
+    matched = poses_of(matcher, images, parameters, np.zeros(count), held_to=10)
     if kind is exposed:
         assert matched > 0.5 * count
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_a_thousand_images_leave_the_fit_whole(table, kind):
+def test_a_thousand_images_leave_the_fit_whole(table, fitter, kind):
     count = 1_000 // (2 * len(KINDS)) + 1
     images, parameters = thrown(table, kind, count)
     rolls = np.random.default_rng(3).choice([0.0, 0.0, 0.35, -3.0], count)
-    poses_of(Estimator(table, "least_squares"), images, parameters, rolls)
+    poses_of(fitter, images, parameters, rolls)

@@ -1,6 +1,5 @@
 """The damped Gauss-Newton solver: closed forms, SciPy's own, batches, and the same compiled."""
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +8,6 @@ from scipy.optimize import least_squares
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.gauss_newton import DAMPING, FREE, GIVE_UP, minimiser
-from uuv_optical_array.estimation.least_squares import problem as image_problem
-from uuv_optical_array.estimation.unknowns.coordinates import from_pose
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -218,53 +213,54 @@ def test_problems_that_have_ended_are_asked_for_no_step():
     assert len(asked) > 5
 
 
-def image_fits(compiled, sigma_deg=8.0, pose_std=(6.0, 3.0, 3.0, 1.5, 1.5)):
-    """Return a model, and the fit of its images as a function of readings and start."""
-    scene = load_scene("reference")
-    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
-    model = ForwardModel(dataclasses.replace(scene, lamp=lamp))
-    nuisances = {"lamp.power": 0.1, "attenuation.k_per_m": 0.02}
-    middle = np.array([-6.0, 0, 0, 0, 0])
-    prior = image_problem.PosePrior(middle, np.array(pose_std), nuisances)
-    problem = image_problem.problem_of(model, prior, compiled)
-    refine = compilation.compiled(image_problem.refine) if compiled else image_problem.refine
+class Place(NamedTuple):
+    """What the compiled problem knows of a place: numbers, as compiled code has them."""
 
-    def fit(readings, pose):
-        start = np.append(from_pose(problem.frame, np.array(pose), 0.0), np.zeros(2))
-        with np.errstate(all="ignore"):
-            return start, refine(problem._replace(readings=readings), start)
-
-    return model, fit
+    cost: float
+    x: float
+    y: float
+    steepness: float
 
 
-@numba
-def test_compiled_it_takes_the_same_steps():
-    (model, plain), (_, compiled) = image_fits(False), image_fits(True)
-    rng = np.random.default_rng(3)
-    half = np.array([2, 0.8, 0.8, 0.4, 0.4])
-    poses = [-6.0, 0, 0, 0, 0] + half * rng.uniform(-1, 1, (12, 5))
-    moved = []
-    for pose, image in zip(poses, model.expose(poses, rng), strict=True):
-        for off in (0.05, 0.3):
-            near = pose + off * rng.standard_normal(5)
-            start, ours = compiled(image.ravel(), near)
-            _, theirs = plain(image.ravel(), near)
-            scale = np.sqrt(np.diag(theirs.information))
-            np.testing.assert_allclose(ours.at * scale, theirs.at * scale, atol=1e-5, rtol=1e-9)
-            assert ours.cost == pytest.approx(theirs.cost, abs=1e-7, rel=1e-9)
-            moved.append(np.abs((ours.at - start) * scale).max())
-    assert np.median(moved) > 10
+def compilable(problem, at):
+    """Rosenbrock's valley, as steep as the problem says."""
+    x, y = at
+    return Place(0.5 * problem * problem * ((y - x * x) ** 2) + 0.5 * (1 - x) ** 2, x, y, problem)
 
 
-@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=numba)])
-def test_an_image_that_gives_no_cost_or_no_step_leaves_the_start(compiled):
-    _, fit = image_fits(compiled)
-    start, found = fit(np.full(25, np.nan), [-6.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(found.at, start)
-    assert np.isnan(found.cost)
-    # Behind the lamp, without light and without a prior of the pose, its information is zero.
-    _, fit = image_fits(compiled, sigma_deg=1.0, pose_std=np.full(5, 1e200))
-    start, found = fit(np.full(25, 100.0), [6.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(found.at, start)
-    assert np.isfinite(found.cost)
-    np.testing.assert_array_equal(found.information[:5, :5], 0.0)
+def compilable_step(problem, state, damping):
+    x, y, steep = state.x, state.y, state.steepness * state.steepness
+    off = y - x * x
+    a = (4 * x * x * steep + 1) * (1 + damping)
+    b, d = -2 * x * steep, steep * (1 + damping)
+    u, v = 2 * x * steep * off + 1 - x, -steep * off
+    determinant = a * d - b * b
+    if determinant == 0.0:
+        return (x, y), np.nan
+    p, q = (d * u - b * v) / determinant, (a * v - b * u) / determinant
+    return (x + p, y + q), 0.5 * (p * u + q * v)
+
+
+@pytest.fixture(scope="module", params=[False, pytest.param(True, marks=numba)], ids=str)
+def minimise(request):
+    if not request.param:
+        return minimiser(compilable, compilable_step, 1e-16, 200)
+    parts = map(compilation.compiled_inside, (compilable, compilable_step))
+    return compilation.compiled(minimiser(*parts, 1e-16, 200))
+
+
+@pytest.mark.parametrize("start", STARTS, ids=str)
+def test_as_it_stands_and_compiled_it_takes_the_same_steps(minimise, start):
+    for steps in (1, 2, 5, 200):
+        found = minimise(10.0, tuple(start), steps)
+        expected = minimiser(rosenbrock, damped_step, 1e-16, steps)(None, start)
+        np.testing.assert_allclose((found.x, found.y), expected.at, rtol=1e-9, atol=1e-9)
+        assert found.cost == pytest.approx(expected.cost, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("steepness", [np.nan, np.inf, 0.0])
+def test_a_problem_that_gives_no_cost_or_no_step_leaves_the_start(minimise, steepness):
+    with np.errstate(all="ignore"):
+        found = minimise(steepness, (-1.2, 1.0), 200)
+    assert (found.x, found.y) == (-1.2, 1.0)
+    assert np.isfinite(found.cost) == (steepness == 0.0)

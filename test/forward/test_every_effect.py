@@ -15,16 +15,14 @@ from drawn_effects import any_scenes, poses, scenes, settings_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.core.geometry import lamp_slopes
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import room
+from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.effects.forms import Transmission
-from uuv_optical_array.forward.light import COSINE, RAY_ROWS, LampSettings
+from uuv_optical_array.forward.light import COSINE, LampSettings
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import BEAM_ROWS, detect, illuminate, project
 
 reproducible = settings(
     max_examples=15,
@@ -157,17 +155,6 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
         assert_slopes(np.array([found[:count]]), logarithm, at[:count], 1e-3)
 
 
-def image_with_slopes(optics, lamp, slopes, nuisances):
-    """Light and its slopes, as a package's function would, so that `compiled` takes it."""
-    n = optics.detectors.shape[1]
-    rays, beam = room(RAY_ROWS, lamp[0], n), room(BEAM_ROWS + len(optics.laws), lamp[0], n)
-    illuminate(optics, lamp, nuisances, rays, beam, True)
-    image = np.empty((6 + optics.nuisances, n))
-    project(optics, lamp, slopes, rays, beam, image)
-    detect(optics, nuisances, image)
-    return image
-
-
 @pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
 @each_effect
 @given(data=st.data())
@@ -175,11 +162,12 @@ def image_with_slopes(optics, lamp, slopes, nuisances):
 def test_compiled_light_and_slopes_are_those_of_numpy(name, data):
     model = model_of(data.draw(scenes([name])))
     offsets = offsets_for(data, model)
-    pose, roll = np.array(data.draw(poses)), data.draw(rolls)
-    lamp, slopes = lamp_slopes(pose, roll)
-    given_values = tuple(lamp.tolist()), slopes, np.array(list(offsets.values()))
-    plain = image_with_slopes(model.optics(tuple(offsets)), *given_values)
-    fast = compilation.compiled(image_with_slopes)
-    found = fast(model.optics(tuple(offsets), compiled=True), *given_values)
-    scale = np.abs(plain).max(axis=1, keepdims=True)
-    assert (np.abs(found - plain) <= 1e-12 * scale + 1e-12).all()
+    at = np.array([*data.draw(poses), *offsets.values()])
+    roll, dark = data.draw(rolls), np.zeros(model.array.side**2)
+    ways = (Lineariser(model, tuple(offsets), compiled) for compiled in (False, True))
+    plain, found = (linearise(dark, at, roll) for linearise in ways)
+    for ours, theirs in (
+        (found.light, plain.light),
+        *zip(found.slopes.T, plain.slopes.T, strict=True),
+    ):
+        assert (np.abs(ours - theirs) <= 1e-12 * np.abs(theirs).max() + 1e-12).all()

@@ -110,9 +110,9 @@ FRAMES = {
     # A ring of attitudes that look alike.
     "planar and far": ([-8.0, 0.3, -0.2, -0.1, 0.2], {}, PLANAR, 0.2),
 }
-# Chains of 500 steps know a mean to 0.025 and a deviation to 0.012 of itself; they go round a bent
-# posterior in 1500, which the estimate samples by few hundred points.
-PLAIN, BENT = (0.12, 0.1, 500), (0.35, 0.3, 1500)
+# Chains of 300 steps know a mean to 0.04 and a deviation to 0.02 of itself; they go round a bent
+# posterior in 900, which the estimate samples by few hundred points.
+PLAIN, BENT = (0.12, 0.1, 300), (0.35, 0.3, 900)
 
 
 @pytest.mark.parametrize("frame", FRAMES)

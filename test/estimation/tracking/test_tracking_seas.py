@@ -1,11 +1,13 @@
 """The tracker in seas drawn from the prior: what it learns, and whether it knows how well."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
 import pytest
 
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -23,7 +25,12 @@ FOLLOW = load_scene("follow")
 MODEL = ForwardModel(
     dataclasses.replace(FOLLOW, effects={**FOLLOW.effects, "ambient": {"level_counts": 0.0}})
 )
-LINEARISE = Lineariser(MODEL, NAMES)
+
+
+@functools.cache
+def linearise():
+    """Make the lineariser, compiled where it can be, when a test runs."""
+    return Lineariser(MODEL, NAMES, compilation.usable())
 
 
 def sweep(rng):
@@ -44,7 +51,7 @@ def fitted(image, start, mean, covariance):
     """Return readings linearised at the fit of pose and constants, and the pose's covariance."""
     at, prior = start, np.linalg.inv(covariance)
     for _ in range(5):
-        found = LINEARISE(image, at)
+        found = linearise()(image, at)
         weights = 1 / (found.variances + np.square(GAIN_STD * found.light))
         precision = found.slopes.T * weights @ found.slopes
         score = found.slopes.T @ (weights * found.residuals)
@@ -52,7 +59,7 @@ def fitted(image, start, mean, covariance):
         score[5:] -= prior @ (at[5:] - mean)
         at = at + np.linalg.solve(precision, score)
     spread = np.linalg.inv(precision)[:5, :5]
-    return LINEARISE(image, at), (spread + spread.T) / 2
+    return linearise()(image, at), (spread + spread.T) / 2
 
 
 def nees(off, covariance):
@@ -79,7 +86,7 @@ def tracked(frame, course=sweep, seas=6):
                 found.at[:5],
                 covariance,
                 found,
-                lambda at, image=image: LINEARISE(image, at),
+                lambda at, image=image: linearise()(image, at),
             )
             of_pose.append(nees(track.pose - pose, track.covariance))
             by_std.append((track.pose - pose) / np.sqrt(track.covariance.diagonal()))

@@ -241,6 +241,7 @@ class Estimator:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         model, stds = self._model, scene.prior.nuisance_std()
         self._prior = PosePrior(middle, prior_std, stds)
+        self._pose_precision = np.diag(1 / np.square(prior_std))
         self._kinds = frame_kinds(model, self._prior, compiled)
         self._linearise = Lineariser(model, self.constants.names, compiled)
         poses, parameters = self._starts()
@@ -480,7 +481,8 @@ class Estimator:
         """Return what the fit makes of an image.
 
         With it come the probability that the image is a clear one and, where it is told what is
-        expected, the image's likelihood near the best fit as a clear one.
+        expected and the posterior is integrated, the image's likelihood near the best fit as a
+        clear one.
         """
         assert self._frame is not None  # prepared
         kinds = expecting(self._kinds, expected)
@@ -507,15 +509,14 @@ class Estimator:
             raise self._misfit(found.score)
         if found.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        if expected is None:
+        fitted = len(kinds[0].places)
+        if expected is None or (guide.gaussian and len(expected.mean) == fitted):
             return found, clear, None
         at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
         near = self._near(readings, at, roll, found.stretch)
-        fitted = len(kinds[0].places)
         if len(expected.mean) > fitted and clear > 0:
             # What the clear fit was given is not known exactly.
-            pose_precision = np.diag(1 / np.square(self._prior.pose_std))
-            precision = block_diag(pose_precision, problems[0].nuisance_precision)
+            precision = block_diag(self._pose_precision, problems[0].nuisance_precision)
             slopes = near.pose_slopes(precision, self.constants.gain_std)
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
             covariance = found.covariance + 0.5 * (spread + spread.T)

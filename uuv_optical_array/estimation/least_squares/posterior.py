@@ -101,6 +101,13 @@ class PosteriorMoments(NamedTuple):
     nodes: int
 
 
+def write_start(lattice: Lattice, node: int, pitch: float, yaw: float, start: Array) -> None:
+    """Write where all else is expected at an attitude that is so much off that of a node, rad."""
+    moved = lattice.moved[node]
+    for i in range(len(start)):
+        start[i] = lattice.ats[node, i] + (pitch * moved[0, i] + yaw * moved[1, i])
+
+
 def write_node(problem: Problem, start: Array, lattice: Lattice, node: int) -> None:
     """Integrate all else at the attitude of a place near the conditional mean."""
     state = evaluate(problem, start)
@@ -276,11 +283,10 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
         The largest square of each step in standard deviations there, where it counts, shape
         ``(2,)``; negative where there were more nodes than the map has room for.
     """
-    logs, ats, most = lattice.logs, lattice.ats, len(lattice.logs)
-    size = ats.shape[1]
+    logs, most = lattice.logs, len(lattice.logs)
     seen = np.zeros((2 * HALF_WIDTH + 1, 2 * HALF_WIDTH + 1), dtype=np.bool_)
     places, squares = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
-    start = np.empty(size)
+    start = np.empty(lattice.ats.shape[1])
     count, done, overflow = 0, 0, False
     largest = logs[0]
     place_i, place_j = HALF_WIDTH, HALF_WIDTH
@@ -320,10 +326,7 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
             if expected < largest - NEGLIGIBLE:
                 continue
             seen[place_i, place_j] = True
-            for i in range(size):
-                start[i] = ats[parent, i] + (
-                    u * lattice.moved[parent, 0, i] + v * lattice.moved[parent, 1, i]
-                )
+            write_start(lattice, parent, u, v, start)
             if abs(start[PITCH]) > 0.5 * np.pi:
                 continue
             if count == most:
@@ -396,8 +399,8 @@ def nearly_gaussian(problem: Problem, basis: Array, lattice: Lattice) -> Posteri
         Per cell of the lattice; without nodes, and the lattice with its first one alone, where the
         posterior is no such Gaussian.
     """
-    size, logs, node = lattice.ats.shape[1], np.empty(9), 0
-    start, step = np.empty(size), np.sqrt(3.0) / SPACING
+    logs, node = np.empty(9), 0
+    start, step = np.empty(lattice.ats.shape[1]), np.sqrt(3.0) / SPACING
     logs[0] = np.log(16 / 36)
     for i in range(-1, 2):
         for j in range(-1, 2):
@@ -405,9 +408,7 @@ def nearly_gaussian(problem: Problem, basis: Array, lattice: Lattice) -> Posteri
                 continue
             u = step * (i * basis[0, 0] + j * basis[0, 1])
             v = step * (i * basis[1, 0] + j * basis[1, 1])
-            for k in range(size):
-                moved = u * lattice.moved[0, 0, k] + v * lattice.moved[0, 1, k]
-                start[k] = lattice.ats[0, k] + moved
+            write_start(lattice, 0, u, v, start)
             node += 1
             write_node(problem, start, lattice, node)
             over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)

@@ -26,8 +26,6 @@ from uuv_optical_array.forward.scene import SHADE_DOUBT
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
 # does, and what is left lets the track follow.
 MOST_LASTING = 0.9 / SHADE_DOUBT
-
-
 # Of the way to where a frame takes the track: at this share the pulls of noise and bend are least
 # in drives of 20 minutes through seas drawn from the prior.
 ONWARD = 0.25

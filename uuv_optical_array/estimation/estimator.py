@@ -7,7 +7,9 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import compress
 from typing import Annotated, Any, Literal, get_args
 
@@ -66,8 +68,9 @@ METHODS: tuple[Method, ...] = get_args(Method)
 PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
-# Standard deviations that mean and best fit of a posterior as good as Gaussian may be apart.
-LINEAR = 0.5
+# A scene is as good as linear where of so many images, from this share of its table's extent, less
+# than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
+LOOKS, LOOKED_AT, MOST_NODES = 24, 0.7, 40
 # Rows of the table that fits start from: more make no fit more exact.
 START_ROWS = 1024
 # Beside them starts nearer than the table, and the share of a row's range that they go down to.
@@ -125,9 +128,8 @@ class Estimate:
     unobservable
         Degrees of freedom of which the image says next to nothing.
     readings
-        The likelihood of the image near its best fit, where it is as good as Gaussian and the
-        constants that were expected were told; ``None`` where it is not, or where something may
-        shade the image.
+        The likelihood of the image near its best fit, where it was told what is expected;
+        ``None`` where the scene is not `Estimator.linear`, or something may shade the image.
     stretch
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     clear
@@ -454,7 +456,7 @@ class Estimator:
             return self._saturated(roll)
         found, clear, near = self._fit(self._guide, parameters, readings, roll, expected)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
-        gaussian = runner_up is None and found.off < LINEAR**2 and clear > CLEAR
+        linear = near is not None and clear > CLEAR and self.linear
         return Estimate(
             found.pose,
             found.covariance,
@@ -464,7 +466,7 @@ class Estimator:
             float(ndtr(-found.score)),
             float(ndtr(-found.runner_up_score)),
             self._unobservable(found.covariance),
-            near if gaussian else None,
+            near if linear else None,
             found.stretch,
             clear,
         )
@@ -541,6 +543,24 @@ class Estimator:
         """
         readings = self._readings(image)
         return lambda at: self._near(readings, at, roll, estimate.stretch)
+
+    @cached_property
+    def linear(self) -> bool:
+        """Whether images of the scene are linear enough for a track to take their readings.
+
+        A planar or weakly curved array leaves pitch and yaw in bent or several posteriors, of which
+        a track takes the poses. It is said of the scene and not of each image, as poses and
+        readings go badly together: what poses have of the constants' errors is known only roughly.
+        """
+        off = LOOKED_AT * np.random.default_rng(0).uniform(-1, 1, (LOOKS, 5))
+        poses = self._prior.pose_mean + off * self._prior.pose_std / PRIOR_HALF_EXTENTS
+        images = self._model.converted(self._model.light(poses))
+        bent, unknown = 0, np.full((5, 1), np.nan)
+        for readings in images.reshape(LOOKS, -1).astype(float):
+            with suppress(NoPose):
+                found, *_ = self._fit(self._guide, unknown, readings, 0.0, None)
+                bent += found.nodes > MOST_NODES or not np.isnan(found.runner_up_score)
+        return bent < LOOKS / 3
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def _saturated(self, roll: float) -> Estimate:

@@ -9,9 +9,17 @@ from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import GRADIENTS, load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import (
+    ATTENUATION,
+    GRADIENTS,
+    POWER,
+    load_scene,
+    scene_from_settings,
+)
 from uuv_optical_array.studies.drives import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
@@ -103,6 +111,39 @@ def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
     assert np.less(squares, 46).all()  # as improbable as six standard deviations of one number
     learnt = [frame.track.constants[name].mean for name in GRADIENTS]
     assert learnt == pytest.approx(slopes, abs=4)
+
+
+def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimator):
+    model, rng = ForwardModel(estimator.table.scene), np.random.default_rng(3)
+    dim = {POWER: np.array(-0.15), ATTENUATION: np.array(0.04)}
+    poses, pipeline, squares = course(np.arange(160) / 2, 1200.0, rng), Pipeline(estimator), []
+    for k, pose in enumerate(poses):
+        image = model.read(model.light(pose, 0.0, dim), rng)
+        track = pipeline.answer((k + 2) * 500_000_000, image).track
+        off = wrapped(track.pose - pose)
+        squares.append(off @ np.linalg.solve(track.covariance, off))
+    # The sea itself is 2.5 standard deviations from what was believed.
+    assert np.mean(squares[80:]) < 5 + 2.5**2
+
+
+@pytest.mark.parametrize(
+    ("array", "linear"),
+    [
+        ({}, True),
+        ({"radius_m": 1.0}, False),  # weakly curved: mirrored attitudes look alike
+        ({"shape": "planar", "radius_m": None}, False),
+    ],
+)
+def test_a_track_takes_readings_where_the_array_shows_one_attitude(array, linear, compiled_fit):
+    values = load_scene("follow").settings()
+    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    array = {**values["array"], **array}
+    values["array"] = {key: value for key, value in array.items() if value is not None}
+    found = Estimator(build_table(scene_from_settings(values, "array")))
+    assert found.linear == linear
+    known = Tracker(TrackerSettings(), constants=found.constants).expected(0)
+    image = ForwardModel(found.table.scene).light(POSE)
+    assert (found.estimate(image, expected=known).readings is not None) == linear
 
 
 def long_drive(estimator, seed):

@@ -117,3 +117,19 @@ def test_standing_still_teaches_nothing_false():
     assert of_pose.mean() < 37.7 / 3
     assert np.abs(by_std).max() < 6
     assert of_constants.mean() < 10  # four on average
+
+
+@pytest.mark.parametrize("range_m", [4.0, 8.0])
+def test_what_the_power_does_to_the_range_is_one_error_of_all_poses(range_m):
+    frame, std, count = frame_of(MODEL), 0.1, 100
+    constants = Constants((NAMES[0],), (std,), frame=frame)
+    tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
+    pose, noise = np.array([-range_m - frame.centre_x, 0, 0, 0, 0]), np.diag([0.25, 1, 1, 1, 1])
+    for k in range(count):
+        track = tracker.update(1 + 1000 * k, pose, noise)
+    # On the axis light goes with P exp(-K r) / r^2.
+    common = (std * range_m / (2 + 0.1 * range_m)) ** 2
+    assert track.covariance[0, 0] == pytest.approx(common + (0.25 - common) / count, rel=1e-3)
+    assert track.covariance[1, 1] == pytest.approx(1 / count, rel=1e-3)
+    learnt = track.constants[NAMES[0]]
+    assert (learnt.mean, learnt.std) == pytest.approx((0, std))

@@ -98,8 +98,8 @@ class FrameResult(NamedTuple):
         That of the best, which the covariance has.
     best
         Pose and nuisances of the best minimum, shape ``(p,)``.
-    off
-        Square of the distance from the pose of `best` to `pose`, in standard deviations.
+    nodes
+        How many attitudes the posterior was integrated by.
     log_evidence
         Logarithm of the integral of likelihood and prior, without the constants of the readings
         and of the pose's prior.
@@ -119,7 +119,7 @@ class FrameResult(NamedTuple):
     runner_up_angle: float
     stretch: float
     best: Array
-    off: float
+    nodes: int
     log_evidence: float
     strict_score: float
 
@@ -354,7 +354,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
-    outcome, pose, off, evidence = NO_START, nothing, np.nan, -np.inf
+    outcome, pose, nodes, evidence = NO_START, nothing, 0, -np.inf
     runner_up, runner_up_score = nothing, np.nan
     if len(minima) > 0:
         at[:] = minima[0].parts[AT]
@@ -366,14 +366,10 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
                 moments = gaussian_posterior(minima[0])
             else:
                 moments = whole_posterior(problem, minima)
-            pose, evidence = moments.mean, moments.log_weight
+            pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
             covariance = best.stretch * moments.covariance
-            factor, apart = covariance.copy(), pose - at[:5]
-            if moments.nodes < LEAST_NODES or not cholesky(factor):
+            if nodes < LEAST_NODES or not cholesky(covariance.copy()):
                 outcome = NO_COVARIANCE
-            else:
-                solve_lower(factor, apart)
-                off = (apart * apart).sum()
             if len(minima) > 1:
                 runner_up = minima[1].parts[POSE, :5].copy()
                 runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
@@ -388,7 +384,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
         second_angle,
         best.stretch,
         at,
-        off,
+        nodes,
         evidence,
         best.score,
     )

@@ -7,12 +7,13 @@ rounding.
 
 A frame comes as a pose with its covariance, or with its readings, linearised (`correction`). Of a
 bare pose only errors that are new in every frame average out. The part that is not, such as the
-bias of a grid, is ``common_share``. The errors of a frame that something may shade last as long as
-the shade: they are states of the filter that are never corrected, only considered (S. F. Schmidt,
-*Advances in Control Systems* 3, 1966, 293), so that the track follows the motion and does not grow
-sharp. Readings say what all frames have in common, the scene's unknown constants and the detectors'
-gain errors, which are learnt while the vehicles move. Constants are learnt from one frame in a
-while only (`LEARN_EVERY_S`), and no more once one that bends the light is known well
+bias of a grid, is ``common_share``. What unknown constants do to its range, where the image is as
+bright as it is, is one error for all frames. The errors of a frame that something may shade last as
+long as the shade: they are states of the filter that are never corrected, only considered (S. F.
+Schmidt, *Advances in Control Systems* 3, 1966, 293), so that the track follows the motion and does
+not grow sharp. Readings say what all frames have in common, the scene's unknown constants and the
+detectors' gain errors, which are learnt while the vehicles move. Constants are learnt from one
+frame in a while only (`LEARN_EVERY_S`), and no more once one that bends the light is known well
 (`LEAST_SHARE`): linear readings say more than the images do, and what they say too much adds up.
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
@@ -60,7 +61,7 @@ UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of whic
 MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # Constants are learnt from one frame in so long, s. Slopes are those of noisy poses, and what they
 # differ by from frame to frame looks like motion, from which more would be learnt than is there.
-LEARN_EVERY_S = 2.0
+LEARN_EVERY_S = 4.0
 # Of a constant's standard deviation before any frame: below it nothing is learnt until it drifts.
 LEAST_SHARE = 0.5
 
@@ -367,18 +368,20 @@ class Tracker:
 
     def _start(self, frame: Frame, before: _State | None) -> _State:
         """Return a new track, which keeps what was learnt of the constants."""
-        mean, root, shared = self._held(before, frame.stamp_ns)
-        mean[POSE] = frame.pose
-        own, lasts = self._correction.errors(frame)
-        if frame.readings is not None:
-            mean[POSE], own = frame.readings.at[:5], np.diag(UNKNOWN_POSE)
-        anew = block_diag(own, triangular(self._random_motion.start), root[MOVING:, MOVING:])
-        belief = Belief(mean, anew, shared)
+        held = self._held(before, frame.stamp_ns)
+        mean, root, shared = held
+        start, lasts = triangular(self._random_motion.start), root[MOVING:, MOVING:]
         if frame.readings is None:
-            anew[POSE, MOVING:] = lasts @ root[self._space.shades, MOVING:]
-            corrected = Corrected(lambda: belief)
-        else:
-            corrected, _ = self._correction.by_frame(belief, frame, True)
+            own, slopes = self._correction.errors(held, frame)
+            follows = -slopes[:, MOVING:]
+            anew = block_diag(own, start, lasts)
+            mean[POSE], anew[POSE, MOVING:] = frame.pose, follows @ lasts
+            shared[POSE] = follows @ shared[MOVING:]
+            belief = Belief(mean, anew, shared)
+            return _State(frame, Corrected(lambda: belief), frame.stamp_ns)
+        mean[POSE] = frame.readings.at[:5]
+        anew = block_diag(np.diag(UNKNOWN_POSE), start, lasts)
+        corrected, _ = self._correction.by_frame(Belief(mean, anew, shared), frame, True)
         return _State(frame, corrected, frame.stamp_ns)
 
     def _held(self, state: _State | None, stamp_ns: int) -> Belief:

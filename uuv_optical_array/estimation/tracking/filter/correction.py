@@ -26,6 +26,8 @@ from uuv_optical_array.forward.scene import SHADE_DOUBT
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
 # does, and what is left lets the track follow.
 MOST_LASTING = 0.9 / SHADE_DOUBT
+# Most of a pose's variance in any direction that it has of the constants' errors.
+MOST_COMMON = 0.9
 # Of the way to where a frame takes the track: at this share the pulls of noise and bend are least
 # in drives of 20 minutes through seas drawn from the prior.
 ONWARD = 0.25
@@ -78,35 +80,52 @@ class Correction:
         """
         self._own_share, self._gate = math.sqrt(1 - common_share), gate
 
-    def errors(self, frame: Frame) -> tuple[Array, Array]:
-        """Return roots of what is new in a pose's errors, and of what shades leave there.
+    def errors(self, belief: Belief, frame: Frame) -> tuple[Array, Array]:
+        """Return what is new in a pose's errors, and how the rest follows from what lasts.
 
-        The first has the shape ``(5, 5)``; the second, by the states of the shades, ``(5, 0)`` or
-        ``(5, 5)``.
+        Parameters
+        ----------
+        belief
+            Before the frame.
+        frame
+            One that its pose stands for.
+
+        Returns
+        -------
+        root
+            Of the covariance of what is new, shape ``(5, 5)``.
+        slopes
+            Of the pose as it is measured, by the whole state, shape ``(5, size)``.
         """
-        shades = self._space.shades.stop - self._space.shades.start
-        share = MOST_LASTING * frame.lasting if shades else 0.0
-        root = self._own_share * frame.root
-        return math.sqrt(1 - share) * root, math.sqrt(share) * root[:, :shades]
+        of, shades = self._space.constants, self._space.shades
+        slopes, root = np.eye(5, self._space.size), frame.root
+        if of.stop > of.start:
+            # The fit took the constants as they are believed to be: where they are not, another
+            # range is as bright.
+            at = np.concatenate([frame.pose, belief.mean[of]])
+            _, by_coordinates = self._coordinates.place(self._coordinates.of(at))
+            slopes[:, of], root = _parted(root, -by_coordinates[:5, 5:], belief, of)
+        if shades.stop > shades.start:
+            share = MOST_LASTING * frame.lasting
+            slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(1 - share) * root
+        return self._own_share * root, slopes
 
     def by_frame(self, belief: Belief, frame: Frame, learns: bool) -> tuple[Corrected, float]:
         """Return a belief corrected by a frame, and the distance of the frame from it.
 
-        Constants and gain errors are corrected only where it `learns`.
+        Constants and gain errors are corrected only where it `learns`, and by readings.
         """
-        learnt = self._space.gains.stop if learns else MOVING
         if frame.readings is None:
-            return self._by_pose(belief, frame, learnt)
+            return self._by_pose(belief, frame)
+        learnt = self._space.gains.stop if learns else MOVING
         return self._by_readings(belief, frame.readings, frame.relinearise, learnt)
 
-    def _by_pose(self, belief: Belief, frame: Frame, learnt: int) -> tuple[Corrected, float]:
-        own, lasts = self.errors(frame)
-        slopes = np.eye(5, self._space.size)
-        slopes[:, self._space.shades] = lasts
+    def _by_pose(self, belief: Belief, frame: Frame) -> tuple[Corrected, float]:
+        own, slopes = self.errors(belief, frame)
         off = wrapped(frame.pose - belief.mean[POSE])
         white = solve_triangular(own, np.column_stack([off, slopes]), lower=True)
         reading = Reading(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
-        gain, distance = weigh(belief, reading, learnt)
+        gain, distance = weigh(belief, reading, MOVING)
         return Corrected(lambda: correct(belief, reading, gain())), distance
 
     def _by_readings(
@@ -180,3 +199,12 @@ class Correction:
         noise = np.sqrt(np.where(says, readings.variances, 1.0))
         spoilt = self._constants.gain_std * light if self._space.spoilt else np.zeros(0)
         return Reading(residual, by_state, noise, spoilt)
+
+
+def _parted(root: Array, slopes: Array, belief: Belief, of: slice) -> tuple[Array, Array]:
+    """Return what a pose's errors have of some of the state's, and the root of what is left."""
+    theirs = solve_triangular(root, slopes @ np.hstack(belief[1:])[of], lower=True)
+    spread = theirs @ theirs.T
+    share = min(1.0, MOST_COMMON / max(np.linalg.eigvalsh(spread)[-1], MOST_COMMON))
+    left = root @ np.linalg.cholesky(np.eye(5) - share * spread)
+    return math.sqrt(share) * slopes, left

@@ -14,7 +14,8 @@ setup(
     name=package_name,
     version="0.2.0",
     description="One underwater vehicle follows another by light",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    # `colcon build --symlink-install` runs a link to this file in another folder.
+    long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     project_urls={"Method": "https://doi.org/10.1109/JOE.2015.2389592"},
     keywords=["ROS 2", "underwater", "localization", "photodiode array"],

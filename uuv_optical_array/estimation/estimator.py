@@ -70,7 +70,7 @@ PRIOR_HALF_EXTENTS = 3.0
 UNOBSERVABLE = 0.5
 # A scene is as good as linear where of so many images, from this share of its table's extent, less
 # than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
-LOOKS, LOOKED_AT, MOST_NODES = 24, 0.7, 40
+LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
 # Rows of the table that fits start from: more make no fit more exact.
 START_ROWS = 1024
 # Beside them starts nearer than the table, and the share of a row's range that they go down to.
@@ -559,7 +559,7 @@ class Estimator:
         for readings in images.reshape(LOOKS, -1).astype(float):
             with suppress(NoPose):
                 found, *_ = self._fit(self._guide, unknown, readings, 0.0, None)
-                bent += found.nodes > MOST_NODES or not np.isnan(found.runner_up_score)
+                bent += found.nodes > BENT_NODES or not np.isnan(found.runner_up_score)
         return bent < LOOKS / 3
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.information.linearised import Lineariser
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.tracking.tracker import LEARN_EVERY_S, Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.coordinates import frame_of
 from uuv_optical_array.forward.model import ForwardModel
@@ -119,12 +119,33 @@ def test_standing_still_teaches_nothing_false():
     assert of_constants.mean() < 10  # four on average
 
 
+def behind(range_m, constants):
+    """Return a pose on the beam's axis."""
+    return np.array([-range_m - constants.frame.centre_x, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize("range_m", [4.0, 8.0])
+def test_a_lamp_that_proves_brighter_was_farther_off(range_m):
+    constants = Constants((NAMES[0],), (0.1,), frame=frame_of(MODEL))
+    tracker = Tracker(TrackerSettings(reset_after_s=60.0), constants=constants)
+    pose = behind(range_m, constants)
+    tracker.update(1, pose, np.diag([0.25, 1, 1, 1, 1]))
+    slope, brighter = np.array([[0.0, 0, 0, 0, 0, 1]]), 0.01
+    at = np.array([*pose, 0.0])
+    told = LinearisedReadings(at, np.array([brighter]), slope, np.ones(1), np.array([1e-9]))
+    track = tracker.update(1 + round(1e9 * LEARN_EVERY_S), pose, np.eye(5), told)
+    assert track.constants[NAMES[0]].mean == pytest.approx(brighter, rel=1e-3)
+    # On the axis light goes with P exp(-K r) / r^2.
+    farther = brighter * range_m / (2 + 0.1 * range_m)
+    assert track.pose[0] == pytest.approx(pose[0] - farther, abs=0.02 * farther)
+
+
 @pytest.mark.parametrize("range_m", [4.0, 8.0])
 def test_what_the_power_does_to_the_range_is_one_error_of_all_poses(range_m):
-    frame, std, count = frame_of(MODEL), 0.1, 100
-    constants = Constants((NAMES[0],), (std,), frame=frame)
+    std, count = 0.1, 100
+    constants = Constants((NAMES[0],), (std,), frame=frame_of(MODEL))
     tracker = Tracker(TrackerSettings(common_share=0.0), constants=constants)
-    pose, noise = np.array([-range_m - frame.centre_x, 0, 0, 0, 0]), np.diag([0.25, 1, 1, 1, 1])
+    pose, noise = behind(range_m, constants), np.diag([0.25, 1, 1, 1, 1])
     for k in range(count):
         track = tracker.update(1 + 1000 * k, pose, noise)
     # On the axis light goes with P exp(-K r) / r^2.

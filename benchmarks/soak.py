@@ -139,7 +139,7 @@ class Soak:
 
     def at_top_speed(self, frames: int) -> None:
         """Send frames as they are answered, and print what memory they take."""
-        print("frames     frames/s     memory, MB")
+        print("frames     frames/s     memory, MB   false")
         step, begun = max(frames // 10, 1), time.monotonic()
         lost = 0
         for i in range(1, frames + 1):
@@ -149,8 +149,9 @@ class Soak:
             lost += self.sea.newest_heard != stamp
             if i % step == 0:
                 rate = i / (time.monotonic() - begun)
-                print(f"{i:8} {rate:10.0f} {resident_mb(self.process.pid):12.1f}", flush=True)
-        print(f"without a pose {lost}, false {self.sea.false}")
+                memory = resident_mb(self.process.pid)
+                print(f"{i:8} {rate:10.0f} {memory:12.1f} {self.sea.false:8}", flush=True)
+        print(f"without a pose {lost}")
         self.good &= self.sea.false == 0
 
     def at_rate(self, seconds: float, fault: Fault = lambda image: [image]) -> None:

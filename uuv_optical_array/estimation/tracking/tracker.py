@@ -63,7 +63,7 @@ MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
 # differ by from frame to frame looks like motion, from which more would be learnt than is there.
 LEARN_EVERY_S = 4.0
 # Of a constant's standard deviation before any frame: below it nothing is learnt until it drifts.
-LEAST_SHARE = 0.5
+LEAST_SHARE = 0.6
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ class Soak:
             self.serve_until(time.monotonic() + 0.1)
 
     def at_top_speed(self, frames: int) -> None:
-        """Send frames as they are answered, and print what memory they take."""
+        """Send frames as they are answered, and print memory and false poses."""
         print("frames     frames/s     memory, MB   false")
         step, begun = max(frames // 10, 1), time.monotonic()
         lost = 0

@@ -264,8 +264,6 @@ class Estimator:
             joint_coordinates.prepare(self.constants)
             self._frame = compilation.compiled(estimate_frame)
             compilation.prepare(self._frame, self._kinds[0].problem, self._guide, np.ones((5, 1)))
-            if self.settings.method == "least_squares":
-                _ = self.linear
 
     def _starts(self) -> tuple[Array, Array]:
         """Return poses that fits start from, and their key parameters: of the table, and nearer."""

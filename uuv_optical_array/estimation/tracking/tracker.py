@@ -422,7 +422,7 @@ class Tracker:
 
     def _worth_learning(self, belief: Belief) -> bool:
         """Say whether no constant that bends the light is known well."""
-        stds = np.linalg.norm(np.hstack(belief[1:])[self._space.constants], axis=1)
+        stds = np.linalg.norm(belief.whole_root[self._space.constants], axis=1)
         return bool((stds >= self._least).all())
 
 

@@ -104,7 +104,8 @@ class Correction:
             # range is as bright.
             at = np.concatenate([frame.pose, belief.mean[of]])
             _, by_coordinates = self._coordinates.place(self._coordinates.of(at))
-            slopes[:, of], root = _parted(root, -by_coordinates[:5, 5:], belief, of)
+            theirs = belief.whole_root[of]
+            slopes[:, of], root = _parted(root, -by_coordinates[:5, 5:], theirs)
         if shades.stop > shades.start:
             share = MOST_LASTING * frame.lasting
             slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(1 - share) * root
@@ -201,10 +202,13 @@ class Correction:
         return Reading(residual, by_state, noise, spoilt)
 
 
-def _parted(root: Array, slopes: Array, belief: Belief, of: slice) -> tuple[Array, Array]:
-    """Return what a pose's errors have of some of the state's, and the root of what is left."""
-    theirs = solve_triangular(root, slopes @ np.hstack(belief[1:])[of], lower=True)
-    spread = theirs @ theirs.T
+def _parted(root: Array, slopes: Array, theirs: Array) -> tuple[Array, Array]:
+    """Return slopes of a pose's errors by others, of the root `theirs`, and the root of the rest.
+
+    The slopes are scaled down where that would be more of a variance than `MOST_COMMON`.
+    """
+    common = solve_triangular(root, slopes @ theirs, lower=True)
+    spread = common @ common.T
     share = min(1.0, MOST_COMMON / max(np.linalg.eigvalsh(spread)[-1], MOST_COMMON))
     left = root @ np.linalg.cholesky(np.eye(5) - share * spread)
     return math.sqrt(share) * slopes, left

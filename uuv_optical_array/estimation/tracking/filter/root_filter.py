@@ -41,6 +41,11 @@ class Belief(NamedTuple):
     shared: Array
 
     @property
+    def whole_root(self) -> Array:
+        """Root of the covariance, of own and of shared errors, shape ``(d, k + h)``."""
+        return np.concatenate([self.root, self.shared], axis=1)
+
+    @property
     def covariance(self) -> Array:
         """Shape ``(d, d)``."""
         return self.root @ self.root.T + self.shared @ self.shared.T
@@ -114,7 +119,7 @@ def weigh(belief: Belief, reading: Reading, learnt: int) -> tuple[Callable[[], A
         slopes = slopes @ np.linalg.inv(np.eye(len(root)) + by_noise @ slopes)
         residual = residual - slopes @ (by_noise @ residual)
     else:
-        std, root = noise, np.concatenate([root, shared], axis=1)
+        std, root = noise, belief.whole_root
     white, off = slopes / std[:, None], residual / std
     basis = None
     if len(white) > white.shape[1]:

@@ -77,7 +77,7 @@ class StateSpace:
     def known(self, belief: Belief, step_s: float) -> tuple[Array, Array]:
         """Return mean and covariance of the constants after a time, s."""
         held, of = drift(self._constants_hold_s, step_s), self.constants
-        root = np.concatenate([belief.root[of], belief.shared[of]], axis=1)
+        root = belief.whole_root[of]
         fresh = np.diag((1 - held**2) * self._stds[of] ** 2)
         return held * belief.mean[of], held**2 * (root @ root.T) + fresh
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
-from uuv_optical_array.estimation.tracking.filter.correction import MOST_LASTING
+from uuv_optical_array.estimation.tracking.filter.correction import DOUBTS_ALIKE, MOST_LASTING
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -47,7 +47,8 @@ def test_what_a_shade_does_to_two_frames_is_one_error():
     for k in range(2):
         track = tracker.update(START_NS + 1000 * k, STATION, NOISE, lasting=1.0)
     lasts = MOST_LASTING * NOISE
-    np.testing.assert_allclose(track.covariance, lasts + (NOISE - lasts) / 2, 1e-3, 1e-9)
+    new = DOUBTS_ALIKE * (NOISE - lasts) / 2
+    np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
 def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():

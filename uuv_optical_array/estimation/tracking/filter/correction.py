@@ -26,6 +26,8 @@ from uuv_optical_array.forward.scene import SHADE_DOUBT
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
 # does, and what is left lets the track follow.
 MOST_LASTING = 0.9 / SHADE_DOUBT
+# The doubt of frames that follow each other is alike: as much is new as in so many times fewer.
+DOUBTS_ALIKE = 4.0
 # Most of a pose's variance in any direction that it has of the constants' errors.
 MOST_COMMON = 0.9
 # Of the way to where a frame takes the track: at this share the pulls of noise and bend are least
@@ -108,7 +110,8 @@ class Correction:
             slopes[:, of], root = _parted(root, -by_coordinates[:5, 5:], theirs)
         if shades.stop > shades.start:
             share = MOST_LASTING * frame.lasting
-            slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(1 - share) * root
+            new = (1 - share) * (1 + (DOUBTS_ALIKE - 1) * frame.lasting)
+            slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(new) * root
         return self._own_share * root, slopes
 
     def by_frame(self, belief: Belief, frame: Frame, learns: bool) -> tuple[Corrected, float]:

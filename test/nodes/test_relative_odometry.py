@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from asker import Asker, figures, place_of
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimate
 
@@ -34,6 +35,8 @@ def frames(seconds):
 class Mover(Asker):
     """Asks an estimator node whose estimator knows the truth, ten times a second."""
 
+    truth = staticmethod(truth)
+
     def __init__(self, lab, scene_file, table_folder, **parameters):
         super().__init__(lab, scene_file, table=table_folder, tracking=True, **parameters)
         self.odometry = lab.listen(Odometry, "relative_odometry")
@@ -41,7 +44,7 @@ class Mover(Asker):
         lab.connect()
         self.node.estimator = SimpleNamespace(
             settings=self.node.estimator.settings,
-            estimate=lambda *_: Estimate(truth(self.seconds), SPREAD, 0.01, None, 0.02),
+            estimate=lambda *_: Estimate(self.truth(self.seconds), SPREAD, 0.01, None, 0.02),
             aim_covariance=lambda pose, roll: AIM_VARIANCE * np.eye(5),
         )
 
@@ -86,6 +89,24 @@ def test_the_twist_is_that_of_the_pose_seen_from_the_follower(mover):
     np.testing.assert_allclose(twist_of(last), [*linear, *angular], atol=2e-3)
     np.testing.assert_allclose(place_of(last)[0], frames(mover.seconds)[0], atol=2e-3)
     assert np.abs(linear - np.array([0.4, 0.1, -0.05])).max() > 0.03  # other axes, other numbers
+
+
+def test_a_command_is_in_the_twist_at_once_and_a_bad_one_is_refused(lab, scene_file, table_folder):
+    mover = Mover(lab, scene_file, table_folder, command_timeout_s=10.0)
+    commands = lab.talk(TwistStamped, "cmd_vel")
+    lab.connect()
+    # A push of the thrusters at 3 s, when the clock of the messages is at 4 s. Roll is not steered.
+    push = np.array([0.6, 0.0, -0.2, 0.1, -0.2])
+    mover.truth = lambda s: np.array([-7.0, 0, 0, 0, 0]) + max(s - 3.0, 0.0) * push
+    for second, surge, moves in ((1, 0.0, 0.0), (4, 0.6, 1.0), (5, np.nan, 1.0)):
+        message = TwistStamped(header=Header(stamp=Time(sec=second), frame_id="rov/base_link"))
+        linear, angular = message.twist.linear, message.twist.angular
+        linear.x, linear.z = surge, -0.2 * moves
+        angular.x, angular.y, angular.z = 0.4 * moves, 0.1 * moves, -0.2 * moves
+        commands.publish(message)
+    lab.report(mover.node, DiagnosticStatus.WARN, "cmd_vel, not finite")
+    # Two frames after the push a track that is not told of it is far behind.
+    np.testing.assert_allclose(twist_of(mover.run(33)), [0.6, 0, -0.2, 0, 0.1, -0.2], atol=0.02)
 
 
 def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):

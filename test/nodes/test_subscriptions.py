@@ -13,11 +13,18 @@ def topics(node):
 
 @pytest.mark.parametrize("use_image", [False, True])
 @pytest.mark.parametrize("use_imu", [False, True])
+@pytest.mark.parametrize("use_commands", [False, True])
 def test_the_estimator_listens_to_what_it_was_told_to_use(
-    lab, scene_file, table_folder, use_image, use_imu
+    lab, scene_file, table_folder, use_image, use_imu, use_commands
 ):
-    asker = Asker(lab, scene_file, table=table_folder, use_image=use_image, use_imu=use_imu)
-    wanted = {"/array/features": True, "/array/image": use_image, "/imu": use_imu}
+    uses = dict(use_image=use_image, use_imu=use_imu, use_commands=use_commands)
+    asker = Asker(lab, scene_file, table=table_folder, **uses)
+    wanted = {
+        "/array/features": True,
+        "/array/image": use_image,
+        "/imu": use_imu,
+        "/cmd_vel": use_commands,
+    }
     assert topics(asker.node) == {topic for topic, needed in wanted.items() if needed}
 
 

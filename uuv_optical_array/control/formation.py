@@ -132,6 +132,7 @@ class FormationController:
                 gate_probability=s.gate_probability,
                 reset_after_s=s.light_timeout_s,
                 buffer_s=0.0,
+                command_timeout_s=60.0,  # each holds until the next
             ),
             _leader_motion(s.station_m),
         )
@@ -161,6 +162,8 @@ class FormationController:
             positive definite, or a stamp that does not advance; the controller is left as it was.
         """
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
+        if self._commanded_ns is None:
+            self._tracker.command(stamp_ns, self._rate)
         try:
             track = self._tracker.update(stamp_ns, pose, covariance)
         except StampRefused as reason:

@@ -69,6 +69,23 @@ class Pipeline:
         self._tracker = tracker or Tracker(TrackerSettings(), constants=estimator.constants)
         self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
 
+    def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
+        """Tell the track how the follower is commanded to move from a stamp on.
+
+        Parameters
+        ----------
+        stamp_ns
+            Of the command, ns.
+        linear, angular
+            In the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is ignored.
+
+        Raises
+        ------
+        ValueError
+            As `Tracker.command`.
+        """
+        self._tracker.command(stamp_ns, [*linear, *angular[1:]])
+
     def answer(self, stamp_ns: int, image: Array) -> Frame:
         """Return what is said of the next image.
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
@@ -53,6 +53,7 @@ from uuv_optical_array.nodes.shared.messages import (
     pose_to_message,
     signs,
     stamp_ns,
+    twist_from_message,
     write_pose,
 )
 from uuv_optical_array.nodes.shared.node import (
@@ -93,6 +94,9 @@ PARAMETERS = {
     "roll_std_rad": Parameter(
         ROLL_STD_RAD,
         Quantity("standard deviation of the roll, from imu or taken as 0", "rad", 1e-6, 3),
+    ),
+    "use_commands": Parameter(
+        True, Quantity("whether the follower's own motion is read from cmd_vel"), True
     ),
     "tracking": Parameter(
         True, Quantity("whether the poses of many frames are filtered and constants learnt")
@@ -175,6 +179,8 @@ class EstimatorNode(Node):
                 subscribe(self, Image, "array/image", self.on_image)
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
+        if self.parameters["use_commands"]:
+            subscribe(self, TwistStamped, "cmd_vel", self.on_command)
         # Last, as the middleware meanwhile finds who is at the other end of the topics.
         if self.fits(self.parameters["method"]):
             self.compiler.load()
@@ -312,6 +318,14 @@ class EstimatorNode(Node):
             self.roll_ns = stamp_ns(message.header)
         except Refused as reason:
             self.diagnostics.refuse(f"imu, {reason}")
+
+    def on_command(self, message: TwistStamped) -> None:
+        """Tell the track how the follower moves by itself."""
+        try:
+            linear, angular = twist_from_message(message)
+            self.tracker.command(stamp_ns(message.header), [*linear, *angular[1:]])
+        except (Refused, ValueError) as reason:
+            self.diagnostics.refuse(f"cmd_vel, {reason}")
 
     def roll_at(self, header: Header) -> float:
         """Return the follower's roll when an image was taken, rad."""

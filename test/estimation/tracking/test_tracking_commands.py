@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 from tracks import (
     CORRELATED,
     NOISE,
@@ -113,7 +113,7 @@ def test_a_prediction_without_commands_keeps_the_rate_and_the_common_share():
 def test_a_follower_on_station_learns_the_leaders_turn_from_its_own():
     # Abeam at 0.36 m/s and turning by 0.06 rad/s it stays in place, so the leader turns too.
     abeam = np.array([0.0, -0.36, 0.0, 0.0, 0.06])
-    still, tracker = Tracker(OPEN), Tracker(OPEN)
+    still, tracker = Tracker(OPEN), Tracker(dataclasses.replace(OPEN, command_timeout_s=60.0))
     tracker.command(START_NS, abeam)
     at = np.array([-6.0, 0, 0, 0, 0])
     track, before = fed(tracker, *steady(100, at)), fed(still, *steady(100, at))
@@ -155,6 +155,52 @@ def test_errors_are_as_large_as_the_track_says_when_the_follower_moves_by_comman
     low, high = chi2.ppf([0.0005, 0.9995], 10 * len(now))
     assert low < sum(now) < high
     assert low < sum(ahead) < high
+
+
+def test_where_commands_begin_and_end_the_rate_is_as_unknown_as_at_a_start():
+    tracker = Tracker(OPEN)
+    track = fed(tracker, *zip(*scattered(5), strict=True))
+    walk = np.diag(np.repeat([OPEN.velocity_walk_m_per_s**2, math.radians(2.0) ** 2], [3, 2]))
+    before = track.joint_covariance[5:, 5:]
+    first_ns, last_ns = track.stamp_ns + TENTH_NS, track.stamp_ns + 3 * TENTH_NS
+    for stamp in (first_ns, last_ns):
+        tracker.command(stamp, SWERVE)
+    timeout_ns = round(OPEN.command_timeout_s * 1e9)
+    for stamp, told in ((first_ns - 1, 0), (first_ns, 1), (last_ns + timeout_ns, 1)):
+        ahead = tracker.predict(stamp)
+        own = turned(ahead.pose, told * SWERVE)
+        np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-9)
+        grown = before + (stamp - track.stamp_ns) * 1e-9 * walk + told * np.diag(RATE_STD) ** 2
+        np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)
+    # A frame that came while there were commands, and then none for too long.
+    track = tracker.update(last_ns, STATION, NOISE)
+    stamp = last_ns + timeout_ns + 1
+    ahead, beside = tracker.predict(stamp), track.rate - turned(track.pose, SWERVE)
+    np.testing.assert_allclose(ahead.rate, beside, rtol=1e-9)
+    grown = track.joint_covariance[5:, 5:] + (stamp - last_ns) * 1e-9 * walk
+    grown = grown + np.diag(RATE_STD) ** 2
+    np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)
+    way = (stamp - last_ns) * 1e-9 * beside
+    np.testing.assert_allclose(ahead.pose, track.pose + way, rtol=1e-9)
+
+
+def test_a_follower_that_does_not_obey_is_tracked_nevertheless():
+    rng = np.random.default_rng(4)
+    spread = np.diag([0.03, 0.02, 0.02, 0.01, 0.01]) ** 2
+    tracker, pose, squares = Tracker(TrackerSettings()), STATION.copy(), []
+    for k in range(300):
+        stamp, seconds = START_NS + k * TENTH_NS, k / 10
+        # Its pilot holds it for 4 s; then it gathers speed.
+        surge = 0.0 if 10 <= seconds < 14 else min(0.5, 0.3 * max(seconds - 14, 0))
+        pose[0] += 0.1 * (surge - 0.02)
+        tracker.command(stamp, [0.5 if seconds >= 10 else 0.0, 0.0, 0.0, 0.0, 0.0])
+        with contextlib.suppress(Outlier):
+            noise = np.linalg.cholesky(spread) @ rng.standard_normal(5)
+            track = tracker.update(stamp, pose + noise, spread)
+            off = track.pose - pose
+            squares.append(off @ np.linalg.solve(track.covariance, off))
+    assert len(squares) > 297
+    assert max(squares) < chi2.isf(2 * norm.sf(6), 5)
 
 
 @settings(max_examples=40)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 
 MAX_TWIST = 1e3  # beyond any vehicle, m/s and rad/s
+LONG_AGO_NS = -(2**62)  # before any stamp
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class OwnMotion:
 
     def __init__(self) -> None:
         # By stamp; the first holds before its stamp, too.
-        self._commands: list[tuple[int, Array]] = [(0, np.zeros(5))]
+        self._commands: list[tuple[int, Array]] = [(LONG_AGO_NS, np.zeros(5))]
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Add a command; those from its stamp on are replaced by it.
@@ -91,6 +92,10 @@ class OwnMotion:
     def forget(self, before_ns: int) -> None:
         """Drop the commands that no longer held at a stamp, ns."""
         del self._commands[: self._holding(before_ns)]
+
+    def age_ns(self, stamp_ns: int) -> int:
+        """Return how long ago the command that holds at a stamp was given, ns."""
+        return stamp_ns - self._commands[self._holding(stamp_ns)][0]
 
     def twist(self, stamp_ns: int) -> Array:
         """Return the command that holds at a stamp, shape ``(5,)``."""

@@ -30,6 +30,9 @@ class TrackerSettings:
     reset_after_s: Annotated[
         float, Quantity("without a pose for longer, the track starts anew", "s", 0.1, 60)
     ] = 2.0
+    command_timeout_s: Annotated[
+        float, Quantity("without a command for longer, the own motion is not known", "s", 0.05, 60)
+    ] = 1.0
     buffer_s: Annotated[float, Quantity("how late a frame may come", "s", 0, 10)] = 0.5
     constants_hold_s: Annotated[
         float, Quantity("time in which the sea's constants drift to new values", "s", 60, 1e7)

@@ -1,7 +1,8 @@
 """One track through many frames: a Kalman filter of pose, rate and constants of the day.
 
-Where the tracker is told the follower's commands, the pose moves by them and by what is left, the
-motion of the leader; without commands that rest is the whole relative motion (`motion`).
+While the tracker is told the follower's commands, the pose moves by them and by what is left, the
+motion of the leader; without commands that rest is the whole relative motion (`motion`). Where
+commands begin or end, the rate is another one.
 Covariances are kept as triangular roots (`root_filter`), which stay positive definite whatever the
 rounding.
 
@@ -71,6 +72,7 @@ class _State:
     frame: Frame  # the newest in the track
     corrected: Corrected  # without the common share
     learnt_ns: int  # stamp of the newest frame that constants were learnt from
+    told: bool  # whether there are commands beside its rate
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
@@ -122,7 +124,9 @@ class Tracker:
             np.diag(RATE_STD), np.diag(np.repeat(walk, [3, 2]))
         )
         self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
-        self._buffer_ns, self._reset_ns = round(s.buffer_s * 1e9), round(s.reset_after_s * 1e9)
+        self._buffer_ns, self._reset_ns, self._command_ns = (
+            round(time_s * 1e9) for time_s in (s.buffer_s, s.reset_after_s, s.command_timeout_s)
+        )
         self._space.hold(s.constants_hold_s)
         self._correction.configure(s.common_share, self._gate)
 
@@ -336,13 +340,14 @@ class Tracker:
         stds = np.sqrt(covariance.diagonal()[self._space.constants]).tolist()
         offsets = mean[self._space.constants].tolist()
         joint = covariance[:MOVING, :MOVING].copy()
+        own = self._own_motion.twist(stamp_ns) if self._told(stamp_ns) else np.zeros(5)
         if newest.frame.readings is None:
             root = newest.frame.root
             joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
-            mean[RATE] + in_beacon(mean[POSE], self._own_motion.twist(stamp_ns)),
+            mean[RATE] + in_beacon(mean[POSE], own),
             joint,
             newest.frames,
             newest.distance,
@@ -368,7 +373,8 @@ class Tracker:
 
     def _start(self, frame: Frame, before: _State | None) -> _State:
         """Return a new track, which keeps what was learnt of the constants."""
-        held = self._held(before, frame.stamp_ns)
+        stamp_ns = frame.stamp_ns
+        held, told = self._held(before, stamp_ns), self._told(stamp_ns)
         mean, root, shared = held
         start, lasts = triangular(self._random_motion.start), root[MOVING:, MOVING:]
         if frame.readings is None:
@@ -378,11 +384,11 @@ class Tracker:
             mean[POSE], anew[POSE, MOVING:] = frame.pose, follows @ lasts
             shared[POSE] = follows @ shared[MOVING:]
             belief = Belief(mean, anew, shared)
-            return _State(frame, Corrected(lambda: belief), frame.stamp_ns)
+            return _State(frame, Corrected(lambda: belief), stamp_ns, told)
         mean[POSE] = frame.readings.at[:5]
         anew = block_diag(np.diag(UNKNOWN_POSE), start, lasts)
         corrected, _ = self._correction.by_frame(Belief(mean, anew, shared), frame, True)
-        return _State(frame, corrected, frame.stamp_ns)
+        return _State(frame, corrected, stamp_ns, told)
 
     def _held(self, state: _State | None, stamp_ns: int) -> Belief:
         """Return a belief in nothing but what lasts, at a stamp."""
@@ -395,12 +401,17 @@ class Tracker:
         start_ns = state.frame.stamp_ns
         step_s = (stamp_ns - start_ns) * 1e-9
         mean, root, shared = self._space.drifted(state.belief, step_s)
+        told = self._told(stamp_ns)
+        if told != state.told:
+            unknown = np.zeros((self._space.size, 5))
+            unknown[RATE] = self._random_motion.start
+            root = np.hstack([root, unknown])
         for part in (mean, root, shared):
             part[POSE] += step_s * part[RATE]
         # The attitude's error turns the own motion by so little that the random motion covers it.
         at = state.belief.mean[POSE]
         way = self._own_motion.way(start_ns, stamp_ns)
-        if way.any():
+        if told and way.any():
             mean[POSE] += in_beacon(at, way)
         noises = [self._random_motion.noise(step_s)]
         if manoeuvring:
@@ -410,6 +421,10 @@ class Tracker:
         random[:MOVING] = noise
         return Belief(wrapped(mean), np.hstack([root, random]), shared)
 
+    def _told(self, stamp_ns: int) -> bool:
+        """Say whether the follower's own motion is known at a stamp."""
+        return self._own_motion.age_ns(stamp_ns) <= self._command_ns
+
     def _fuse(self, state: _State, frame: Frame, manoeuvring: bool = False) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
@@ -418,7 +433,8 @@ class Tracker:
             ahead._replace(root=triangular(ahead.root)), frame, learns
         )
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
-        return _State(frame, corrected, learnt_ns, state.frames + 1, distance)
+        told = self._told(frame.stamp_ns)
+        return _State(frame, corrected, learnt_ns, told, state.frames + 1, distance)
 
     def _worth_learning(self, belief: Belief) -> bool:
         """Say whether no constant that bends the light is known well."""

@@ -168,6 +168,7 @@ class ClosedLoop:
         command = self._controller.command(self.t_s)
         if command is not None:
             self._command = command
+            self.frames.command(round(self.t_s * 1e9), *command)
             if self._path_s is None:
                 self._path_s = 0.0
                 self._stir()

@@ -7,6 +7,7 @@ import pytest
 from asker import place_of
 from builtin_interfaces.msg import Time
 from command_line import run
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -28,7 +29,8 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
         recorder = lab.start(lambda: BagRecorderNode(bag))
         images = lab.talk(Image, "array/image")
         tracks = lab.talk(Odometry, "relative_odometry")
-        for talker in (images, tracks):
+        commands = lab.talk(TwistStamped, "cmd_vel")
+        for talker in (images, tracks, commands):
             lab.until(talker.get_subscription_count, f"the recorder of {talker.topic_name}")
         written = []
         write = bag.write
@@ -39,10 +41,16 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
             track = Odometry(header=Header(stamp=stamp, frame_id="leader/beacon"))
             track.pose.pose.position.x, track.pose.pose.orientation.w = -float(i), 1.0
             tracks.publish(track)
-        lab.until(lambda: len(written) == 6, "all messages")
+            command = TwistStamped(header=Header(stamp=stamp, frame_id="rov/base_link_frd"))
+            command.twist.linear.y, command.twist.angular.z = 0.1 * i, np.nan if i == 2 else -0.2
+            commands.publish(command)
+        lab.until(lambda: len(written) == 9, "all messages")
     found = read_recording(tmp_path / "run", ArraySettings("planar", 3), poses_needed=False)
     assert found.images[:, 0, 0].tolist() == [1000, 2000, 3000]
     assert found.stamps_ns.tolist() == [10**9, 2 * 10**9, 3 * 10**9]
+    assert [stamp for stamp, *_ in found.commands] == [10**9, 3 * 10**9]
+    np.testing.assert_allclose(found.commands[1][1:], [[0, -0.3, 0], [0, 0, 0.2]])
+    assert found.refused == {"/cmd_vel: not finite": 1}
     with opened(tmp_path / "run") as (reader, _):
         (connection,) = reader.topics["/relative_odometry"].connections
         heard = [

@@ -10,7 +10,7 @@ from bags import image_message, odometry_message, write_bag
 from builtin_interfaces.msg import Time
 from command_line import run
 from conftest import write_scene
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
@@ -27,7 +27,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.shared.messages import image_to_message
+from uuv_optical_array.nodes.shared.messages import image_to_message, twist_to_message
 from uuv_optical_array.recording.bag import opened
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
@@ -109,14 +109,20 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     save_table(table := build_table(scene), tmp_path / "table")
     estimator = Estimator(table)
     tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
-    expected = list(replay(images[:count], stamps[:count], estimator, tracker))
+    commands = [(int(stamp) - 10**7, np.array([0.2, 0, 0]), np.zeros(3)) for stamp in stamps[7:9]]
+    expected = list(replay(images[:count], stamps[:count], estimator, tracker, commands=commands))
     lab.begin({"scene": str(path), "estimator_node:table": str(tmp_path / "table")})
     lab.start(FeatureNode)
-    lab.start(EstimatorNode)
+    node = lab.start(EstimatorNode)
+    helm = lab.talk(TwistStamped, "cmd_vel")
     sender = lab.talk(Image, "array/image")
     poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
     tracks = lab.listen(Odometry, "relative_odometry")
     lab.connect()
+    for stamp, linear, angular in commands:
+        at = Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9))
+        helm.publish(twist_to_message(linear, angular, at))
+    lab.until(lambda: node.tracker._own_motion.age_ns(stamps[9]) < 2 * 10**8, "the commands")
     for frame, image in zip(expected, images, strict=False):
         seconds, rest = divmod(frame.stamp_ns, 10**9)
         stamp = Time(sec=seconds, nanosec=rest)

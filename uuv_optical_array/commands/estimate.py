@@ -29,9 +29,9 @@ DESCRIPTION = """\
 Estimate every image of a recorded bag as feature and estimator node would, with the scene and the
 method of your choice, on all cores. Writes a folder: frames.csv (a line for each image), bag (MCAP,
 with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum. With
---track the frames are filtered, too, one after the other (relative_odometry). The roll is taken as
-0. A folder without metadata.yaml is read by its files, and of a file that is cut off what is
-whole."""
+--track the frames are filtered, too, one after the other and with the follower's commands, where
+the bag has any (relative_odometry). The roll is taken as 0. A folder without metadata.yaml is read
+by its files, and of a file that is cut off what is whole."""
 
 EPILOG = """\
 examples:
@@ -52,7 +52,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser = cli.add_command(
         subparsers, "estimate", run, "estimate the poses of a recorded bag", DESCRIPTION, EPILOG
     )
-    add_bag(parser)
+    add_bag(parser, commands=True)
     cli.add_scene(parser, "follow")
     cli.add_method(parser)
     parser.add_argument(
@@ -78,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
         tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     frames: list[Frame] = []
     started, exit_code = time.monotonic(), 0
-    answers = replay(recording.images, recording.stamps_ns, estimator, tracker, processes or None)
+    images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
+    answers = replay(images, stamps_ns, estimator, tracker, processes or None, commands)
     with closing(answers):
         try:
             for frame in progress.over(answers, total=len(recording.images)):

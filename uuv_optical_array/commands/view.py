@@ -43,7 +43,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser = cli.add_command(
         subparsers, "view", run, "watch a follow in the browser", DESCRIPTION, EPILOG
     )
-    add_bag(parser, required=False)
+    add_bag(parser, required=False, commands=True)
     cli.add_scene(parser, "follow")
     cli.add_method(parser)
     parser.add_argument("--seed", type=int, help="seed of the noise (default: a new one)")

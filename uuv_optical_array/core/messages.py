@@ -14,6 +14,8 @@ from uuv_optical_array.core.geometry import Array, unit_quaternion
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02
 MAX_POSITION_M = 1e8  # any place on Earth in any of its grids
+MAX_RATE = 1e3  # beyond any vehicle, m/s or rad/s
+NED, FRD = "_ned", "_frd"
 
 
 class Refused(ValueError):
@@ -121,3 +123,21 @@ def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
         position = position * [1, -1, -1]
         quaternion = quaternion * [1, -1, -1, 1]
     return position, quaternion
+
+
+def signs(frame: str) -> Array:
+    """Return by what a vector and a turn are multiplied to be in the axes of a frame, ``(6,)``."""
+    down = frame.endswith((NED, FRD))
+    return np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0]) if down else np.ones(6)
+
+
+def twist_from_message(message: Any) -> tuple[Array, Array]:
+    """Unpack linear, m/s, and angular velocity, rad/s, each of shape ``(3,)``."""
+    linear, angular = message.twist.linear, message.twist.angular
+    values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    if not np.isfinite(values).all():
+        raise Refused(f"not finite: twist {values.tolist()}")
+    if (np.abs(values) > MAX_RATE).any():
+        raise Refused(f"out of bounds: twist {values.tolist()}, not within +-{MAX_RATE:g}")
+    values *= signs(message.header.frame_id)
+    return values[:3], values[3:]

@@ -12,6 +12,7 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.recording import mcap, sqlite
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
+TWIST = "geometry_msgs/msg/TwistStamped"
 RUN = {  # what is recorded of a run
     "array/image": IMAGE,
     "array/features": "sensor_msgs/msg/PointCloud2",
@@ -19,6 +20,7 @@ RUN = {  # what is recorded of a run
     "relative_odometry": ODOMETRY,
     "leader/odometry": ODOMETRY,
     "follower/odometry": ODOMETRY,
+    "cmd_vel": TWIST,
 }
 STORAGE = {".mcap": mcap, ".db3": sqlite}
 

@@ -1,8 +1,8 @@
-"""Images of a recorded bag, with the poses that its odometries tell."""
+"""Images of a recorded bag, with the poses that its odometries tell, and the commands."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -17,8 +17,9 @@ from uuv_optical_array.core.messages import (
     image_from_message,
     odometry_pose,
     stamp_ns,
+    twist_from_message,
 )
-from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, opened
+from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
 
 Axes: TypeAlias = Literal["flu", "frd"]
 SET_BACK_NS = 1_000_000_000  # messages are late by less; a clock that goes back farther was set
@@ -31,6 +32,7 @@ class Topics:
     image: str = "array/image"
     leader: str = "leader/odometry"
     follower: str = "follower/odometry"
+    commands: str = "cmd_vel"
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ class Recording:
         Of the images, ns, shape ``(m,)``.
     refused
         What was left out: how many messages by topic and reason.
+    commands
+        Of the follower, ascending: stamp, ns, and linear and angular velocity in its own frame, m/s
+        and rad/s, shape ``(3,)`` each.
     """
 
     images: Array
@@ -55,6 +60,7 @@ class Recording:
     rolls: Array
     stamps_ns: NDArray[np.int64]
     refused: Counter[str] = field(default_factory=Counter)
+    commands: list[tuple[int, Array, Array]] = field(default_factory=list)
 
 
 @dataclass
@@ -142,7 +148,7 @@ def read_recording(
     array
         Which each image must be of.
     topics
-        Where images and odometries are.
+        Where images, odometries and commands are. Commands are read where there are such.
     beacon_position_m
         The lamp in the leader's ``base_link``, m.
     axes
@@ -186,11 +192,18 @@ def read_recording(
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
+        image, leader, follower = streams.values()
+        commands = _Stream("/" + names.commands.strip("/"))
+        told = [c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)]
+        if told:
+            chosen, streams[commands.topic] = chosen + told, commands
         for connection, _, data in progress(reader.messages(chosen)):
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:
                     value: Any = image_from_message(message, array)
+                elif connection.msgtype == TWIST:
+                    value = twist_from_message(message)
                 else:
                     value = odometry_pose(message, axes)
             except Refused as reason:
@@ -200,10 +213,11 @@ def read_recording(
                 refused[f"{connection.topic}: {kind}"] += 1
                 continue
             streams[connection.topic].add(message.header, value)
-        image, leader, follower = streams.values()
-        return _joined(
+        recording = _joined(
             image, leader, follower, np.array(beacon_position_m), max_gap_s, refused, poses_needed
         )
+    twists = sorted(commands.samples, key=lambda sample: sample[0])
+    return replace(recording, commands=[(stamp, *twist) for stamp, twist in twists])
 
 
 def _joined(

@@ -5,7 +5,7 @@ import math
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
@@ -27,6 +27,7 @@ def replay(
     estimator: Estimator,
     tracker: Tracker | None = None,
     processes: int | None = None,
+    commands: Sequence[tuple[int, Array, Array]] = (),
 ) -> Generator[Frame, None, None]:
     """Estimate images in order; those behind each other only where a track is wanted.
 
@@ -43,6 +44,8 @@ def replay(
         the other; ``None``: no track, and images are spread over processes.
     processes
         How many at a time, >= 1; ``None``: one a core.
+    commands
+        As of a `Recording`, for the track.
 
     Yields
     ------
@@ -50,8 +53,11 @@ def replay(
         One for each image, as soon as it is there.
     """
     if tracker is not None:
-        frames = Pipeline(estimator, tracker)
+        frames, told = Pipeline(estimator, tracker), 0
         for image, stamp in zip(images, stamps_ns, strict=True):
+            while told < len(commands) and commands[told][0] <= stamp:
+                frames.command(*commands[told])
+                told += 1
             yield frames.answer(int(stamp), image)
         return
     frozen = FrozenFrames(ForwardModel(estimator.table.scene))

@@ -36,7 +36,8 @@ def sights_of(
         Wraps the frames, to show how far it is.
     """
     tracker = Tracker(TrackerSettings(), constants=estimator.constants)
-    frames = replay(recording.images, recording.stamps_ns, estimator, tracker)
+    images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
+    frames = replay(images, stamps_ns, estimator, tracker, commands=commands)
     for i, frame in enumerate(progress(frames)):
         true = recording.poses[i]
         track = frame.track

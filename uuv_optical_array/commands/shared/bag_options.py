@@ -17,8 +17,8 @@ NUMBERS = {
 }
 
 
-def add_bag(parser: argparse.ArgumentParser, required: bool = True) -> None:
-    """Add the bag and what is said of its messages."""
+def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:
+    """Add the bag and what is said of its messages, the follower's commands among them or not."""
     parser.add_argument(
         "bag",
         type=Path,
@@ -30,6 +30,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True) -> None:
         ("image", topics.image),
         ("leader", topics.leader),
         ("follower", topics.follower),
+        *([("commands", topics.commands)] if commands else []),
     ):
         parser.add_argument(
             f"--{name}-topic", default=topic, metavar="TOPIC", help="(default: %(default)s)"
@@ -51,10 +52,11 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True) -> None:
 def read_bag(options: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show how far it is."""
     (max_gap_s,) = cli.numbers_of(options, NUMBERS)
+    given = [name for name in vars(Topics()) if f"{name}_topic" in options]
     return read_recording(
         files.user_path(options.bag),
         scene.array,
-        Topics(options.image_topic, options.leader_topic, options.follower_topic),
+        Topics(**{name: vars(options)[f"{name}_topic"] for name in given}),
         [check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position],
         options.odometry_axes,
         max_gap_s,

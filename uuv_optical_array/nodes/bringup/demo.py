@@ -38,7 +38,6 @@ from uuv_optical_array.recording.bag import RUN, BagWriter
 
 START_S = 15.0  # how long the leader may wait for the follower to see it
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
-PUBLISHED = (*RUN, "cmd_vel")  # by the nodes of a follower
 
 
 class RecorderNode(Node):
@@ -115,7 +114,7 @@ def refuse_company(spaces: Sequence[str]) -> None:
     `spaces` are the namespaces of the followers.
     """
     lookout = rclpy.create_node("lookout")
-    names = [f"{space}/{topic}" for space in spaces for topic in PUBLISHED]
+    names = [f"{space}/{topic}" for space in spaces for topic in RUN]
     topics = [lookout.resolve_topic_name(name.lstrip("/")) for name in [*names, "leader/odometry"]]
     try:
         deadline = time.monotonic() + DISCOVERY_S
@@ -247,7 +246,7 @@ def follow(
 
         def tick() -> None:
             for recorder in recorders:
-                for topic in map(recorder.resolve_topic_name, PUBLISHED):
+                for topic in map(recorder.resolve_topic_name, RUN):
                     text = several_publishers(recorder, topic)
                     if text and UNKNOWN not in text:
                         raise ValueError(text)

@@ -25,25 +25,18 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.geometry import roll_pitch_yaw as angles_of_matrix
+from uuv_optical_array.core.messages import FRD, NED, checked_pose, checked_quaternion
 from uuv_optical_array.core.messages import Refused as Refused
-from uuv_optical_array.core.messages import checked_pose, checked_quaternion
 from uuv_optical_array.core.messages import image_from_message as image_from_message
 from uuv_optical_array.core.messages import odometry_pose as odometry_pose
+from uuv_optical_array.core.messages import signs as signs
 from uuv_optical_array.core.messages import stamp_ns as stamp_ns
+from uuv_optical_array.core.messages import twist_from_message as twist_from_message
 from uuv_optical_array.estimation.signature.features import FEATURE_NAMES
 from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_yaw
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
-# Beyond any vehicle and any sea, m/s or rad/s, and m^2, m rad or rad^2.
-MAX_RATE, MAX_COVARIANCE = 1e3, 1e12
-
-NED, FRD = "_ned", "_frd"
-
-
-def signs(frame: str) -> Array:
-    """Return by what a vector and a turn are multiplied to be in the axes of a frame, ``(6,)``."""
-    down = frame.endswith((NED, FRD))
-    return np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0]) if down else np.ones(6)
+MAX_COVARIANCE = 1e12  # beyond any sea, m^2, m rad or rad^2
 
 
 def body_beside(parent: str, body: str) -> str:
@@ -298,15 +291,3 @@ def twist_to_message(linear: Array, angular: Array, header: Header) -> TwistStam
     message, sign = TwistStamped(header=header), signs(header.frame_id)
     write_twist(message.twist, sign[:3] * linear, sign[3:] * angular)
     return message
-
-
-def twist_from_message(message: TwistStamped) -> tuple[Array, Array]:
-    """Unpack linear, m/s, and angular velocity, rad/s, each of shape ``(3,)``."""
-    linear, angular = message.twist.linear, message.twist.angular
-    values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
-    if not np.isfinite(values).all():
-        raise Refused(f"not finite: twist {values.tolist()}")
-    if (np.abs(values) > MAX_RATE).any():
-        raise Refused(f"out of bounds: twist {values.tolist()}, not within +-{MAX_RATE:g}")
-    values *= signs(message.header.frame_id)
-    return values[:3], values[3:]

@@ -7,21 +7,17 @@
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import compress
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
 from scipy.linalg.lapack import dposv
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import (
-    DOF_NAMES,
     Array,
     turned_about_beam,
     turned_on_mount,
@@ -29,56 +25,21 @@ from uuv_optical_array.core.geometry import (
 )
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.information.linearised import (
-    LinearisedReadings,
-    Lineariser,
-)
-from uuv_optical_array.estimation.least_squares.frame import (
-    FITTED,
-    MISFIT,
-    MOST_STARTS,
-    NO_START,
-    FrameResult,
-    Guide,
-    estimate_frame,
-)
-from uuv_optical_array.estimation.least_squares.frame_kinds import (
-    expecting,
-    frame_kinds,
-    is_doubtful,
-    weighed,
-)
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
-from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
-from uuv_optical_array.estimation.signature import features
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
+from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
-from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.table.disk import cached_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
-from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
 Method = Literal["sam", "sam_interpolated", "least_squares"]
 METHODS: tuple[Method, ...] = get_args(Method)
-# The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
-# wide to be seen where the image says much, and finite where it says nothing.
-PRIOR_HALF_EXTENTS = 3.0
-# A degree of freedom is unobservable where the image leaves more than this of the prior.
-UNOBSERVABLE = 0.5
-# A scene is as good as linear where of so many images, from this share of its table's extent, less
-# than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
-LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
-# Rows of the table that fits start from: more make no fit more exact.
-START_ROWS = 1024
-# Beside them starts nearer than the table, and the share of a row's range that they go down to.
-NEAR_ROWS, NEAREST = 512, 0.2
 # Probability beyond which an image counts as one that nothing shades.
 CLEAR = 0.99
-# Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
-SURELY_CLEAR = 0.999
 
 
 @dataclass(frozen=True)
@@ -221,69 +182,22 @@ class Estimator:
         self.constants = constants_of(self._model)
         self._asked_to_compile = compiled
         self.quick = quick and method == "least_squares"
-        self._frame: Callable[..., FrameResult] | None = None
-        if method == "least_squares" and not quick:
-            self._prepare()
-        else:
-            _ = table.index  # built now, so that the first frame takes no longer than the next
+        # Made now, so that the first frame takes no longer than the next.
+        _ = self._fit if method == "least_squares" and not quick else table.index
+
+    @cached_property
+    def _fit(self) -> ImageFit:
+        """The fit: made at once by its method, by the others at the first image."""
+        asked, s = self._asked_to_compile, self.settings
+        compiled = compilation.usable() if asked is None else asked  # late: it imports Numba
+        return ImageFit(
+            self.table, self._model, self.constants, s.candidates, s.max_misfit, compiled
+        )
 
     @property
-    def _compiled(self) -> bool:
-        """Whether compiled code runs; asked late, because it imports Numba."""
-        asked = self._asked_to_compile
-        return compilation.usable() if asked is None else asked
-
-    def _prepare(self) -> None:
-        """Make what a fit needs, so that the first frame takes no longer than the next."""
-        table, scene, compiled = self.table, self.table.scene, self._compiled
-        axes = grid_axes(scene.table)
-        middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
-        half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
-        self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
-        model, stds = self._model, scene.prior.nuisance_std()
-        self._prior = PosePrior(middle, prior_std, stds)
-        self._pose_precision = np.diag(1 / np.square(prior_std))
-        self._kinds = frame_kinds(model, self._prior, compiled)
-        self._linearise = Lineariser(model, self.constants.names, compiled)
-        poses, parameters = self._starts()
-        self._guide = Guide(
-            np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
-            poses,
-            table.vectors(np.ones(5)),
-            self.settings.candidates,
-            float(-ndtri(self.settings.max_misfit)),
-            False,
-            model.array.side,
-            float(scene.full_scale_counts),
-            scene.signature.peak == "subdetector",
-        )
-        self._frame = estimate_frame
-        if compiled:
-            features.prepare(model.array.side)
-            joint_coordinates.prepare(self.constants)
-            self._frame = compilation.compiled(estimate_frame)
-            compilation.prepare(self._frame, self._kinds[0].problem, self._guide, np.ones((5, 1)))
-
-    def _starts(self) -> tuple[Array, Array]:
-        """Return poses that fits start from, and their key parameters: of the table, and nearer."""
-        table, scene = self.table, self.table.scene
-        rng = np.random.default_rng(0)  # the same in every run: an image has one answer
-        rows: Any = slice(None)
-        if len(table.poses) > START_ROWS:
-            rows = rng.choice(len(table.poses), START_ROWS, replace=False)
-            rows.sort()
-        poses = np.array(table.poses[rows], dtype=float)
-        # Nearer than the table the array saturates, and from afar no fit finds the way there.
-        near = poses[rng.permutation(len(poses))[:NEAR_ROWS]]
-        near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
-        images = self._model.converted(self._model.light(near))
-        lit = images.max(axis=(1, 2)) > 0
-        of_near = key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
-        return (
-            np.concatenate([poses, near[lit]]),
-            np.concatenate([np.array(table.parameters[rows], dtype=float), of_near]),
-        )
+    def linear(self) -> bool:
+        """Whether a track takes the readings of the scene's images, as `ImageFit.linear` has it."""
+        return self._fit.linear
 
     def estimate(
         self,
@@ -346,7 +260,7 @@ class Estimator:
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._least_squares(np.full((5, 1), np.nan), readings, roll, expected)
+                return self._least_squares(None, readings, roll, expected)
             scene = self.table.scene
             side = scene.array.detectors_per_side
             parameters = key_parameters(
@@ -417,17 +331,15 @@ class Estimator:
         expected: Expected | None,
     ) -> Estimate:
         """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
-        if self._frame is None:
-            self._prepare()
         if readings.min() >= self._model.noise.high:
             return match
-        near = self._guide._replace(
+        near = self._fit.guide._replace(
             units=np.ascontiguousarray(self.table.index.units(rows).T),
             poses=poses,
             candidates=1,
             gaussian=True,
         )
-        found, clear, _ = self._fit(near, parameters, readings, roll, expected)
+        found, clear, _ = self._fit(readings, parameters, roll, expected, near)
         off = wrapped(match.pose - found.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -447,16 +359,17 @@ class Estimator:
 
     def _least_squares(
         self,
-        parameters: Array,
+        parameters: Array | None,
         readings: Array,
         roll: float,
         expected: Expected | None,
     ) -> Estimate:
+        fit = self._fit
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found, clear, near = self._fit(self._guide, parameters, readings, roll, expected)
+        found, clear, near = fit(readings, parameters, roll, expected)
         runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
-        linear = near is not None and clear > CLEAR and self.linear
+        linear = near is not None and clear > CLEAR and fit.linear
         return Estimate(
             found.pose,
             found.covariance,
@@ -465,69 +378,11 @@ class Estimator:
             found.runner_up_angle,
             float(ndtr(-found.score)),
             float(ndtr(-found.runner_up_score)),
-            self._unobservable(found.covariance),
+            fit.unobservable(found.covariance),
             near if linear else None,
             found.stretch,
             clear,
         )
-
-    @np.errstate(all="ignore")  # of light too dim and places too far for a float64
-    def _fit(
-        self,
-        guide: Guide,
-        parameters: Array,
-        readings: Array,
-        roll: float,
-        expected: Expected | None,
-    ) -> tuple[FrameResult, float, LinearisedReadings | None]:
-        """Return what the fit makes of an image.
-
-        With it come the probability that the image is a clear one and, where it is told what is
-        expected and the posterior is integrated, the image's likelihood near the best fit as a
-        clear one.
-        """
-        assert self._frame is not None  # prepared
-        kinds = expecting(self._kinds, expected)
-        problems: list[Problem] = []
-        frames: list[FrameResult] = []
-        for kind in kinds:
-            if kind.rare and not is_doubtful(frames[0], kind.share):
-                break
-            problems.append(kind.knowing(expected))
-            of_image = problems[-1]._replace(readings=readings, roll=roll)
-            if kind.rare and not guide.gaussian:
-                # The integral takes several times as long as a clear one, and few images need it.
-                linear = self._frame(of_image, guide._replace(gaussian=True), parameters)
-                _, clear = weighed(kinds, problems, [*frames, linear])
-                if clear > SURELY_CLEAR:
-                    break
-            frames.append(self._frame(of_image, guide, parameters))
-        found, clear = frames[0], 1.0
-        if len(frames) > 1:
-            found, clear = weighed(kinds, problems, frames)
-        if found.outcome == NO_START:
-            raise NoPose("no fit: no start led to a finite likelihood")
-        if found.outcome == MISFIT:
-            raise self._misfit(found.score)
-        if found.outcome != FITTED:
-            raise NoPose("no fit: the image leaves the pose without a covariance")
-        fitted = len(kinds[0].places)
-        if expected is None or (guide.gaussian and len(expected.mean) == fitted):
-            return found, clear, None
-        at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
-        near = self._near(readings, at, roll, found.stretch)
-        if len(expected.mean) > fitted and clear > 0:
-            # What the clear fit was given is not known exactly.
-            precision = block_diag(self._pose_precision, problems[0].nuisance_precision)
-            slopes = near.pose_slopes(precision, self.constants.gain_std)
-            spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
-            covariance = found.covariance + 0.5 * (spread + spread.T)
-            found = found._replace(covariance=covariance)
-        return found, clear, near
-
-    def _near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
-        near = self._linearise(readings, at, roll)
-        return near._replace(variances=stretch * near.variances)
 
     def lineariser(
         self, estimate: Estimate, image: ArrayLike, roll: float = 0.0
@@ -542,31 +397,10 @@ class Estimator:
             As it was given them.
         """
         readings = self._readings(image)
-        return lambda at: self._near(readings, at, roll, estimate.stretch)
+        return lambda at: self._fit.near(readings, at, roll, estimate.stretch)
 
-    @cached_property
-    def linear(self) -> bool:
-        """Whether images of the scene are linear enough for a track to take their readings.
-
-        A planar or weakly curved array leaves pitch and yaw in bent or several posteriors, of which
-        a track takes the poses. It is said of the scene and not of each image, as poses and
-        readings go badly together: what poses have of the constants' errors is known only roughly.
-        """
-        off = LOOKED_AT * np.random.default_rng(0).uniform(-1, 1, (LOOKS, 5))
-        poses = self._prior.pose_mean + off * self._prior.pose_std / PRIOR_HALF_EXTENTS
-        images = self._model.converted(self._model.light(poses))
-        bent, unknown = 0, np.full((5, 1), np.nan)
-        for readings in images.reshape(LOOKS, -1).astype(float):
-            with suppress(NoPose):
-                found, *_ = self._fit(self._guide, unknown, readings, 0.0, None)
-                bent += found.nodes > BENT_NODES or not np.isnan(found.runner_up_score)
-        return bent < LOOKS / 3
-
-    @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def _saturated(self, roll: float) -> Estimate:
-        found = saturated_posterior(self._model, self._prior, float(roll))
-        if found.score > self._guide.max_score:
-            raise self._misfit(found.score)
+        found = self._fit.saturated(roll)
         return Estimate(
             found.mean,
             found.covariance,
@@ -574,15 +408,5 @@ class Estimator:
             None,
             math.pi,
             float(ndtr(-found.score)),
-            unobservable=self._unobservable(found.covariance),
+            unobservable=self._fit.unobservable(found.covariance),
         )
-
-    def _misfit(self, score: float) -> NoPose:
-        return NoPose(
-            f"no fit: an honest image leaves such residuals with a chance of {ndtr(-score):.1e}, "
-            f"less than max_misfit {self.settings.max_misfit:g}; the image is not of this scene"
-        )
-
-    def _unobservable(self, covariance: Array) -> tuple[str, ...]:
-        known = covariance.diagonal() <= self._unobservable_variance
-        return () if known.all() else tuple(compress(DOF_NAMES, ~known))

@@ -55,7 +55,7 @@ def scene(changes=(), effects=(), array=()):
 
 def chain_moments(estimator, readings, roll, steps):
     """Mean and covariance of the pose under its prior, by brute force."""
-    table, problem = estimator.table, estimator._kinds[0].problem
+    table, problem = estimator.table, estimator._fit._kinds[0].problem
     frame = problem.frame
     model = ForwardModel(table.scene)
     one = problem._replace(readings=readings, roll=roll, optics=model.optics())

@@ -1,0 +1,277 @@
+"""An image fitted: its posterior of the pose, over what else the scene leaves unknown."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cached_property
+from itertools import compress
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import ndtr, ndtri
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
+from uuv_optical_array.estimation.least_squares.frame import (
+    FITTED,
+    MISFIT,
+    NO_START,
+    FrameResult,
+    Guide,
+    estimate_frame,
+)
+from uuv_optical_array.estimation.least_squares.frame_kinds import (
+    expecting,
+    frame_kinds,
+    is_doubtful,
+    weighed,
+)
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
+from uuv_optical_array.estimation.least_squares.saturated import (
+    SaturatedPosterior,
+    saturated_posterior,
+)
+from uuv_optical_array.estimation.signature import features
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.unknowns import joint_coordinates
+from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
+from uuv_optical_array.forward.model import ForwardModel
+
+# The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
+# wide to be seen where the image says much, and finite where it says nothing.
+PRIOR_HALF_EXTENTS = 3.0
+# A degree of freedom is unobservable where the image leaves more than this of the prior.
+UNOBSERVABLE = 0.5
+# A scene is as good as linear where of so many images, from this share of its table's extent, less
+# than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
+LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
+# Rows of the table that fits start from: more make no fit more exact.
+START_ROWS = 1024
+# Beside them starts nearer than the table, and the share of a row's range that they go down to.
+NEAR_ROWS, NEAREST = 512, 0.2
+# Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
+SURELY_CLEAR = 0.999
+
+
+class Fitted(NamedTuple):
+    """What the fit makes of an image.
+
+    Parameters
+    ----------
+    result
+        Pose, covariance, angles and scores, of all kinds of light that may be behind the image.
+    clear
+        Probability that the image is lit as the scene says.
+    readings
+        The likelihood of the image near its best fit as a clear one, where the fit was told what is
+        expected and the posterior was integrated; ``None`` otherwise.
+    """
+
+    result: FrameResult
+    clear: float
+    readings: LinearisedReadings | None
+
+
+class ImageFit:
+    """Fits the images of a scene; made once, so that no frame takes longer than the next.
+
+    Parameters
+    ----------
+    table
+        Of the scene; its rows are the poses that fits start from.
+    model, constants
+        Of the same scene.
+    candidates, max_misfit, compiled
+        As of `Estimator`.
+
+    Attributes
+    ----------
+    guide : Guide
+        Where fits start from and how far they go, unless they are told otherwise.
+    """
+
+    def __init__(
+        self,
+        table: SignatureTable,
+        model: ForwardModel,
+        constants: Constants,
+        candidates: int,
+        max_misfit: float,
+        compiled: bool,
+    ) -> None:
+        scene = table.scene
+        self._table, self._model, self._constants = table, model, constants
+        self._max_misfit = max_misfit
+        axes = grid_axes(scene.table)
+        middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
+        half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
+        prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
+        self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
+        self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
+        self._pose_precision = np.diag(1 / np.square(prior_std))
+        self._kinds = frame_kinds(model, self._prior, compiled)
+        self._linearise = Lineariser(model, constants.names, compiled)
+        poses, parameters = self._starts()
+        self.guide = Guide(
+            np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
+            poses,
+            table.vectors(np.ones(5)),
+            candidates,
+            float(-ndtri(max_misfit)),
+            False,
+            model.array.side,
+            float(scene.full_scale_counts),
+            scene.signature.peak == "subdetector",
+        )
+        self._frame: Callable[..., FrameResult] = estimate_frame
+        if compiled:
+            features.prepare(model.array.side)
+            joint_coordinates.prepare(constants)
+            self._frame = compilation.compiled(estimate_frame)
+            compilation.prepare(self._frame, self._kinds[0].problem, self.guide, np.ones((5, 1)))
+
+    def _starts(self) -> tuple[Array, Array]:
+        """Return poses that fits start from, and their key parameters: of the table, and nearer."""
+        table, scene = self._table, self._table.scene
+        rng = np.random.default_rng(0)  # the same in every run: an image has one answer
+        rows: Any = slice(None)
+        if len(table.poses) > START_ROWS:
+            rows = rng.choice(len(table.poses), START_ROWS, replace=False)
+            rows.sort()
+        poses = np.array(table.poses[rows], dtype=float)
+        # Nearer than the table the array saturates, and from afar no fit finds the way there.
+        near = poses[rng.permutation(len(poses))[:NEAR_ROWS]]
+        near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
+        images = self._model.converted(self._model.light(near))
+        lit = images.max(axis=(1, 2)) > 0
+        of_near = key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
+        return (
+            np.concatenate([poses, near[lit]]),
+            np.concatenate([np.array(table.parameters[rows], dtype=float), of_near]),
+        )
+
+    @np.errstate(all="ignore")  # of light too dim and places too far for a float64
+    def __call__(
+        self,
+        readings: Array,
+        parameters: Array | None = None,
+        roll: float = 0.0,
+        expected: Expected | None = None,
+        guide: Guide | None = None,
+    ) -> Fitted:
+        """Fit an image.
+
+        Parameters
+        ----------
+        readings
+            Counts, shape ``(m,)``.
+        parameters
+            Key parameters of the image, shape ``(5, 1)``; ``None``: worked out from the image.
+        roll
+            Of the follower, rad.
+        expected
+            As of `Estimator.estimate`.
+        guide
+            ``None``: that of all images.
+
+        Raises
+        ------
+        NoPose
+            For an image that no pose of the scene explains.
+        """
+        guide = guide or self.guide
+        if parameters is None:
+            parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
+        kinds = expecting(self._kinds, expected)
+        problems: list[Problem] = []
+        frames: list[FrameResult] = []
+        for kind in kinds:
+            if kind.rare and not is_doubtful(frames[0], kind.share):
+                break
+            problems.append(kind.knowing(expected))
+            of_image = problems[-1]._replace(readings=readings, roll=roll)
+            if kind.rare and not guide.gaussian:
+                # The integral takes several times as long as a clear one, and few images need it.
+                linear = self._frame(of_image, guide._replace(gaussian=True), parameters)
+                _, clear = weighed(kinds, problems, [*frames, linear])
+                if clear > SURELY_CLEAR:
+                    break
+            frames.append(self._frame(of_image, guide, parameters))
+        found, clear = frames[0], 1.0
+        if len(frames) > 1:
+            found, clear = weighed(kinds, problems, frames)
+        if found.outcome == NO_START:
+            raise NoPose("no fit: no start led to a finite likelihood")
+        if found.outcome == MISFIT:
+            raise self._misfit(found.score)
+        if found.outcome != FITTED:
+            raise NoPose("no fit: the image leaves the pose without a covariance")
+        fitted = len(kinds[0].places)
+        if expected is None or (guide.gaussian and len(expected.mean) == fitted):
+            return Fitted(found, clear, None)
+        at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
+        near = self.near(readings, at, roll, found.stretch)
+        if len(expected.mean) > fitted and clear > 0:
+            # What the clear fit was given is not known exactly.
+            precision = block_diag(self._pose_precision, problems[0].nuisance_precision)
+            slopes = near.pose_slopes(precision, self._constants.gain_std)
+            spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
+            covariance = found.covariance + 0.5 * (spread + spread.T)
+            found = found._replace(covariance=covariance)
+        return Fitted(found, clear, near)
+
+    def near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
+        """Return the likelihood of an image near a place, of pose and constants.
+
+        Parameters
+        ----------
+        readings, roll
+            As they were fitted.
+        at
+            Pose and offsets of the constants, shape ``(5 + q,)``.
+        stretch
+            Of the fit, as its result has it.
+        """
+        near = self._linearise(readings, at, roll)
+        return near._replace(variances=stretch * near.variances)
+
+    @cached_property
+    def linear(self) -> bool:
+        """Whether images of the scene are linear enough for a track to take their readings.
+
+        A planar or weakly curved array leaves pitch and yaw in bent or several posteriors, of which
+        a track takes the poses. It is said of the scene and not of each image, as poses and
+        readings go badly together: what poses have of the constants' errors is known only roughly.
+        """
+        off = LOOKED_AT * np.random.default_rng(0).uniform(-1, 1, (LOOKS, 5))
+        poses = self._prior.pose_mean + off * self._prior.pose_std / PRIOR_HALF_EXTENTS
+        images = self._model.converted(self._model.light(poses))
+        bent = 0
+        for readings in images.reshape(LOOKS, -1).astype(float):
+            with suppress(NoPose):
+                found = self(readings).result
+                bent += found.nodes > BENT_NODES or not np.isnan(found.runner_up_score)
+        return bent < LOOKS / 3
+
+    @np.errstate(under="ignore")  # what is that improbable counts as nothing
+    def saturated(self, roll: float) -> SaturatedPosterior:
+        """Return what an image with every reading at full scale says; raises as a call does."""
+        found = saturated_posterior(self._model, self._prior, roll)
+        if found.score > self.guide.max_score:
+            raise self._misfit(found.score)
+        return found
+
+    def _misfit(self, score: float) -> NoPose:
+        return NoPose(
+            f"no fit: an honest image leaves such residuals with a chance of {ndtr(-score):.1e}, "
+            f"less than max_misfit {self._max_misfit:g}; the image is not of this scene"
+        )
+
+    def unobservable(self, covariance: Array) -> tuple[str, ...]:
+        """Name the degrees of freedom of which a covariance leaves next to all of the prior."""
+        known = covariance.diagonal() <= self._unobservable_variance
+        return () if known.all() else tuple(compress(DOF_NAMES, ~known))

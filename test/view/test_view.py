@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, ellipsoid, known
+from uuv_optical_array.view.page import Page, Slider, known
+from uuv_optical_array.view.shapes import ellipsoid
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window
 
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])

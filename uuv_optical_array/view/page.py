@@ -36,6 +36,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view import LOOPBACK, PORT
+from uuv_optical_array.view.shapes import cone, ellipsoid, fin, hull
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
@@ -43,7 +44,6 @@ PORTS_TRIED = 1000
 ERRORS, ESTIMATES = "**estimate less truth**, 3 sigma", "**estimate**, 3 sigma; truth unknown"
 NOTHING = (np.full(2, np.nan),) * 3
 CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
-SIDES = 32  # of what is round
 PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
@@ -140,14 +140,13 @@ class Page:
     def _draw_vehicles(self) -> None:
         sea, array = self._server.scene, build_array(self._scene.array)
         half_m = max(self._scene.array.bow_m, 0.3)
-        hull = _hull(half_m, 0.35 * half_m)
-        fin = _fin(half_m)
+        parts = {"hull": hull(half_m, 0.35 * half_m), "fin": fin(half_m)}
         self._frames = {
             name: sea.add_frame(f"/{name}", show_axes=False)
             for name in ("leader", "follower", "estimate", "station")
         }
         for name, colour in (("leader", LEADER), ("follower", FOLLOWERS[0])):
-            for part, mesh in (("hull", hull), ("fin", fin)):
+            for part, mesh in parts.items():
                 # The lamp is at the leader's origin, at its stern.
                 ahead = half_m + 0.05 if name == "leader" else 0.0
                 sea.add_mesh_simple(
@@ -164,7 +163,7 @@ class Page:
         for stds, opacity in ((1, 0.2), (2, 0.1)):
             sea.add_mesh_simple(
                 f"/leader/beam_{stds}_sigma",
-                *_cone(min(stds * sigma, 1.4), self._range_m),
+                *cone(min(stds * sigma, 1.4), self._range_m),
                 color=LAMP,
                 opacity=opacity,
                 side="front",  # its inside: the far wall, which hides nothing
@@ -416,28 +415,6 @@ def words(sight: Sight, scene: Scene) -> str:
     )
 
 
-def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
-    """Return the ellipsoid of three sigma of a position.
-
-    Parameters
-    ----------
-    covariance
-        Of the position in ``beacon``, m^2, shape ``(3, 3)``.
-    turn
-        Rotation of the frame in which it is drawn to ``beacon``, shape ``(3, 3)``.
-
-    Returns
-    -------
-    half_axes : Array
-        m, shape ``(3,)``.
-    rotation : Array
-        From the ellipsoid's axes to that frame, proper, shape ``(3, 3)``.
-    """
-    variances, axes = np.linalg.eigh(turn.T @ covariance @ turn)
-    axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
-    return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
-
-
 def _free_port(host: str, port: int) -> int:
     """Return the first free port from one on; viser would wait for a bad address for ever."""
     for candidate in range(port, min(port + PORTS_TRIED, 65536)):
@@ -508,34 +485,3 @@ def _night() -> NDArray[np.uint8]:
     """Return the water: lighter above than below."""
     light = np.linspace(1.7, 0.5, 64)[:, None, None]
     return np.clip(light * np.array(NIGHT), 0, 255).astype(np.uint8).repeat(64, axis=1)
-
-
-def _turned(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return vertices and faces of what is round about x, shapes ``(n, 3)`` and ``(m, 3)``."""
-    angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
-    ring = np.stack([np.zeros(SIDES), np.cos(angle), np.sin(angle)], axis=1)
-    vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
-    i, k = np.meshgrid(np.arange(len(along) - 1), np.arange(SIDES), indexing="ij")
-    here, beside = i * SIDES + k, i * SIDES + (k + 1) % SIDES
-    faces = np.stack([[here, beside, here + SIDES], [beside, beside + SIDES, here + SIDES]])
-    return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
-
-
-def _hull(half_m: float, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return a hull as long as the array is ahead of ``base_link``, and as long abaft."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
-    along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
-    return _turned(along, np.cos(angle) * radius_m)
-
-
-def _cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return the surface of a beam that shines astern."""
-    return _turned(
-        np.array([0.0, -length_m]), np.array([0.0, length_m * float(np.tan(half_angle))])
-    )
-
-
-def _fin(half_m: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return an upright fin at the stern, so that the attitude is seen."""
-    corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
-    return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

@@ -1,0 +1,61 @@
+"""What the page draws: meshes of vehicles and beam, and the ellipsoid of a position."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.core.geometry import Array
+
+SIDES = 32  # of what is round
+
+
+def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
+    """Return the ellipsoid of three sigma of a position.
+
+    Parameters
+    ----------
+    covariance
+        Of the position in ``beacon``, m^2, shape ``(3, 3)``.
+    turn
+        Rotation of the frame in which it is drawn to ``beacon``, shape ``(3, 3)``.
+
+    Returns
+    -------
+    half_axes : Array
+        m, shape ``(3,)``.
+    rotation : Array
+        From the ellipsoid's axes to that frame, proper, shape ``(3, 3)``.
+    """
+    variances, axes = np.linalg.eigh(turn.T @ covariance @ turn)
+    axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
+    return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
+
+
+def _turned(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return vertices and faces of what is round about x, shapes ``(n, 3)`` and ``(m, 3)``."""
+    angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
+    ring = np.stack([np.zeros(SIDES), np.cos(angle), np.sin(angle)], axis=1)
+    vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
+    i, k = np.meshgrid(np.arange(len(along) - 1), np.arange(SIDES), indexing="ij")
+    here, beside = i * SIDES + k, i * SIDES + (k + 1) % SIDES
+    faces = np.stack([[here, beside, here + SIDES], [beside, beside + SIDES, here + SIDES]])
+    return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
+
+
+def hull(half_m: float, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return a hull as long as the array is ahead of ``base_link``, and as long abaft."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
+    along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
+    return _turned(along, np.cos(angle) * radius_m)
+
+
+def cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return the surface of a beam that shines astern."""
+    return _turned(
+        np.array([0.0, -length_m]), np.array([0.0, length_m * float(np.tan(half_angle))])
+    )
+
+
+def fin(half_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return an upright fin at the stern, so that the attitude is seen."""
+    corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
+    return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

@@ -7,80 +7,19 @@ import re
 import numpy as np
 import pytest
 import second_forward
+from calibrated_seas import HIGHEST, LOWEST, drive, sea, truth_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.maximum_likelihood.likelihood import CalibrationLikelihood, Place
-from uuv_optical_array.calibration.maximum_likelihood.solver import (
-    MAX_STEP,
-    CalibrationProblem,
-    evaluate,
-    outward,
-    propose,
-    refine,
-)
 from uuv_optical_array.calibration.parameters import (
-    BACKGROUND,
-    GAINS,
     NAMES,
-    POWER,
-    SIGMA,
-    K,
-    bounds,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
-LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
-HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
 reproducible = settings(max_examples=12)
-
-
-def sea(start="reference", gains=(0.05, 9), **changes):
-    """Return a scene with other values, by dotted name."""
-    plain = load_scene(start).settings()
-    plain["effects"]["ambient"] = {"level_counts": 12.0}
-    if gains:
-        plain["effects"]["responsivity"] = dict(zip(("spread", "seed"), gains, strict=True))
-    named = {
-        "lamp.beam_sigma_deg": 6.5,
-        "lamp.reference_counts": 600.0,
-        "attenuation.k_per_m": 0.17,
-        **{name.replace("__", "."): value for name, value in changes.items()},
-    }
-    for name, value in named.items():
-        group, key = name.split(".")
-        home = plain if group in plain else plain["effects"]
-        home[group] = {**home.get(group, {}), key: value}
-    return scene_from_settings(plain, "sea")
-
-
-def drive(rng, count, low=LOWEST, high=HIGHEST):
-    return rng.uniform(low, high, (count, 5)), rng.uniform(-0.1, 0.1, count)
-
-
-def truth_of(scene):
-    """Return power, sigma, K and background in the gauge of the fit, and the gains."""
-    model = ForwardModel(scene)
-    side = scene.array.detectors_per_side
-    spec = scene.effects.get("responsivity")
-    gains = np.ones((side, side))
-    if spec:
-        draws = np.random.default_rng(spec["seed"]).standard_normal((side, side))
-        gains = 1 + spec["spread"] * draws
-    common = stats.gmean(gains, axis=None)
-    ambient = scene.effects.get("ambient", {"level_counts": 0.0})["level_counts"]
-    lamp = np.array(
-        [
-            model.power * common,
-            scene.lamp.beam_sigma_deg,
-            scene.effects["attenuation"]["k_per_m"],
-            ambient * common,
-        ]
-    )
-    return lamp, gains / common
 
 
 def fitted(found):
@@ -153,104 +92,6 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     gain_std = gains * np.sqrt(np.diag(project @ covariance[4:, 4:] @ project))
     np.testing.assert_allclose(found.gain_std.ravel(), gain_std, rtol=5e-3)
     assert found.misfit == pytest.approx((residuals(other.x) ** 2).sum() / (1500 - 28), rel=1e-6)
-
-
-@pytest.mark.parametrize("pose_std", [None, [0.02, 0.01, 0.01, 0.01, 0.02]])
-def test_the_gradient_is_that_of_the_value(pose_std):
-    scene = sea(shot_noise__electrons_per_count=30.0)
-    rng = np.random.default_rng(3)
-    poses, rolls = drive(rng, 30)
-    images = ForwardModel(scene).expose(poses, rng, rolls)
-    std = None if pose_std is None else np.array(pose_std)
-    likelihood = CalibrationLikelihood(load_scene("reference"), images, poses, rolls, std)
-    shifts = rng.normal(size=poses.shape) * (0 if std is None else std)
-    here = likelihood.start() + 0.05 * rng.standard_normal(29)
-    if std is not None:
-        # Of the shifts that follow the parameters, so that they leave nothing to gain.
-        for _ in range(30):
-            shifts = shifts + likelihood.evaluate(Place(here, shifts)).shift_step
-        assert np.abs(likelihood.evaluate(Place(here, shifts)).shift_step).max() < 1e-5
-        aside = 1e-5 * rng.normal(size=shifts.shape) * std
-        ahead, behind = (likelihood.evaluate(Place(here, shifts + x)) for x in (aside, -aside))
-        assert abs(ahead.cost - behind.cost) / 2e-5 < 1e-2
-    gradient = likelihood.evaluate(Place(here, shifts)).gradient
-    for i, step in enumerate(1e-5 * np.eye(29)):
-        ahead, behind = (likelihood.evaluate(Place(here + x, shifts)) for x in (step, -step))
-        slope = (behind.cost - ahead.cost) / 2e-5
-        assert slope == pytest.approx(gradient[i], rel=2e-5, abs=1e-2)
-
-
-def problem_of(pose_std=None, held=(), seed=3):
-    """Return a problem of 30 images, and a place aside of where the fit starts."""
-    scene = sea()
-    rng = np.random.default_rng(seed)
-    poses, rolls = drive(rng, 30)
-    images = ForwardModel(scene).expose(poses, rng, rolls)
-    std = None if pose_std is None else np.array(pose_std)
-    likelihood = CalibrationLikelihood(load_scene("reference"), images, poses, rolls, std)
-    shifts = rng.normal(size=poses.shape) * (0 if std is None else 0.3 * std)
-    steps = []
-    problem = CalibrationProblem(likelihood, frozenset(held), lambda: steps.append(1))
-    return problem, Place(truth(scene) + 0.01 * rng.standard_normal(29), shifts), steps
-
-
-def truth(scene):
-    """Return the parameters of a scene."""
-    lamp, gains = truth_of(scene)
-    return np.array([np.log(lamp[0]), np.log(lamp[1]), *lamp[2:], *np.log(gains.ravel())])
-
-
-@pytest.mark.parametrize("damping", [1e-9, 0.3])
-@pytest.mark.parametrize("pose_std", [None, [0.02, 0.01, 0.01, 0.01, 0.02]])
-def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(pose_std, damping):
-    """It holds for the solution of damped normal equations alone, shifts of the poses included."""
-    problem, at, steps = problem_of(pose_std)
-    state = evaluate(problem, at)
-    trial, decrement = propose(problem, state, damping)
-    assert len(steps) == 1
-    step = np.array(trial.parameters) - at.parameters, trial.shifts - at.shifts
-    assert np.abs(step[0]).max() > 1e-3
-    assert step[0][GAINS:].sum() == pytest.approx(0, abs=1e-12)
-    ahead, behind = (
-        evaluate(problem, Place(at.parameters + x * step[0], at.shifts + x * step[1])).cost
-        for x in (1e-4, -1e-4)
-    )
-    assert (behind - ahead) / 2e-4 == pytest.approx(2 * decrement, rel=1e-3)
-
-
-def test_a_step_keeps_to_the_bounds_and_leaves_what_is_held():
-    problem, at, _ = problem_of(held=[SIGMA, GAINS + 3])
-    low, high = bounds(29)
-    far = at.parameters.copy()
-    far[POWER], far[K], far[BACKGROUND] = 3.0, 0.05, 3.0
-    state = evaluate(problem, Place(far, at.shifts))
-    trial, _ = propose(problem, state, 1e-3)
-    assert trial.parameters[POWER] - far[POWER] == pytest.approx(MAX_STEP)
-    np.testing.assert_array_equal(trial.parameters[[SIGMA, GAINS + 3]], far[[SIGMA, GAINS + 3]])
-    found = refine(problem, Place(far, at.shifts))
-    np.testing.assert_array_equal(found.at.parameters[[SIGMA, GAINS + 3]], far[[SIGMA, GAINS + 3]])
-    assert found.cost < state.cost
-    # Readings less than dark: the background is at its bound, what goes inwards is free.
-    problem.likelihood.readings = problem.likelihood.readings - 100.0
-    dark = at.parameters.copy()
-    dark[BACKGROUND] = 0.0
-    state = evaluate(problem, Place(dark, at.shifts))
-    assert BACKGROUND in outward(state)
-    trial, _ = propose(problem, state, 1e-3)
-    assert trial.parameters[BACKGROUND] == 0
-    assert (trial.parameters >= low).all()
-    assert (trial.parameters <= high).all()
-    dark[BACKGROUND] = 1.0
-    assert BACKGROUND not in outward(evaluate(problem, Place(dark, at.shifts)))
-
-
-def test_poses_are_fitted_even_where_every_parameter_is_held():
-    problem, at, _ = problem_of([0.02, 0.01, 0.01, 0.01, 0.02], held=range(29))
-    found = refine(problem, at)
-    np.testing.assert_array_equal(found.at.parameters, at.parameters)
-    aside = evaluate(problem, at)
-    assert found.cost < aside.cost - 1
-    assert np.abs(found.shift_step / problem.likelihood.pose_std).max() < 0.02
 
 
 def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):

@@ -84,8 +84,9 @@ REFUSALS = {
     ),
     "outlier": Reason(
         "The pose is too far from the track: a reflection, or a manoeuvre that is faster than "
-        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect.",
-        "If it lasts, raise these two.",
+        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect, or than `cmd_vel` tells.",
+        "If it lasts, raise these two; set `use_commands` to false where `cmd_vel` is not what the "
+        "vehicle does, in m/s and rad/s.",
     ),
     "late frame": Reason(
         "The frame came after a newer one. With a pose of `buffer_s` or less of age it entered the "

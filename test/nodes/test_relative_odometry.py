@@ -48,9 +48,9 @@ class Mover(Asker):
             aim_covariance=lambda pose, roll: AIM_VARIANCE * np.eye(5),
         )
 
-    def run(self, count):
+    def run(self, count, first=0):
         """Send frames of different signatures; return the last odometry."""
-        for i in range(count):
+        for i in range(first, first + count):
             self.seconds = i / RATE_HZ
             message = self.message(np.array([0.5, 0.001 * i, 0.0, 0.0, 0.0]), 1)
             message.header.stamp = self.stamp = Time(
@@ -68,6 +68,13 @@ def mover(lab, scene_file, table_folder):
 
 def numbers(vector):
     return np.array([vector.x, vector.y, vector.z])
+
+
+def shown(mover, key):
+    """Return a value of the newest status that has it."""
+    mover.node.diagnostics.publish()
+    values = dict(pair for status in mover.lab.statuses for pair in figures(status))
+    return values.get(key)
 
 
 def twist_of(message):
@@ -107,6 +114,9 @@ def test_a_command_is_in_the_twist_at_once_and_a_bad_one_is_refused(lab, scene_f
     lab.report(mover.node, DiagnosticStatus.WARN, "cmd_vel, not finite")
     # Two frames after the push a track that is not told of it is far behind.
     np.testing.assert_allclose(twist_of(mover.run(33)), [0.6, 0, -0.2, 0, 0.1, -0.2], atol=0.02)
+    lab.until(lambda: shown(mover, "own_motion") == "told", "the diagnostics")
+    mover.run(2, first=150)  # longer after the last command than command_timeout_s
+    lab.until(lambda: shown(mover, "own_motion") == "not told", "the diagnostics")
 
 
 def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):

@@ -455,9 +455,10 @@ class EstimatorNode(Node):
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
 
     def learnt(self, track: Track) -> dict[str, str]:
-        """Return what the diagnostics show of what a track has learnt, and what to do about it."""
+        """Return what the diagnostics show of what a track knows, and what to do about it."""
         changes = scene_changes(self.model, self.constants, track.constants)
         return {
+            "own_motion": "told" if track.told else "not told",
             **{
                 f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
                 for name, known in track.constants.items()

@@ -169,6 +169,7 @@ def test_where_commands_begin_and_end_the_rate_is_as_unknown_as_at_a_start():
     for stamp, told in ((first_ns - 1, 0), (first_ns, 1), (last_ns + timeout_ns, 1)):
         ahead = tracker.predict(stamp)
         own = turned(ahead.pose, told * SWERVE)
+        assert ahead.told == told
         np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-9)
         grown = before + (stamp - track.stamp_ns) * 1e-9 * walk + told * np.diag(RATE_STD) ** 2
         np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)

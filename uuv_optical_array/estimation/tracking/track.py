@@ -62,6 +62,8 @@ class Track:
     gains
         Relative gain errors of the detectors, as learnt, shape ``(n,)``; shape ``(0,)`` where they
         are not.
+    told
+        Whether the follower's commands are known at that instant.
     """
 
     stamp_ns: int
@@ -72,6 +74,7 @@ class Track:
     distance: float
     constants: Mapping[str, Learnt] = field(default_factory=dict)
     gains: Array = field(default_factory=lambda: np.zeros(0))
+    told: bool = False
 
     @property
     def covariance(self) -> Array:

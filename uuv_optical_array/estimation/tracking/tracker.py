@@ -340,7 +340,8 @@ class Tracker:
         stds = np.sqrt(covariance.diagonal()[self._space.constants]).tolist()
         offsets = mean[self._space.constants].tolist()
         joint = covariance[:MOVING, :MOVING].copy()
-        own = self._own_motion.twist(stamp_ns) if self._told(stamp_ns) else np.zeros(5)
+        told = self._told(stamp_ns)
+        own = self._own_motion.twist(stamp_ns) if told else np.zeros(5)
         if newest.frame.readings is None:
             root = newest.frame.root
             joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
@@ -353,6 +354,7 @@ class Tracker:
             newest.distance,
             dict(zip(self._constants.names, map(Learnt, offsets, stds), strict=True)),
             mean[self._space.gains].copy(),
+            told,
         )
 
     def _next(self, state: _State, frame: Frame) -> _State:

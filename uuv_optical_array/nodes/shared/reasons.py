@@ -276,6 +276,12 @@ VALUES = (
         "its edge, negative beyond",
     ),
     Value(
+        "`own_motion`",
+        "estimator",
+        "whether the track is told by `cmd_vel` how the follower moves: not, where no command came "
+        "for `command_timeout_s`, or by another clock",
+    ),
+    Value(
         "`learnt_...`",
         "estimator",
         "what the track has learnt of a constant that the scene does not know",

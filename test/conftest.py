@@ -447,6 +447,14 @@ def compiled_fit(scene):
         fit_compiler.LOADED.add(fit_compiler.compiled_parts(scene))
 
 
+@pytest.fixture
+def shower(lab, scene_file, scene, table_folder, compiled_fit):
+    """An estimator node that fits, and what sends it images."""
+    from asker import Shower
+
+    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares")
+
+
 @pytest.fixture(scope="session")
 def murky_scene_file(tmp_path_factory):
     """The small scene in water that attenuates twice as much."""

@@ -11,11 +11,6 @@ from uuv_optical_array.forward.model import ForwardModel
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 
 
-@pytest.fixture
-def shower(lab, scene_file, scene, table_folder, compiled_fit):
-    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares")
-
-
 @pytest.fixture(scope="module")
 def images(scene):
     rng = np.random.default_rng(9)

@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.estimation.estimator import Estimate
 
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 RATE_HZ = 10
 SPREAD = np.diag([4e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 AIM_VARIANCE = 1e-3  # of all five, where it shows
@@ -70,13 +71,6 @@ def numbers(vector):
     return np.array([vector.x, vector.y, vector.z])
 
 
-def shown(mover, key):
-    """Return a value of the newest status that has it."""
-    mover.node.diagnostics.publish()
-    values = dict(pair for status in mover.lab.statuses for pair in figures(status))
-    return values.get(key)
-
-
 def twist_of(message):
     twist = message.twist.twist
     return np.concatenate([numbers(twist.linear), numbers(twist.angular)])
@@ -111,12 +105,15 @@ def test_a_command_is_in_the_twist_at_once_and_a_bad_one_is_refused(lab, scene_f
         linear.x, linear.z = surge, -0.2 * moves
         angular.x, angular.y, angular.z = 0.4 * moves, 0.1 * moves, -0.2 * moves
         commands.publish(message)
-    lab.report(mover.node, DiagnosticStatus.WARN, "cmd_vel, not finite")
+    lab.report(mover.node, WARN, "cmd_vel, not finite")
     # Two frames after the push a track that is not told of it is far behind.
     np.testing.assert_allclose(twist_of(mover.run(33)), [0.6, 0, -0.2, 0, 0.1, -0.2], atol=0.02)
-    lab.until(lambda: shown(mover, "own_motion") == "told", "the diagnostics")
+    assert ("own_motion", "told") in figures(lab.report(mover.node, OK, value="own_motion"))
     mover.run(2, first=150)  # longer after the last command than command_timeout_s
-    lab.until(lambda: shown(mover, "own_motion") == "not told", "the diagnostics")
+    lab.until(
+        lambda: ("own_motion", "not told") in figures(lab.report(mover.node, OK)),
+        "the diagnostics to say that it is not told",
+    )
 
 
 def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):

@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.signature.features import (
     no_pattern,
 )
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
-from uuv_optical_array.estimation.tracking.enter import enter, entered
+from uuv_optical_array.estimation.tracking.enter import enter, entered, tell
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -70,21 +70,8 @@ class Pipeline:
         self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
-        """Tell the track how the follower is commanded to move from a stamp on.
-
-        Parameters
-        ----------
-        stamp_ns
-            Of the command, ns.
-        linear, angular
-            In the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is ignored.
-
-        Raises
-        ------
-        ValueError
-            As `Tracker.command`.
-        """
-        self._tracker.command(stamp_ns, [*linear, *angular[1:]])
+        """Tell the track how the follower is commanded to move from a stamp on, as `tell` does."""
+        tell(self._tracker, stamp_ns, linear, angular)
 
     def answer(self, stamp_ns: int, image: Array) -> Frame:
         """Return what is said of the next image.

@@ -30,7 +30,7 @@ from uuv_optical_array.estimation.table.signature_table import (
     grid_axes,
     widening,
 )
-from uuv_optical_array.estimation.tracking.enter import enter, entered
+from uuv_optical_array.estimation.tracking.enter import enter, entered, tell
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -322,8 +322,7 @@ class EstimatorNode(Node):
     def on_command(self, message: TwistStamped) -> None:
         """Tell the track how the follower moves by itself."""
         try:
-            linear, angular = twist_from_message(message)
-            self.tracker.command(stamp_ns(message.header), [*linear, *angular[1:]])
+            tell(self.tracker, stamp_ns(message.header), *twist_from_message(message))
         except (Refused, ValueError) as reason:
             self.diagnostics.refuse(f"cmd_vel, {reason}")
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tracks import START_NS, turned, van_loan
 
+from uuv_optical_array.core.messages import MAX_RATE
 from uuv_optical_array.estimation.tracking.motion import (
-    MAX_TWIST,
     OwnMotion,
     RandomMotion,
     in_beacon,
@@ -102,7 +102,7 @@ def test_a_command_is_copied():
 
 
 @pytest.mark.parametrize(
-    "twist", [ALONG[:4], [ALONG], 1.0, [np.nan, 0, 0, 0, 0], [0, 0, 0, 0, -1.1 * MAX_TWIST]]
+    "twist", [ALONG[:4], [ALONG], 1.0, [np.nan, 0, 0, 0, 0], [0, 0, 0, 0, -1.1 * MAX_RATE]]
 )
 def test_a_bad_twist_is_refused_and_the_last_holds(twist):
     own = OwnMotion()

@@ -1,4 +1,4 @@
-"""Estimates put into a track, and the track that comes of them."""
+"""Estimates and commands put into a track, and the track that comes of them."""
 
 from dataclasses import replace
 
@@ -44,6 +44,26 @@ def enter(
         return tracker.take(stamp_ns, estimate.pose, estimate.covariance, lasting=lasting)
     near = estimator.lineariser(estimate, image, roll)
     return tracker.take(stamp_ns, estimate.pose, estimate.covariance, estimate.readings, near)
+
+
+def tell(tracker: Tracker, stamp_ns: int, linear: Array, angular: Array) -> None:
+    """Tell a track how the follower is commanded to move from a stamp on.
+
+    Parameters
+    ----------
+    tracker
+        The one that is told.
+    stamp_ns
+        Of the command, ns.
+    linear, angular
+        In the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is ignored.
+
+    Raises
+    ------
+    ValueError
+        As `Tracker.command`.
+    """
+    tracker.command(stamp_ns, [*linear, *angular[1:]])
 
 
 def entered(tracker: Tracker, estimator: Estimator, roll: float = 0.0) -> Track:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.messages import MAX_RATE
 
-MAX_TWIST = 1e3  # beyond any vehicle, m/s and rad/s
 LONG_AGO_NS = -(2**62)  # before any stamp
 
 
@@ -84,8 +84,8 @@ class OwnMotion:
             For a twist of wrong shape or out of bounds.
         """
         twist = np.array(twist, dtype=float)
-        if twist.shape != (5,) or not (np.abs(twist) <= MAX_TWIST).all():
-            raise ValueError(f"twist: {twist.tolist()}; give five numbers within +-{MAX_TWIST:g}")
+        if twist.shape != (5,) or not (np.abs(twist) <= MAX_RATE).all():
+            raise ValueError(f"twist: {twist.tolist()}; give five numbers within +-{MAX_RATE:g}")
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
         self._commands.append((stamp_ns, twist))
 

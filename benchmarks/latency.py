@@ -30,6 +30,7 @@ from sensor_msgs.msg import Image
 from uuv_optical_array.commands.shared import cli, report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.nodes import estimator_node
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
@@ -134,8 +135,8 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
         asker, executor = Asker(), fastest_executor()
         nodes: list[Any] = [asker]
         if not apart:
-            originals = Estimator._fit, Estimator.estimate, estimator_node.enter
-            watched(Estimator, "_fit", spent, "fit")
+            originals = ImageFit.__call__, Estimator.estimate, estimator_node.enter
+            watched(ImageFit, "__call__", spent, "fit")
             watched(Estimator, "estimate", spent, "estimate")
             watched(estimator_node, "enter", spent, "track")
             feature, estimator, formation = follower()
@@ -159,7 +160,7 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
                     executor.spin_once(timeout_sec=left)
             line(apart, side, rate_hz, count, asker.times, spent)
         if not apart:
-            Estimator._fit, Estimator.estimate, estimator_node.enter = originals
+            ImageFit.__call__, Estimator.estimate, estimator_node.enter = originals
         rclpy.try_shutdown()
         if process is not None:
             process.send_signal(signal.SIGINT)

@@ -1,5 +1,6 @@
 """A slow course before the lamp, its images as messages, and the nodes that answer them."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -16,9 +17,17 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
+from uuv_optical_array.programs import ENVIRONMENT
 
 TURN_S = 60.0  # time in which the course is back where it began
 READY = "ready"
+
+
+def as_programs() -> None:
+    """Go on in the environment of the package's programs: start this script anew where it lacks."""
+    environment = ENVIRONMENT | os.environ
+    if environment != dict(os.environ):
+        os.execve(sys.executable, [sys.executable, *sys.argv], environment)
 
 
 def write_scene(folder: Path, side: int) -> tuple[Scene, Path]:

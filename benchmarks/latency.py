@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from course import exposures, serve, served, write_scene
+from course import as_programs, exposures, serve, served, write_scene
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -207,6 +207,7 @@ def table(options: argparse.Namespace) -> int:
 
 def main() -> None:
     """Run from the command line."""
+    as_programs()
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--rates", type=float, nargs="+", default=[10, 100, 500])
     parser.add_argument("--sides", type=int, nargs="+", default=[5, 21])

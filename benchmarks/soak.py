@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from course import exposures, pose_at, serve, served, stamp_of, write_scene
+from course import as_programs, exposures, pose_at, serve, served, stamp_of, write_scene
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -243,6 +243,7 @@ FAULTS = {
 
 def main() -> int:
     """Run all and return the exit code."""
+    as_programs()
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--frames", type=int, default=1_000_000, help="at top speed")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each fault")

@@ -2,6 +2,9 @@
 
 Ctrl-C during an import ends the process at once: an exception there can pass for a missing module,
 and otherwise prints the stack of the import. A node without ROS says what to install.
+
+BLAS gets one thread (`ENVIRONMENT`), unless the user says otherwise: with matrices as small as
+those of an image its threads mostly wait for each other, and for the processors of other nodes.
 """
 
 import os
@@ -13,6 +16,8 @@ from types import FrameType
 from typing import Any
 
 INTERRUPTED = 130  # exit code of a command after Ctrl-C
+# Of every program, where it names nothing else; BLAS reads it when NumPy is imported.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def _program(
@@ -23,6 +28,7 @@ def _program(
         os._exit(code)
 
     def program() -> None:
+        os.environ.update(ENVIRONMENT | os.environ)
         usual = signal.getsignal(signal.SIGINT)
         ours = usual if usual == signal.SIG_IGN else end  # a shell's background ignores it
         signal.signal(signal.SIGINT, ours)

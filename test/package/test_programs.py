@@ -1,5 +1,6 @@
-"""Ctrl-C while a program is imported ends it with one line, whatever the import is at."""
+"""How programs start: with one thread of BLAS, and Ctrl-C meanwhile ends them with one line."""
 
+import os
 import subprocess
 import sys
 
@@ -70,3 +71,24 @@ def test_without_ctrl_c_a_program_runs():
     code, text = pressed("vehicles_node", "none", "--ros-args", "-p", "rate_hz:=0.0")
     assert code == 1
     assert "rate_hz" in text
+
+
+@pytest.mark.parametrize("wanted", ["", "2"])
+def test_blas_has_one_thread_unless_the_user_wants_more(wanted, monkeypatch):
+    if wanted and (os.cpu_count() or 1) < 2:
+        pytest.skip("there is one processor, for which BLAS has one thread whatever is wanted")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if wanted:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", wanted)
+    code = """
+import os, sys
+from contextlib import suppress
+from uuv_optical_array import programs
+sys.argv[1:] = ["--version"]
+with suppress(SystemExit):
+    programs.uuv_array()
+import scipy.linalg
+print(len(os.listdir("/proc/self/task")))
+"""
+    threads = int(command_line.python(code).stdout.split()[-1])
+    assert threads > 1 if wanted else threads == 1

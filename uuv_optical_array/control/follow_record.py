@@ -81,7 +81,7 @@ class FollowRecord:
         """Return a table of RMS errors by degree of freedom, and the counts, as text."""
         scale = np.array([1, 1, 1, *np.degrees([1, 1])])
         units = ("m", "m", "m", "deg", "deg")
-        rows = [f"{'':14}" + "".join(f"{name:>9}" for name in DOF_NAMES)]
+        rows = [f"{'':14}" + "".join(f"{name:>10}" for name in DOF_NAMES)]
         for title, errors in (
             ("estimate", self.errors()[1]),
             ("station", self.station_errors()[1]),
@@ -91,7 +91,7 @@ class FollowRecord:
                 rows.append(
                     f"{title + ' RMS':14}"
                     + "".join(
-                        f"{value:5.2f} {unit:3}" for value, unit in zip(rms, units, strict=True)
+                        f"{value:6.2f} {unit:3}" for value, unit in zip(rms, units, strict=True)
                     )
                 )
         rows.append(

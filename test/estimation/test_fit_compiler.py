@@ -18,7 +18,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
+from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 NUMBA = pytest.mark.skipif(
@@ -101,6 +106,31 @@ def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search
     assert not shower.node.estimator.quick
     shower.show(images[0], 1)
     assert "index" not in vars(shower.node.table)  # a second, in a table of the usual size
+
+
+@NUMBA
+def test_the_first_frame_takes_one_fit_as_any_other(monkeypatch):
+    # Of its images a track takes the readings, where they are linear enough.
+    settings = load_scene("follow").settings()
+    settings["table"] = {key: [*span[:2], 4] for key, span in settings["table"].items()}
+    calibrated = scene_from_settings(settings, "calibrated")
+    done, fit, fits = threading.Event(), ImageFit.__call__, []
+    compiler = fit_compiler.FitCompiler(calibrated, done.set)
+    compiler.start()
+    assert compiler.done or done.wait(PATIENCE_S)
+    estimator = compiler.estimator(build_table(calibrated), method="least_squares")
+
+    def counted(*given):
+        fits.append(given)
+        return fit(*given)
+
+    monkeypatch.setattr(ImageFit, "__call__", counted)
+    poses = [[-6, 0.2, -0.1, 0.05, -0.1], [-5, -0.2, 0.1, -0.05, 0.1]]
+    images = ForwardModel(calibrated).expose(poses, np.random.default_rng(9))
+    expected = Tracker(TrackerSettings(), constants=estimator.constants).expected(0)
+    for count, image in enumerate(images, 1):
+        assert estimator.estimate(image, expected=expected).readings is not None
+        assert len(fits) == count
 
 
 @NUMBA

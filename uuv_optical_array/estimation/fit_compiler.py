@@ -140,7 +140,10 @@ class FitCompiler:
             As `Estimator` takes them by name.
         """
         compiled = self.done and not self.failure
-        return Estimator(table, **settings, compiled=compiled, quick=not self.done)
+        made = Estimator(table, **settings, compiled=compiled, quick=not self.done)
+        if compiled and made.settings.method == "least_squares":
+            _ = made.linear  # by some fits, which the first frame would wait for
+        return made
 
     def _compiling(self) -> "subprocess.Popen[str]":
         settings = self._scene.settings()

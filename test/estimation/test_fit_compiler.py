@@ -19,11 +19,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.table.signature_table import build_table, coarse_scene
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 NUMBA = pytest.mark.skipif(
@@ -111,9 +111,7 @@ def test_what_is_compiled_already_is_loaded_before_the_first_frame_and_no_search
 @NUMBA
 def test_the_first_frame_takes_one_fit_as_any_other(monkeypatch):
     # Of its images a track takes the readings, where they are linear enough.
-    settings = load_scene("follow").settings()
-    settings["table"] = {key: [*span[:2], 4] for key, span in settings["table"].items()}
-    calibrated = scene_from_settings(settings, "calibrated")
+    calibrated = coarse_scene(load_scene("follow"))
     done, fit, fits = threading.Event(), ImageFit.__call__, []
     compiler = fit_compiler.FitCompiler(calibrated, done.set)
     compiler.start()

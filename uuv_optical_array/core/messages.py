@@ -14,7 +14,8 @@ from uuv_optical_array.core.geometry import Array, unit_quaternion
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02
 MAX_POSITION_M = 1e8  # any place on Earth in any of its grids
-MAX_RATE = 1e3  # beyond any vehicle, m/s or rad/s
+# No vehicle under water is as fast, m/s and rad/s: such numbers are of other units.
+MAX_TWIST = np.repeat([10.0, 6.0], 3)
 NED, FRD = "_ned", "_frd"
 
 
@@ -137,7 +138,11 @@ def twist_from_message(message: Any) -> tuple[Array, Array]:
     values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
     if not np.isfinite(values).all():
         raise Refused(f"not finite: twist {values.tolist()}")
-    if (np.abs(values) > MAX_RATE).any():
-        raise Refused(f"out of bounds: twist {values.tolist()}, not within +-{MAX_RATE:g}")
+    if (np.abs(values) > MAX_TWIST).any():
+        speed, turn = MAX_TWIST[[0, 3]]
+        raise Refused(
+            f"out of bounds: twist {values.tolist()}, not within +-{speed:g} m/s and "
+            f"+-{turn:g} rad/s"
+        )
     values *= signs(message.header.frame_id)
     return values[:3], values[3:]

@@ -457,7 +457,7 @@ class EstimatorNode(Node):
         """Return what the diagnostics show of what a track knows, and what to do about it."""
         changes = scene_changes(self.model, self.constants, track.constants)
         return {
-            "own_motion": "told" if track.told else "not told",
+            "own_motion": track.own_motion,
             **{
                 f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
                 for name, known in track.constants.items()

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tracks import START_NS, turned, van_loan
 
-from uuv_optical_array.core.messages import MAX_RATE
+from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.tracking.motion import (
     OwnMotion,
     RandomMotion,
@@ -102,11 +102,13 @@ def test_a_command_is_copied():
 
 
 @pytest.mark.parametrize(
-    "twist", [ALONG[:4], [ALONG], 1.0, [np.nan, 0, 0, 0, 0], [0, 0, 0, 0, -1.1 * MAX_RATE]]
+    "twist", [ALONG[:4], [ALONG], 1.0, [np.nan, 0, 0, 0, 0], [0, 0, 0, 0, -1.1 * MAX_TWIST[4]]]
 )
 def test_a_bad_twist_is_refused_and_the_last_holds(twist):
     own = OwnMotion()
     own.command(START_NS, ALONG)
-    with pytest.raises(ValueError, match=r"^twist: .*; give five numbers within \+-1000"):
+    with pytest.raises(
+        ValueError, match=r"^twist: .*; give three within \+-10 m/s and two within \+-6 "
+    ):
         own.command(START_NS - 5, twist)
     np.testing.assert_array_equal(own.twist(START_NS), ALONG)

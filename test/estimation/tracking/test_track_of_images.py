@@ -1,11 +1,13 @@
-"""Tracks of images: under a slope of daylight, which looks like a turn, and after long drives."""
+"""Tracks of images: under uneven daylight, told nonsense by commands, and after long drives."""
 
 import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 from uuv_optical_array.core.geometry import wrapped
+from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.table.signature_table import build_table
@@ -144,6 +146,26 @@ def test_a_track_takes_readings_where_the_array_shows_one_attitude(array, linear
     known = Tracker(TrackerSettings(), constants=found.constants).expected(0)
     image = ForwardModel(found.table.scene).light(POSE)
     assert (found.estimate(image, expected=known).readings is not None) == linear
+
+
+# Each of these seas with gaps, where the readings alone were held to the track, lost it.
+@pytest.mark.parametrize(("seed", "gap"), [(0, 1), (1, 1), (11, 5), (16, 5), (18, 5), (23, 5)])
+def test_commands_that_mean_nothing_take_no_frame_and_falsify_no_track(estimator, seed, gap):
+    rng = np.random.default_rng((31, seed))
+    model, pipeline, said = ForwardModel(estimator.table.scene), Pipeline(estimator), []
+    pose, stamp = np.array([-3.5, *POSE[1:]]), 2_000_000_000
+    for k in range(80):
+        # In a gap, the command carries a follower past the lamp that in fact stays where it is.
+        stamp += 100_000_000 * (gap if k % 8 == 0 else 1)
+        frame = pipeline.answer(stamp, model.read(model.light(pose, 0.0), rng))
+        off = wrapped(frame.track.pose - pose)  # an outlier has no track
+        assert off @ np.linalg.solve(frame.track.covariance, off) < chi2.isf(2 * norm.sf(6), 5)
+        said.append(frame.track.own_motion)
+        if k % 8 == 7:
+            ways = MAX_TWIST[:3] * rng.uniform([0.3, -0.3, -0.3], [1.0, 0.3, 0.3])
+            pipeline.command(stamp, ways, np.zeros(3))
+    assert said[0] == "not told"
+    assert "contradicted" in said
 
 
 def long_drive(estimator, seed):

@@ -38,6 +38,7 @@ from uuv_optical_array.estimation.tracking.tracker import RATE_STD, Tracker
 pytestmark = pytest.mark.filterwarnings("error")
 
 SWERVE = np.array([0.4, -0.1, 0.05, 0.02, -0.06])
+FINE = NOISE / 25  # of which a wrong command of 9 m/s is far out
 
 
 def swerves(stamps, rng, spacing_ns=70_000_000):
@@ -169,7 +170,7 @@ def test_where_commands_begin_and_end_the_rate_is_as_unknown_as_at_a_start():
     for stamp, told in ((first_ns - 1, 0), (first_ns, 1), (last_ns + timeout_ns, 1)):
         ahead = tracker.predict(stamp)
         own = turned(ahead.pose, told * SWERVE)
-        assert ahead.told == told
+        assert ahead.own_motion == ("told" if told else "not told")
         np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-9)
         grown = before + (stamp - track.stamp_ns) * 1e-9 * walk + told * np.diag(RATE_STD) ** 2
         np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)
@@ -202,6 +203,59 @@ def test_a_follower_that_does_not_obey_is_tracked_nevertheless():
             squares.append(off @ np.linalg.solve(track.covariance, off))
     assert len(squares) > 297
     assert max(squares) < chi2.isf(2 * norm.sf(6), 5)
+
+
+def test_a_follower_whose_commands_are_of_other_units_is_tracked_as_if_there_were_none():
+    wrong, stamps = [9.0, 0.0, 0.0, 0.0, 3.0], [stamp for stamp, *_ in steady(20)]
+    pace = turned(STATION, [0.4, 0, 0, 0, 0.05])
+    frames = [(stamp, STATION + 0.1 * k * pace, FINE) for k, stamp in enumerate(stamps)]
+    told, alone = Tracker(TrackerSettings()), Tracker(TrackerSettings())
+    said = []
+    for stamp, *rest in frames[:15]:
+        track, beside = told.update(stamp, *rest), alone.update(stamp, *rest)
+        said.append(track.own_motion)
+        told.command(stamp, wrong)
+    assert said == ["not told"] + ["contradicted"] * 14
+    assert_same(dataclasses.replace(track, own_motion="not told"), beside)
+    # So it goes on, without a frame, and in a track that starts anew.
+    ahead, beside = (tracker.predict(stamps[17]) for tracker in (told, alone))
+    assert_same(dataclasses.replace(ahead, own_motion="not told"), beside)
+    late = stamps[14] + 2_100_000_000
+    told.command(late - 1, wrong)
+    anew = told.update(late, STATION, FINE)
+    assert (anew.frames, anew.own_motion) == (1, "contradicted")
+    np.testing.assert_array_equal(anew.rate, np.zeros(5))
+
+
+def test_a_track_found_elsewhere_is_followed_though_commands_are_of_other_units():
+    wrong, tracker, answers = [9.0, 0.0, 0.0, 0.0, 3.0], Tracker(TrackerSettings()), []
+    for k, (stamp, *_) in enumerate(steady(20)):
+        answers.append(answer(tracker, (stamp, moved(Y, 4.0 * (k >= 10)), FINE)))
+        tracker.command(stamp, wrong)
+    elsewhere = TrackerSettings().reacquire_frames - 1
+    assert [isinstance(each, str) for each in answers[10:]] == [True] * elsewhere + [False] * (
+        10 - elsewhere
+    )
+    assert answers[-1].own_motion == "contradicted"
+
+
+def test_a_follower_that_obeys_again_is_told_again():
+    tracker, at, said = Tracker(TrackerSettings()), STATION.copy(), []
+    for k, (stamp, *_) in enumerate(steady(40)):
+        said.append(tracker.update(stamp, at, FINE).own_motion)
+        tracker.command(stamp, [9.0, 0, 0, 0, 0] if k < 20 else [0.3, 0, 0, 0, 0])
+        at = at + (0.1 * turned(at, [0.3, 0, 0, 0, 0]) if k >= 20 else 0.0)
+    assert said[1:21] == ["contradicted"] * 20
+    assert set(said[25:]) == {"told"}
+
+
+def test_a_jump_is_an_outlier_with_commands_and_without():
+    for command in (np.zeros(5), SWERVE):
+        tracker = told(Tracker(TrackerSettings()), [(START_NS, command)])
+        for stamp, *_ in steady(8):
+            tracker.update(stamp, STATION + (stamp - START_NS) * 1e-9 * command, NOISE)
+        with pytest.raises(Outlier):
+            tracker.update(stamp + TENTH_NS, moved(Y, 4.0), NOISE)
 
 
 @settings(max_examples=40)
@@ -304,7 +358,7 @@ def test_other_settings_keep_the_track():
 
 def test_a_bad_command_is_refused_and_leaves_no_trace():
     tracker, untouched = (told(Tracker(OPEN), [(START_NS, SWERVE)]) for _ in range(2))
-    with pytest.raises(ValueError, match=r"^twist: .*nan.*; give five numbers"):
+    with pytest.raises(ValueError, match=r"^twist: .*nan.*; give three within"):
         tracker.command(START_NS, [np.nan, 0, 0, 0, 0])
     frames = [(stamp, STATION + STD, NOISE) for stamp, *_ in steady(4)]
     assert_same(fed(tracker, *frames), fed(untouched, *frames))

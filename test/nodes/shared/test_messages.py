@@ -224,7 +224,7 @@ def test_an_odometry_in_ned_axes_is_turned_into_those_of_rep_103():
     np.testing.assert_array_equal(odometry_pose(message)[0], position)
 
 
-@given(arrays(float, 6, elements=st.floats(-1e3, 1e3)))
+@given(arrays(float, 6, elements=st.floats(-6.0, 6.0)))
 def test_a_twist_survives_the_message(values):
     message = twist_to_message(values[:3], values[3:], header())
     assert message.header == header()
@@ -253,8 +253,8 @@ def test_a_position_or_a_twist_beyond_its_bound_is_refused_with_both(message_typ
     with pytest.raises(Refused, match=r"^out of bounds: position \[1.0, 1e\+308, 3.0\].*1e\+08"):
         read(fill(message_type(), position=(1.0, 1e308, 3.0)))
     twist = TwistStamped()
-    twist.twist.angular.y = -1.1e3
-    with pytest.raises(Refused, match=r"^out of bounds: twist .*-1100\.0.*1000"):
+    twist.twist.angular.y = -6.1
+    with pytest.raises(Refused, match=r"^out of bounds: twist .*-6\.1.*10 m/s and \+-6 rad"):
         twist_from_message(twist)
 
 

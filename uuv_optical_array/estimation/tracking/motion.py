@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
-from uuv_optical_array.core.messages import MAX_RATE
+from uuv_optical_array.core.messages import MAX_TWIST
 
 LONG_AGO_NS = -(2**62)  # before any stamp
+MOST = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,11 @@ class OwnMotion:
             For a twist of wrong shape or out of bounds.
         """
         twist = np.array(twist, dtype=float)
-        if twist.shape != (5,) or not (np.abs(twist) <= MAX_RATE).all():
-            raise ValueError(f"twist: {twist.tolist()}; give five numbers within +-{MAX_RATE:g}")
+        if twist.shape != (5,) or not (np.abs(twist) <= MOST).all():
+            raise ValueError(
+                f"twist: {twist.tolist()}; give three within +-{MOST[0]:g} m/s and two within "
+                f"+-{MOST[-1]:g} rad/s"
+            )
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
         self._commands.append((stamp_ns, twist))
 

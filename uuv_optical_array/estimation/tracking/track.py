@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 
 POSE, RATE = slice(0, 5), slice(5, 10)  # of the joint mean and covariance
+OwnMotionIs = Literal["told", "not told", "contradicted"]
 
 
 class Outlier(NoPose):
@@ -62,8 +63,8 @@ class Track:
     gains
         Relative gain errors of the detectors, as learnt, shape ``(n,)``; shape ``(0,)`` where they
         are not.
-    told
-        Whether the follower's commands are known at that instant.
+    own_motion
+        Whether the follower's commands are known at that instant, or contradicted by the images.
     """
 
     stamp_ns: int
@@ -74,7 +75,7 @@ class Track:
     distance: float
     constants: Mapping[str, Learnt] = field(default_factory=dict)
     gains: Array = field(default_factory=lambda: np.zeros(0))
-    told: bool = False
+    own_motion: OwnMotionIs = "not told"
 
     @property
     def covariance(self) -> Array:

@@ -19,12 +19,14 @@ frame in a while only (`LEARN_EVERY_S`), and no more once one that bends the lig
 
 A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
 stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
-Applications to Tracking and Navigation*, 2001, ch. 11).
+Applications to Tracking and Navigation*, 2001, ch. 11); or unless the follower does not do what
+the commands say, and its motion is random.
 """
 
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,6 +52,7 @@ from uuv_optical_array.estimation.tracking.track import (
     RATE,
     Learnt,
     Outlier,
+    OwnMotionIs,
     StampRefused,
     Track,
 )
@@ -72,7 +75,7 @@ class _State:
     frame: Frame  # the newest in the track
     corrected: Corrected  # without the common share
     learnt_ns: int  # stamp of the newest frame that constants were learnt from
-    told: bool  # whether there are commands beside its rate
+    own_motion: OwnMotionIs  # where it is told, the commands are beside its rate
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
@@ -333,15 +336,16 @@ class Tracker:
                 f"no track: no frame for {age_ns * 1e-9:.3f} s, more than reset_after_s "
                 f"{self._settings.reset_after_s:g}"
             )
-        return self._track(stamp_ns, self._ahead(newest, stamp_ns), newest)
+        told = self._own_motion_after(newest, stamp_ns) == "told"
+        return self._track(stamp_ns, self._ahead(newest, stamp_ns, told), newest)
 
     def _track(self, stamp_ns: int, belief: Belief, newest: _State) -> Track:
         mean, covariance = belief.mean, belief.covariance
         stds = np.sqrt(covariance.diagonal()[self._space.constants]).tolist()
         offsets = mean[self._space.constants].tolist()
         joint = covariance[:MOVING, :MOVING].copy()
-        told = self._told(stamp_ns)
-        own = self._own_motion.twist(stamp_ns) if told else np.zeros(5)
+        own_motion = self._own_motion_after(newest, stamp_ns)
+        own = self._own_motion.twist(stamp_ns) if own_motion == "told" else np.zeros(5)
         if newest.frame.readings is None:
             root = newest.frame.root
             joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
@@ -354,29 +358,35 @@ class Tracker:
             newest.distance,
             dict(zip(self._constants.names, map(Learnt, offsets, stds), strict=True)),
             mean[self._space.gains].copy(),
-            told,
+            own_motion,
         )
 
     def _next(self, state: _State, frame: Frame) -> _State:
         if frame.stamp_ns - state.frame.stamp_ns > self._reset_ns:
             return self._start(frame, state)
-        fused = self._fuse(state, frame)
+        fused = self._fits(state, frame, manoeuvres=(False, True))
         if fused.distance <= self._gate:
             return fused
-        bold = self._fuse(state, frame, manoeuvring=True)
-        if bold.distance <= self._gate:
-            return bold
-        rival = self._fuse(state.rival, frame) if state.rival else None
+        rival = self._fits(state.rival, frame) if state.rival else None
         if rival is None or rival.distance > self._gate:
             rival = self._start(frame, state)
         if rival.frames >= self._settings.reacquire_frames:
             return rival
         return replace(state, rival=rival, outlier=fused.distance)
 
+    def _fits(self, state: _State, frame: Frame, manoeuvres: tuple[bool, ...] = (False,)) -> _State:
+        """Return the state with a frame by the first motion that explains it, or the usual one."""
+        heard = self._heard(frame.stamp_ns)
+        motions = product((True, False) if heard else (False,), manoeuvres)
+        tried = [self._fuse(state, frame, *next(motions))]
+        while tried[-1].distance > self._gate and (motion := next(motions, None)):
+            tried.append(self._fuse(state, frame, *motion))
+        return tried[-1] if tried[-1].distance <= self._gate else tried[0]
+
     def _start(self, frame: Frame, before: _State | None) -> _State:
         """Return a new track, which keeps what was learnt of the constants."""
         stamp_ns = frame.stamp_ns
-        held, told = self._held(before, stamp_ns), self._told(stamp_ns)
+        held, own_motion = self._held(before, stamp_ns), self._own_motion_after(before, stamp_ns)
         mean, root, shared = held
         start, lasts = triangular(self._random_motion.start), root[MOVING:, MOVING:]
         if frame.readings is None:
@@ -386,11 +396,11 @@ class Tracker:
             mean[POSE], anew[POSE, MOVING:] = frame.pose, follows @ lasts
             shared[POSE] = follows @ shared[MOVING:]
             belief = Belief(mean, anew, shared)
-            return _State(frame, Corrected(lambda: belief), stamp_ns, told)
+            return _State(frame, Corrected(lambda: belief), stamp_ns, own_motion)
         mean[POSE] = frame.readings.at[:5]
         anew = block_diag(np.diag(UNKNOWN_POSE), start, lasts)
         corrected, _ = self._correction.by_frame(Belief(mean, anew, shared), frame, True)
-        return _State(frame, corrected, stamp_ns, told)
+        return _State(frame, corrected, stamp_ns, own_motion)
 
     def _held(self, state: _State | None, stamp_ns: int) -> Belief:
         """Return a belief in nothing but what lasts, at a stamp."""
@@ -398,13 +408,12 @@ class Tracker:
             return self._space.unknown()
         return self._space.held(state.belief, (stamp_ns - state.frame.stamp_ns) * 1e-9)
 
-    def _ahead(self, state: _State, stamp_ns: int, manoeuvring: bool = False) -> Belief:
-        """Return the belief of a state at a later stamp."""
+    def _ahead(self, state: _State, stamp_ns: int, told: bool, manoeuvring: bool = False) -> Belief:
+        """Return the belief of a state at a later stamp, moved by the commands where it is told."""
         start_ns = state.frame.stamp_ns
         step_s = (stamp_ns - start_ns) * 1e-9
         mean, root, shared = self._space.drifted(state.belief, step_s)
-        told = self._told(stamp_ns)
-        if told != state.told:
+        if told != (state.own_motion == "told"):
             unknown = np.zeros((self._space.size, 5))
             unknown[RATE] = self._random_motion.start
             root = np.hstack([root, unknown])
@@ -423,20 +432,29 @@ class Tracker:
         random[:MOVING] = noise
         return Belief(wrapped(mean), np.hstack([root, random]), shared)
 
-    def _told(self, stamp_ns: int) -> bool:
-        """Say whether the follower's own motion is known at a stamp."""
+    def _heard(self, stamp_ns: int) -> bool:
+        """Say whether there are commands of a stamp."""
         return self._own_motion.age_ns(stamp_ns) <= self._command_ns
 
-    def _fuse(self, state: _State, frame: Frame, manoeuvring: bool = False) -> _State:
-        ahead = self._ahead(state, frame.stamp_ns, manoeuvring)
+    def _own_motion_after(self, state: _State | None, stamp_ns: int) -> OwnMotionIs:
+        """Say what the own motion is at a stamp for which there is no frame."""
+        if not self._heard(stamp_ns):
+            return "not told"
+        contradicted = state is not None and state.own_motion == "contradicted"
+        return "contradicted" if contradicted else "told"
+
+    def _fuse(self, state: _State, frame: Frame, told: bool, manoeuvring: bool) -> _State:
+        ahead = self._ahead(state, frame.stamp_ns, told, manoeuvring)
         due = frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
         learns = due and frame.readings is not None and self._worth_learning(ahead)
         corrected, distance = self._correction.by_frame(
             ahead._replace(root=triangular(ahead.root)), frame, learns
         )
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
-        told = self._told(frame.stamp_ns)
-        return _State(frame, corrected, learnt_ns, told, state.frames + 1, distance)
+        own_motion: OwnMotionIs = "not told"
+        if self._heard(frame.stamp_ns):
+            own_motion = "told" if told else "contradicted"
+        return _State(frame, corrected, learnt_ns, own_motion, state.frames + 1, distance)
 
     def _worth_learning(self, belief: Belief) -> bool:
         """Say whether no constant that bends the light is known well."""

@@ -84,9 +84,8 @@ REFUSALS = {
     ),
     "outlier": Reason(
         "The pose is too far from the track: a reflection, or a manoeuvre that is faster than "
-        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect, or than `cmd_vel` tells.",
-        "If it lasts, raise these two; set `use_commands` to false where `cmd_vel` is not what the "
-        "vehicle does, in m/s and rad/s.",
+        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect.",
+        "If it lasts, raise these two; where `own_motion` changes often, see there.",
     ),
     "late frame": Reason(
         "The frame came after a newer one. With a pose of `buffer_s` or less of age it entered the "
@@ -118,7 +117,10 @@ REFUSALS = {
         "held back.",
         "Check the node that publishes it; if it was ours, report it with a bag.",
     ),
-    "out of bounds": Reason("A message holds a number beyond any vehicle's.", _DRIVER),
+    "out of bounds": Reason(
+        "A message holds a number beyond any vehicle's, as of other units than m, m/s and rad/s.",
+        _DRIVER,
+    ),
     "bad attitude": Reason("A quaternion does not have the length 1.", _DRIVER),
     "wrong encoding": Reason("The image is not mono16.", _DRIVER),
     "wrong size": Reason(
@@ -279,7 +281,9 @@ VALUES = (
         "`own_motion`",
         "estimator",
         "whether the track is told by `cmd_vel` how the follower moves: not, where no command came "
-        "for `command_timeout_s`, or by another clock",
+        "for `command_timeout_s`, or by another clock; `contradicted`, where the images show "
+        "another motion: the vehicle does not obey, or the commands are not in m/s and rad/s along "
+        "its own axes. Then they are not used; where that lasts, set `use_commands` to false",
     ),
     Value(
         "`learnt_...`",

@@ -16,7 +16,13 @@ from scipy.linalg import solve_triangular
 from uuv_optical_array.core.geometry import Array, wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.filter.frame import Frame, Relinearise, checked_readings
-from uuv_optical_array.estimation.tracking.filter.root_filter import Belief, Reading, correct, weigh
+from uuv_optical_array.estimation.tracking.filter.root_filter import (
+    Belief,
+    Reading,
+    correct,
+    triangular,
+    weigh,
+)
 from uuv_optical_array.estimation.tracking.filter.state import MOVING, StateSpace
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
@@ -122,7 +128,8 @@ class Correction:
         if frame.readings is None:
             return self._by_pose(belief, frame)
         learnt = self._space.gains.stop if learns else MOVING
-        return self._by_readings(belief, frame.readings, frame.relinearise, learnt)
+        corrected, distance = self._by_readings(belief, frame.readings, frame.relinearise, learnt)
+        return corrected, max(distance, _apart(belief, frame))
 
     def _by_pose(self, belief: Belief, frame: Frame) -> tuple[Corrected, float]:
         own, slopes = self.errors(belief, frame)
@@ -203,6 +210,16 @@ class Correction:
         noise = np.sqrt(np.where(says, readings.variances, 1.0))
         spoilt = self._constants.gain_std * light if self._space.spoilt else np.zeros(0)
         return Reading(residual, by_state, noise, spoilt)
+
+
+def _apart(belief: Belief, frame: Frame) -> float:
+    """Return the distance of a frame's pose from a belief.
+
+    Readings, which are linear near that pose, say little of a belief far from it. Both poses are
+    wrong by the same constants, so that the distance is rather too small.
+    """
+    root = triangular(np.concatenate([belief.whole_root[POSE], frame.root], axis=1))
+    return float(np.linalg.norm(solve_triangular(root, wrapped(frame.pose - belief.mean[POSE]))))
 
 
 def _parted(root: Array, slopes: Array, theirs: Array) -> tuple[Array, Array]:

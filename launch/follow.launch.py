@@ -165,6 +165,8 @@ def started_node(context, respawn, *, package, executable, **others):
     return Node(
         package=package,
         executable=executable,
+        # Its enclave of the policy, which counts where ROS is secured.
+        ros_arguments=["--enclave", f"/{package}/{executable}"],
         respawn=bool(respawn),
         respawn_delay=RESPAWN_DELAY_S,
         additional_env=profiles(respawn),

@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,11 +15,13 @@ import pytest
 import rclpy
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from conftest import PATIENCE_S
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_sensor_data
 
+from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes import estimator_node, feature_node, formation_node, simulator_node
 
 
@@ -45,6 +48,7 @@ def group_is_gone(group):
 
 
 LAUNCH = ["ros2", "launch", "uuv_optical_array"]
+NODES = "simulator", "feature", "estimator", "formation", "vehicles"
 
 
 @contextlib.contextmanager
@@ -54,7 +58,7 @@ def launched(folder, *arguments, file="follow.launch.py"):
         process = subprocess.Popen(
             [*LAUNCH, file, *arguments], stdout=log, stderr=log, start_new_session=True
         )
-    rclpy.init()
+    rclpy.init(args=["--ros-args", "--enclave", "/onlooker"])
     try:
         yield rclpy.create_node("onlooker")
     finally:
@@ -117,6 +121,49 @@ def seconds(element):
         scale * int(element.findtext(f"{{*}}{unit}", "0"))
         for unit, scale in (("sec", 1), ("nanosec", 1e-9))
     )
+
+
+def test_a_secured_launch_runs_each_node_in_an_enclave_of_the_policy(tmp_path, monkeypatch):
+    pytest.importorskip("sros2", reason="no sros2: no launch was secured")
+    policy, keys = files.shared_file("config/security/policy.xml"), tmp_path / "keys"
+    for words in (
+        ["create_keystore", keys],
+        ["generate_artifacts", "-k", keys, "-p", policy],
+        ["create_enclave", keys, "/onlooker"],
+    ):
+        subprocess.run(["ros2", "security", *words], check=True)
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(keys))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    able = "import rclpy; rclpy.init(); rclpy.create_node('able')"
+    words = [sys.executable, "-c", able, "--ros-args", "--enclave", "/onlooker"]
+    tried = subprocess.run(words, capture_output=True, text=True, check=False)
+    if tried.returncode:
+        pytest.skip(f"ROS is without its security plugins: {tried.stderr.splitlines()[-1]}")
+    with launched(tmp_path, "scene:=reference") as node:
+        poses, names = [], set()
+        node.create_subscription(
+            PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
+        )
+        node.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda array: names.update(status.name for status in array.status),
+            10,
+        )
+        spin_until(node, lambda: poses and len(names) == 5)
+        variables = {
+            **os.environ,
+            "ROS_SECURITY_ENCLAVE_OVERRIDE": "/uuv_optical_array/feature_node",
+        }
+        words = ["ros2", "run", "uuv_optical_array", "estimator_node"]
+        strange = subprocess.run(
+            words, env=variables, capture_output=True, text=True, check=False, timeout=PATIENCE_S
+        )
+    assert names == {f"{name}_node" for name in NODES}
+    assert strange.returncode
+    assert "Traceback" not in strange.stderr
+    assert "the enclave has to allow what the node declares; print its policy" in strange.stderr
 
 
 def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):

@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import UInt8
 
-from uuv_optical_array.nodes.shared.node import spin, start, subscribe_newest
+from uuv_optical_array.nodes.shared.node import run_together, spin, start, subscribe_newest
 
 
 @pytest.fixture
@@ -116,3 +116,18 @@ def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(exec
     executor.shutdown()
     node.destroy_node()
     assert done == [(1, 0), 1, (6, 4), 6, (8, 1), 8]
+
+
+def test_a_node_that_ros_does_not_make_names_the_enclave_where_ros_is_secured(monkeypatch):
+    def refused():
+        raise RuntimeError("failed to create service")  # as rclpy does
+
+    with pytest.raises(RuntimeError, match=r"^failed to create service$"):
+        run_together(refused)
+
+    def refused_for_security():
+        monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+        refused()
+
+    with pytest.raises(SystemExit, match=r"^failed to create service: the enclave has to allow"):
+        run_together(refused_for_security)

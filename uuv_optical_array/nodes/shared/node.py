@@ -1,5 +1,6 @@
 """What every node does alike: publish, subscribe, start and stop."""
 
+import os
 import signal
 import sys
 import threading
@@ -269,5 +270,12 @@ def run_together(make: Callable[[], Iterable[Node]], args: list[str] | None = No
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except (ValueError, OSError, ParameterException) as error:
         sys.exit(str(error))
+    except RuntimeError as error:
+        if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+            raise
+        sys.exit(
+            f"{error}: the enclave has to allow what the node declares; print its policy by "
+            "python3 -m uuv_optical_array.nodes.bringup.security with the node's arguments"
+        )
     finally:
         rclpy.try_shutdown()

@@ -406,10 +406,11 @@ def lab():
 
 def write_scene(folder, name, changes=()):
     """Write the reference scene with a table of 5^5 rows, and changes ``(group, key, value)``."""
+    from scenes import coarse_settings
+
     from uuv_optical_array.forward.scene import load_scene
 
-    settings = load_scene("reference").settings()
-    settings["table"] = {key: [*span[:2], 5] for key, span in settings["table"].items()}
+    settings = coarse_settings(load_scene("reference"))
     for *groups, key, value in changes:
         functools.reduce(lambda inner, group: inner[group], groups, settings)[key] = value
     path = folder / f"{name}.yaml"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
@@ -17,8 +18,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 
 def grid_scene(number=5, **spans):
     """Return the reference scene with `number` poses along each axis of its grid."""
-    values = load_scene("reference").settings()
-    values["table"] = {key: [*span[:2], number] for key, span in values["table"].items()}
+    values = coarse_settings(load_scene("reference"), number)
     values["table"].update(spans)
     return scene_from_settings(values, "grid")
 

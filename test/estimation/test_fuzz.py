@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters
@@ -18,11 +19,10 @@ SIDE, FULL = 5, 1023.0
 
 
 def small_scene(**arrays):
-    values = load_scene("reference").settings()
+    values = coarse_settings(load_scene("reference"))
     values["array"].update(arrays)
     if values["array"]["shape"] == "planar":
         del values["array"]["radius_m"]
-    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
     return scene_from_settings(values, "fuzz")
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 from scipy.stats import chi2
 
 from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
@@ -49,11 +50,10 @@ def reference():
 @functools.cache
 def table_of(shape, number, changes=()):
     """Build the table of the reference scene on a 5^5 grid, with changes by dotted key."""
-    values = reference().settings()
+    values = coarse_settings(reference())
     values["array"] = {"shape": shape, "detectors_per_side": number}
     if shape == "curved":
         values["array"]["radius_m"] = 0.32
-    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
     for name, value in changes:
         *groups, key = name.split(".")
         functools.reduce(lambda group, inner: group[inner], groups, values)[key] = value

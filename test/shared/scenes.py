@@ -20,5 +20,12 @@ def make_scene(shape="curved", side=5, effects=WATER, prior=None, **lamp):
     return scene_from_settings({**scene, "effects": effects, "prior": prior}, "test")
 
 
+def coarse_settings(scene, number=5):
+    """Return the settings of a scene with `number` poses along each axis of its table."""
+    settings = scene.settings()
+    settings["table"] = {key: [*span[:2], number] for key, span in settings["table"].items()}
+    return settings
+
+
 def std_m_deg(model, poses):
     return cramer_rao_bound(model, poses).std * [1, 1, 1, *np.degrees([1, 1])]

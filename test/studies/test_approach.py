@@ -8,6 +8,7 @@ import command_line
 import numpy as np
 import pytest
 import yaml
+from scenes import coarse_settings
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest, norm, uniform
@@ -38,8 +39,7 @@ WIDTH = 10.23  # 1 % of 1023 counts
 @pytest.fixture(scope="module")
 def tank_file(tmp_path_factory):
     """The tank with a table that is quickly built."""
-    settings = load_scene("eren2017_tank").settings()
-    settings["table"] = {key: [*span[:2], 5] for key, span in settings["table"].items()}
+    settings = coarse_settings(load_scene("eren2017_tank"))
     path = tmp_path_factory.mktemp("scene") / "tank.yaml"
     path.write_text(yaml.safe_dump(settings), encoding="utf-8")
     return str(path)

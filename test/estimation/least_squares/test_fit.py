@@ -5,6 +5,7 @@ import pytest
 from differences import assert_close, differentiate
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
+from scenes import coarse_settings
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
@@ -284,8 +285,7 @@ def test_an_image_without_noise_leads_to_its_pose(shape, roll, stds):
 
 @pytest.fixture(scope="module")
 def estimator():
-    values = model_of().scene.settings()
-    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
+    values = coarse_settings(model_of().scene, 7)
     return Estimator(build_table(scene_from_settings(values, "seven")), "sam", np.pi)
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
@@ -46,8 +47,7 @@ def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
 
 @pytest.fixture(scope="module")
 def table():
-    values = load_scene("reference").settings()
-    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    values = coarse_settings(load_scene("reference"))
     return build_table(scene_from_settings(values, "sea"))
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
@@ -44,8 +45,7 @@ def chains(log_density, starts, steps, seed):
 
 
 def scene(changes=(), effects=(), array=()):
-    values = load_scene("reference").settings()
-    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
+    values = coarse_settings(load_scene("reference"), 7)
     values["table"].update(changes)
     values["effects"].update(effects)
     values["array"].update(array)

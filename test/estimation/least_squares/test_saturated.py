@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
@@ -16,12 +17,11 @@ POWER = {"lamp.power": 0.3, "attenuation.k_per_m": 0.02}
 
 
 def model_of(shape="planar", reference_counts=1e5):
-    values = load_scene("reference").settings()
+    values = coarse_settings(load_scene("reference"), 3)
     values["array"] = {"shape": shape, "detectors_per_side": 3}
     if shape == "curved":
         values["array"]["radius_m"] = 0.32
     values["lamp"]["reference_counts"] = reference_counts
-    values["table"] = {key: [*span[:2], 3] for key, span in values["table"].items()}
     return ForwardModel(scene_from_settings(values, "bright"))
 
 

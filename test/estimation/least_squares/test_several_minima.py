@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.signature_table import build_table
@@ -13,12 +14,11 @@ from uuv_optical_array.studies.shared.working_volume import lit_poses
 @pytest.fixture(scope="module")
 def table():
     """Return that of a weakly curved array in a narrow beam: its posteriors are bent valleys."""
-    values = load_scene("reference").settings()
+    values = coarse_settings(load_scene("reference"), 7)
     values["array"].update(detectors_per_side=7, radius_m=0.6)
     values["lamp"].update(beam_sigma_deg=5.0, reference_counts=3600.0)
     values["effects"]["saturation"]["level_counts"] = 4095.0
     values["effects"]["adc"]["bits"] = 12
-    values["table"] = {key: [*span[:2], 7] for key, span in values["table"].items()}
     return build_table(scene_from_settings(values, "weakly curved"))
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenes import coarse_settings
 from scipy.stats import chi2, norm
 
 from uuv_optical_array.core.geometry import wrapped
@@ -29,8 +30,7 @@ POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])
 
 @pytest.fixture(scope="module")
 def estimator(compiled_fit):
-    values = load_scene("follow").settings()
-    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    values = coarse_settings(load_scene("follow"))
     return Estimator(build_table(scene_from_settings(values, "sea")))
 
 
@@ -137,8 +137,7 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
     ],
 )
 def test_a_track_takes_readings_where_the_array_shows_one_attitude(array, linear, compiled_fit):
-    values = load_scene("follow").settings()
-    values["table"] = {key: [*span[:2], 5] for key, span in values["table"].items()}
+    values = coarse_settings(load_scene("follow"))
     array = {**values["array"], **array}
     values["array"] = {key: value for key, value in array.items() if value is not None}
     found = Estimator(build_table(scene_from_settings(values, "array")))

@@ -26,7 +26,7 @@ the commands say, and its motion is random.
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -378,10 +378,9 @@ class Tracker:
         """Return the state with a frame by the first motion that explains it, or the usual one."""
         heard = self._heard(frame.stamp_ns)
         motions = product((True, False) if heard else (False,), manoeuvres)
-        tried = [self._fuse(state, frame, *next(motions))]
-        while tried[-1].distance > self._gate and (motion := next(motions, None)):
-            tried.append(self._fuse(state, frame, *motion))
-        return tried[-1] if tried[-1].distance <= self._gate else tried[0]
+        tried = (self._fuse(state, frame, *motion) for motion in motions)
+        usual = next(tried)
+        return next((one for one in chain([usual], tried) if one.distance <= self._gate), usual)
 
     def _start(self, frame: Frame, before: _State | None) -> _State:
         """Return a new track, which keeps what was learnt of the constants."""

@@ -21,8 +21,10 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_sensor_data
 
+from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes import estimator_node, feature_node, formation_node, simulator_node
+from uuv_optical_array.recording.bag import RUN, opened
 
 
 def why_not():
@@ -56,7 +58,7 @@ def launched(folder, *arguments, file="follow.launch.py"):
     """Launch the file and yield a node beside it; end both, and require that nothing is left."""
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [*LAUNCH, file, *arguments], stdout=log, stderr=log, start_new_session=True
+            [*LAUNCH, file, *arguments], stdout=log, stderr=log, cwd=folder, start_new_session=True
         )
     rclpy.init(args=["--ros-args", "--enclave", "/onlooker"])
     try:
@@ -164,6 +166,30 @@ def test_a_secured_launch_runs_each_node_in_an_enclave_of_the_policy(tmp_path, m
     assert strange.returncode
     assert "Traceback" not in strange.stderr
     assert "the enclave has to allow what the node declares; print its policy" in strange.stderr
+
+
+def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
+    try:
+        get_package_prefix("rosbag2_storage_mcap")
+    except PackageNotFoundError:
+        pytest.skip("rosbag2_storage_mcap is not installed: no launch was recorded")
+    with launched(tmp_path, "scene:=reference", "record:=true") as node:
+        heard = []
+        node.create_subscription(
+            PoseWithCovarianceStamped, "relative_pose", heard.append, qos_profile_sensor_data
+        )
+        spin_until(node, lambda: len(heard) > 30)
+    (bag,) = tmp_path.glob("rosbag2_*")
+    stamps = {topic: [] for topic in RUN}
+    with opened(bag) as (reader, lost):
+        assert not lost
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            assert connection.msgtype == RUN[connection.topic.removeprefix("/")]
+            stamps[connection.topic.removeprefix("/")].append(stamp_ns(message.header))
+    assert all(stamps.values())
+    assert {stamp_ns(pose.header) for pose in heard[20:]} <= set(stamps["relative_pose"])
+    assert set(stamps["relative_pose"][-10:]) <= set(stamps["array/image"])
 
 
 def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):

@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 package_name = "uuv_optical_array"
 share = f"share/{package_name}"
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
-BAGS = ["rosbags>=0.10"]
+BAGS = ["rosbags>=0.10", "lz4", "zstandard"]
 HARDWARE = ["cobs", "pyserial"]
 VIEW = ["viser>=1.1"]
 

@@ -46,7 +46,7 @@ def read(path):
 def test_a_folder_without_metadata_is_read_by_its_files(sent, tmp_path, storage):
     """Of two splits, as a recorder that is killed leaves them."""
     first = write_bag(tmp_path / "first", sent[:20], storage)
-    second = write_bag(tmp_path / "second", sent[20:], storage, first=21)
+    second = write_bag(tmp_path / "second", sent[20:], storage, times=range(21, 31))
     for file in second.iterdir():
         file.rename(first / file.name)
     (first / "metadata.yaml").unlink()
@@ -69,6 +69,21 @@ def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_fac
     lost = {"the end of drive.mcap, which is cut off": 1}
     assert read(folder) == (list(range(expected)), lost)
     assert read(folder / "drive.mcap") == (list(range(expected)), lost)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_file_that_is_cut_off_is_read_in_the_order_of_its_times(tmp_path, packed):
+    """A recorder writes messages nearly in that order, of one topic after those of another."""
+    rng = np.random.default_rng(3)
+    times = (np.arange(200) * 10**8 + rng.integers(0, 9 * 10**8, 200)).tolist()
+    sent = [image_message(time + 1, np.full((100, 100), i)) for i, time in enumerate(times)]
+    bag = write_bag(tmp_path / "drive", sent, "MCAP", packed=packed, times=times)
+    file = bag / "drive.mcap"
+    file.write_bytes(file.read_bytes()[:-9])
+    with opened(bag) as (reader, lost):
+        assert lost == ["the end of drive.mcap, which is cut off"]
+        found = [(time, data) for _, time, data in reader.messages()]
+    assert found == sorted((time, data) for time, (_, data) in zip(times, sent, strict=True))
 
 
 def test_metadata_of_more_than_there_is_does_no_harm(sent, tmp_path):

@@ -1,6 +1,7 @@
 """Bags as ``ros2 bag record`` writes them, by the library `rosbags`."""
 
 import functools
+import itertools
 
 import numpy as np
 
@@ -18,8 +19,8 @@ def type_of(topic):
     return TYPES["odometry" if "odometry" in topic else "image"]
 
 
-def write_bag(path, messages, storage="SQLITE3", version=9, packed=False, first=1):
-    """Write messages ``(topic, bytes)``, received a nanosecond apart from the first on."""
+def write_bag(path, messages, storage="SQLITE3", version=9, packed=False, times=None):
+    """Write messages ``(topic, bytes)``, received at `times`, or a nanosecond apart from 1 on."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     bag = Writer(path, version=version, storage_plugin=StoragePlugin[storage])
@@ -27,11 +28,11 @@ def write_bag(path, messages, storage="SQLITE3", version=9, packed=False, first=
         bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with bag as writer:
         connections = {}
-        for i, (topic, data) in enumerate(messages):
+        for at, (topic, data) in zip(times or itertools.count(1), messages, strict=False):
             if topic not in connections:
                 kind = type_of(topic)
                 connections[topic] = writer.add_connection(topic, kind, typestore=store())
-            writer.write(connections[topic], first + i, data)
+            writer.write(connections[topic], at, data)
     return path
 
 

@@ -98,11 +98,11 @@ def nodes(context):
     if switched_on("rviz"):
         started += viewers(context, share, respawn)
     if switched_on("record"):
-        started += recorder(given("namespace"), given("leader_odometry"))
+        started += recorder(given("namespace"), given("leader_odometry"), share)
     return started
 
 
-def recorder(namespace, leader_odometry):
+def recorder(namespace, leader_odometry, share):
     """Return rosbag2, which records what `uuv_array follow --record` does."""
     for package in ("ros2bag", "rosbag2_storage_mcap"):
         try:
@@ -116,8 +116,9 @@ def recorder(namespace, leader_odometry):
     topics = [name if name.startswith("/") else f"{namespace}/{name}" for name in names]
     # The one way to name topics that all distributions share.
     wanted = f"^({'|'.join('/' + topic.strip('/') for topic in topics)})$"
-    command = ["ros2", "bag", "record", "--storage", "mcap", "--regex", wanted]
-    return [ExecuteProcess(cmd=command, output="screen")]
+    storage = PathJoinSubstitution([share, "config", "record.yaml"])
+    command = ["ros2", "bag", "record", "--storage", "mcap", "--storage-config-file", storage]
+    return [ExecuteProcess(cmd=[*command, "--regex", wanted], output="screen")]
 
 
 def viewers(context, share, respawn):

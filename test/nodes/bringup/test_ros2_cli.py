@@ -179,6 +179,9 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
             PoseWithCovarianceStamped, "relative_pose", heard.append, qos_profile_sensor_data
         )
         spin_until(node, lambda: len(heard) > 30)
+        # A recorder whose power fails has left it.
+        (growing,) = tmp_path.glob("rosbag2_*/*.mcap")
+        assert growing.stat().st_size > 2**15
     (bag,) = tmp_path.glob("rosbag2_*")
     stamps = {topic: [] for topic in RUN}
     with opened(bag) as (reader, lost):

@@ -7,13 +7,15 @@ import pytest
 import yaml
 
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.nodes.bringup.security import PROCESSES
 from uuv_optical_array.nodes.estimator_node import PARAMETERS, EstimatorNode
 
 EXAMPLES = sorted(files.shared_file("config/examples").glob("*.yaml"))
 FILTERS = [path for path in EXAMPLES if path.name.startswith("robot_localization")]
 LAUNCHES = [path for path in EXAMPLES if path.name.endswith(".launch.yaml")]
+(AGGREGATOR,) = (path for path in EXAMPLES if path.name == "diagnostic_aggregator.yaml")
 KINDS = {"odom": "nav_msgs/msg/Odometry", "pose": "geometry_msgs/msg/PoseWithCovarianceStamped"}
-NAMED = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+NAMED = pytest.mark.parametrize("path", [*FILTERS, *LAUNCHES], ids=lambda path: path.name)
 
 
 def read(path):
@@ -57,7 +59,14 @@ def kind_of(end):
 
 def test_each_kind_of_example_is_there():
     assert len(FILTERS) == len(LAUNCHES) == 2
-    assert {*FILTERS, *LAUNCHES} == set(EXAMPLES)
+    assert {*FILTERS, *LAUNCHES, AGGREGATOR} == set(EXAMPLES)
+
+
+def test_the_aggregator_expects_the_nodes_of_a_follower_and_knows_those_of_the_demonstration():
+    light = read(AGGREGATOR)["/**"]["ros__parameters"]["light"]
+    follower = {"feature_node", "estimator_node", "formation_node"}
+    assert set(light["expected"]) == follower
+    assert set(light["contains"]) == set(PROCESSES) - {"follower_node", "view_node"}
 
 
 @NAMED

@@ -143,7 +143,7 @@ def profiles(respawn):
     return {name: f"{get_package_share_directory(PACKAGE)}/config/fastdds_respawn.xml"}
 
 
-def started_node(context, respawn, *, package, executable, **others):
+def started_node(context, respawn, *, package, executable, namespace="", **others):
     """Return a node that is known to be installed.
 
     When it ends it is started again with `respawn`, else it ends the launch, and with None neither.
@@ -166,8 +166,9 @@ def started_node(context, respawn, *, package, executable, **others):
     return Node(
         package=package,
         executable=executable,
+        namespace=namespace,
         # Its enclave of the policy, which counts where ROS is secured.
-        ros_arguments=["--enclave", f"/{package}/{executable}"],
+        ros_arguments=["--enclave", str(Path("/", package, namespace.strip("/"), executable))],
         respawn=bool(respawn),
         respawn_delay=RESPAWN_DELAY_S,
         additional_env=profiles(respawn),

@@ -91,6 +91,16 @@ def test_the_policy_is_made_of_the_nodes_and_allows_each_what_it_declares_and_no
     }
 
 
+def test_a_namespace_has_enclaves_and_names_of_its_own(lab, scene_file):
+    lab.begin({"scene": scene_file}, "-r", "__ns:=/fleet/rov")
+    text = security.policy({"feature_node": security.PROCESSES["feature_node"]})
+    (enclave,) = ElementTree.fromstring(text).iter("enclave")
+    assert enclave.get("path") == "/uuv_optical_array/fleet/rov/feature_node"
+    (profile,) = enclave.iter("profile")
+    assert (profile.get("ns"), profile.get("node")) == ("/fleet/rov", "feature_node")
+    assert "/fleet/rov/array/features" in {topic.text for topic in profile.iter("topic")}
+
+
 def test_the_policy_has_the_form_of_the_schema():
     def check(element):
         assert {child.tag for child in element} <= CHILDREN[element.tag]

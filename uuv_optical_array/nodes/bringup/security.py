@@ -1,7 +1,8 @@
 """What each process of the nodes may say and hear: a policy for SROS2.
 
 ``python -m uuv_optical_array.nodes.bringup.security`` prints the policy of the nodes as they run
-with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave.
+with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has its own enclave, in
+a namespace below that.
 """
 
 import sys
@@ -54,8 +55,7 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
     Returns
     -------
     str
-        XML, of schema version 0.2.0; names are relative to the namespace ``/``, in which the nodes
-        were made.
+        XML, of schema version 0.2.0.
     """
     root = ElementTree.Element("policy", version=VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
@@ -65,9 +65,9 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
         except NotInstalled as reason:
             print(f"{executable} is left out: {reason}", file=sys.stderr)
             continue
-        enclave = ElementTree.SubElement(
-            enclaves, "enclave", path=f"/uuv_optical_array/{executable}"
-        )
+        space = nodes[0].get_namespace().rstrip("/")
+        path = f"/uuv_optical_array{space}/{executable}"
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=path)
         profiles = ElementTree.SubElement(enclave, "profiles")
         for node in nodes:
             _add_profile(profiles, node)

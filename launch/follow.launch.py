@@ -14,6 +14,7 @@ from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.bringup.enclaves import enclave
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, choices
 from uuv_optical_array.recording.bag import RUN
 
@@ -168,7 +169,7 @@ def started_node(context, respawn, *, package, executable, namespace="", **other
         executable=executable,
         namespace=namespace,
         # Its enclave of the policy, which counts where ROS is secured.
-        ros_arguments=["--enclave", str(Path("/", package, namespace.strip("/"), executable))],
+        ros_arguments=["--enclave", enclave(namespace, executable)],
         respawn=bool(respawn),
         respawn_delay=RESPAWN_DELAY_S,
         additional_env=profiles(respawn),

@@ -82,6 +82,15 @@ def spin_until(node, condition):
         rclpy.spin_once(node, timeout_sec=0.2)
 
 
+def poses_of(node):
+    """Return a list that grows by every pose that is published."""
+    poses = []
+    node.create_subscription(
+        PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
+    )
+    return poses
+
+
 def parameters_of(node, name, wanted):
     """Return the present values of another node's parameters."""
     client = node.create_client(GetParameters, f"{name}/get_parameters")
@@ -99,10 +108,7 @@ def started(folder, node):
 
 def test_a_killed_node_is_started_again_and_ctrl_c_leaves_no_process(tmp_path):
     with launched(tmp_path, "scene:=reference", "use_respawn:=true") as node:
-        poses = []
-        node.create_subscription(
-            PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
-        )
+        poses = poses_of(node)
         spin_until(node, lambda: poses)
         os.kill(started(tmp_path, "estimator_node")[0], signal.SIGKILL)
         spin_until(node, lambda: len(started(tmp_path, "estimator_node")) == 2)
@@ -143,10 +149,7 @@ def test_a_secured_launch_runs_each_node_in_an_enclave_of_the_policy(tmp_path, m
     if tried.returncode:
         pytest.skip(f"ROS is without its security plugins: {tried.stderr.splitlines()[-1]}")
     with launched(tmp_path, "scene:=reference") as node:
-        poses, names = [], set()
-        node.create_subscription(
-            PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
-        )
+        poses, names = poses_of(node), set()
         node.create_subscription(
             DiagnosticArray,
             "/diagnostics",
@@ -174,11 +177,9 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
     except PackageNotFoundError:
         pytest.skip("rosbag2_storage_mcap is not installed: no launch was recorded")
     with launched(tmp_path, "scene:=reference", "record:=true") as node:
-        heard = []
-        node.create_subscription(
-            PoseWithCovarianceStamped, "relative_pose", heard.append, qos_profile_sensor_data
-        )
-        spin_until(node, lambda: len(heard) > 30)
+        heard = poses_of(node)
+        # DDS announces each 3 s: by then the recorder hears all topics, and for 2 s more.
+        spin_until(node, lambda: len(heard) > 80)
         # A recorder whose power fails has left it.
         (growing,) = tmp_path.glob("rosbag2_*/*.mcap")
         assert growing.stat().st_size > 2**15
@@ -191,7 +192,7 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
             assert connection.msgtype == RUN[connection.topic.removeprefix("/")]
             stamps[connection.topic.removeprefix("/")].append(stamp_ns(message.header))
     assert all(stamps.values())
-    assert {stamp_ns(pose.header) for pose in heard[20:]} <= set(stamps["relative_pose"])
+    assert {stamp_ns(pose.header) for pose in heard[60:]} <= set(stamps["relative_pose"])
     assert set(stamps["relative_pose"][-10:]) <= set(stamps["array/image"])
 
 

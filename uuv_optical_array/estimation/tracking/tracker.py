@@ -435,12 +435,16 @@ class Tracker:
         """Say whether there are commands of a stamp."""
         return self._own_motion.age_ns(stamp_ns) <= self._command_ns
 
-    def _own_motion_after(self, state: _State | None, stamp_ns: int) -> OwnMotionIs:
-        """Say what the own motion is at a stamp for which there is no frame."""
+    def _own_motion_is(self, stamp_ns: int, obeyed: bool) -> OwnMotionIs:
+        """Say what the own motion is at a stamp, where commands of it would be obeyed or not."""
         if not self._heard(stamp_ns):
             return "not told"
+        return "told" if obeyed else "contradicted"
+
+    def _own_motion_after(self, state: _State | None, stamp_ns: int) -> OwnMotionIs:
+        """Say what the own motion is at a stamp for which there is no frame."""
         contradicted = state is not None and state.own_motion == "contradicted"
-        return "contradicted" if contradicted else "told"
+        return self._own_motion_is(stamp_ns, not contradicted)
 
     def _fuse(self, state: _State, frame: Frame, told: bool, manoeuvring: bool) -> _State:
         ahead = self._ahead(state, frame.stamp_ns, told, manoeuvring)
@@ -450,9 +454,7 @@ class Tracker:
             ahead._replace(root=triangular(ahead.root)), frame, learns
         )
         learnt_ns = frame.stamp_ns if learns else state.learnt_ns
-        own_motion: OwnMotionIs = "not told"
-        if self._heard(frame.stamp_ns):
-            own_motion = "told" if told else "contradicted"
+        own_motion = self._own_motion_is(frame.stamp_ns, told)
         return _State(frame, corrected, learnt_ns, own_motion, state.frames + 1, distance)
 
     def _worth_learning(self, belief: Belief) -> bool:

@@ -13,6 +13,7 @@ import rclpy
 from rclpy.node import Node
 
 from uuv_optical_array.core.extras import NotInstalled
+from uuv_optical_array.nodes.bringup.enclaves import enclave
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.follower_node import follower
@@ -65,10 +66,10 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
         except NotInstalled as reason:
             print(f"{executable} is left out: {reason}", file=sys.stderr)
             continue
-        space = nodes[0].get_namespace().rstrip("/")
-        path = f"/uuv_optical_array{space}/{executable}"
-        enclave = ElementTree.SubElement(enclaves, "enclave", path=path)
-        profiles = ElementTree.SubElement(enclave, "profiles")
+        path = enclave(nodes[0].get_namespace(), executable)
+        profiles = ElementTree.SubElement(
+            ElementTree.SubElement(enclaves, "enclave", path=path), "profiles"
+        )
         for node in nodes:
             _add_profile(profiles, node)
             node.destroy_node()

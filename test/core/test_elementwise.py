@@ -17,17 +17,17 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import (
     any_of,
     at_place,
-    borrowed,
     choose,
-    choose_state,
-    each,
-    not_,
-    room,
+    choose_tuple,
+    indices,
+    indices_where,
+    logical_not,
     sandwich,
     stack,
     total,
     transmit,
-    when,
+    unowned,
+    workspace,
     zeros,
 )
 from uuv_optical_array.forward.effects.water import beer, spread
@@ -53,12 +53,12 @@ def mathematics():
 def clipped_sum(values, limits):
     """The sum of values up to their own limits, and how many reach them."""
     kept, reached = np.zeros(len(values)), 0.0
-    for j in each(len(values)):
+    for j in indices(len(values)):
         kept[j] = choose(values[j] < limits[j], values[j], limits[j])
-        for i in when(not_(values[j] < limits[j]), j):
+        for i in indices_where(logical_not(values[j] < limits[j]), j):
             reached += total(np.ones(len(values))[i])
     sums = 0.0
-    for j in each(len(values)):
+    for j in indices(len(values)):
         sums += total(kept[j])
     return sums, reached, kept
 
@@ -71,7 +71,7 @@ def test_a_loop_over_readings_takes_each_of_them_once(fast):
 
 
 def chosen_state(first, other, better):
-    state = choose_state(better, first, other)
+    state = choose_tuple(better, first, other)
     return state, any_of(better)
 
 
@@ -90,17 +90,17 @@ def test_states_of_many_problems_are_chosen_problem_by_problem():
         Pair(np.array([1.0, 2]), np.ones((3, 2))),
         Pair(np.array([3.0, 4]), np.zeros((3, 2))),
     )
-    state = choose_state(np.array([True, False]), first, other)
+    state = choose_tuple(np.array([True, False]), first, other)
     np.testing.assert_array_equal(state.value, [1.0, 4.0])
     np.testing.assert_array_equal(state.vector, [[1.0, 0.0]] * 3)
     assert any_of(np.array([False, True]))
     assert not any_of(np.array([False, False]))
-    np.testing.assert_array_equal(not_(np.array([True, False])), [False, True])
+    np.testing.assert_array_equal(logical_not(np.array([True, False])), [False, True])
 
 
 def shapes(component, count):
     return (
-        room(3, component, count).shape,
+        workspace(3, component, count).shape,
         zeros(2, 4, component).shape,
         zeros(2, 4, component).sum(),
     )
@@ -113,7 +113,7 @@ def test_rooms_of_one_pose_have_no_axis_for_poses(fast):
 
 def sums_of_rooms(count):
     """Two of each, so that one that is written to cannot be the other."""
-    one, other, none = room(3, 0.0, count), room(3, 0.0, count), zeros(3, count, 0.0)
+    one, other, none = workspace(3, 0.0, count), workspace(3, 0.0, count), zeros(3, count, 0.0)
     one[:], other[:] = 1.0, 2.0
     return one.sum(), other.sum(), none.sum()
 
@@ -132,7 +132,7 @@ class Nested(NamedTuple):
 
 
 def doubled(nested):
-    mine = borrowed(nested)
+    mine = unowned(nested)
     mine.rows[0] *= 2
     return mine.pair.value + mine.pair.vector.sum() + mine.rows.sum()
 
@@ -190,7 +190,7 @@ def test_a_sandwich_of_many_images_is_that_of_each():
 
 def picked(rows, places):
     found = np.empty(rows.shape[1])
-    for j in each(rows.shape[1]):
+    for j in indices(rows.shape[1]):
         found[j] = at_place(rows, places[j], j)
     return found
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.geometry import lamp_in_body
-from uuv_optical_array.core.numerics.elementwise import room
+from uuv_optical_array.core.numerics.elementwise import workspace
 from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.light import (
     COSINE,
@@ -44,7 +44,7 @@ arrays = st.one_of(curved, planar)
 
 
 def traced(lamp):
-    rays = room(RAY_ROWS, lamp[0], ONE.shape[1])
+    rays = workspace(RAY_ROWS, lamp[0], ONE.shape[1])
     trace(ONE, lamp, rays)
     return rays
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import room, stack
+from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects import forms
@@ -325,7 +325,10 @@ class ForwardModel:
             lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls))
             slopes = np.zeros((6, 0))
         n = image.shape[-1]
-        rays, beam = room(RAY_ROWS, lamp[0], n), room(BEAM_ROWS + len(optics.laws), lamp[0], n)
+        rays, beam = (
+            workspace(RAY_ROWS, lamp[0], n),
+            workspace(BEAM_ROWS + len(optics.laws), lamp[0], n),
+        )
         illuminate(optics, lamp, nuisances, rays, beam, differentiate or moves)
         if moves:
             for factor in self._moving:
@@ -422,6 +425,6 @@ class ForwardModel:
         """
         x, y, z, pitch, yaw = poses.T[..., None]
         lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
-        found = room(RAY_ROWS, lamp[0], self.array.side**2)
+        found = workspace(RAY_ROWS, lamp[0], self.array.side**2)
         trace(self.optics().detectors, lamp, found)
         return found

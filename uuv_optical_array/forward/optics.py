@@ -11,7 +11,14 @@ from typing import Any, NamedTuple
 from numpy import exp, maximum
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import choose, each, law, room, sandwich, transmit
+from uuv_optical_array.core.numerics.elementwise import (
+    choose,
+    indices,
+    law,
+    sandwich,
+    transmit,
+    workspace,
+)
 from uuv_optical_array.forward.light import (
     ALONG,
     COSINE,
@@ -119,7 +126,7 @@ def trace(detectors: Array, lamp: Any, rays: Any) -> None:
         Result: rows as `light.ray` returns them, shape ``(8, ..., n)``.
     """
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
-    for j in each(detectors.shape[1]):
+    for j in indices(detectors.shape[1]):
         range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn = ray(
             detectors[0, j],
             detectors[1, j],
@@ -151,7 +158,7 @@ def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
     beam
         Result: rows as above, shape ``(5 + laws, ..., n)``; those of the laws are left as they are.
     """
-    for j in each(rays.shape[-1]):
+    for j in indices(rays.shape[-1]):
         light, by_range, by_half_square, by_cosine, by_sigma = lamp_light(
             rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
         )
@@ -209,13 +216,13 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
     """
     detectors = optics.detectors
     size, n = lamp_slopes.shape[1], detectors.shape[1]
-    for j in each(n):
+    for j in indices(n):
         image[0, j] = beam[LIGHT, j]
     if len(image) == 1:
         return
-    vectors = room(6, lamp[0], n)
+    vectors = workspace(6, lamp[0], n)
     _, _, _, axis_x, axis_y, axis_z = lamp
-    for j in each(n):
+    for j in indices(n):
         light = beam[LIGHT, j]
         radial, facing, bend = slopes_by_lamp(
             light * beam[BY_RANGE, j],
@@ -234,7 +241,7 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
     for q in range(size):
         by_x, by_y, by_z = lamp_slopes[0, q], lamp_slopes[1, q], lamp_slopes[2, q]
         by_u, by_v, by_w = lamp_slopes[3, q], lamp_slopes[4, q], lamp_slopes[5, q]
-        for j in each(n):
+        for j in indices(n):
             image[1 + q, j] = (
                 vectors[0, j] * by_x
                 + vectors[1, j] * by_y
@@ -244,7 +251,7 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
                 + vectors[5, j] * by_w
             )
     for row in range(1 + size, len(image)):
-        for j in each(n):
+        for j in indices(n):
             image[row, j] = 0.0
     if optics.power_at >= 0:
         image[1 + size + optics.power_at] = image[0]
@@ -290,7 +297,7 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
                 image[row] *= values
         elif kind == SHADE:
             depth = nuisances[place]
-            for j in each(image.shape[-1]):
+            for j in indices(image.shape[-1]):
                 passed = exp(depth * values[j])
                 for row in range(rows):
                     image[row, j] *= passed

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import lamp_in_body
 from uuv_optical_array.estimation.unknowns.coordinates import (
-    Frame,
+    CoordinateFrame,
     frame_of,
     from_pose,
     quarter_turn,
@@ -29,7 +29,7 @@ rolls = st.floats(-0.5, 0.5)
 
 def frame_like(centre, sigma_rad, k_per_m=0.0, planar=False):
     weight = sigma_rad**-2
-    return Frame(*centre, sigma_rad, k_per_m, weight / (weight + 3) if planar else 0.0)
+    return CoordinateFrame(*centre, sigma_rad, k_per_m, weight / (weight + 3) if planar else 0.0)
 
 
 frames = st.builds(

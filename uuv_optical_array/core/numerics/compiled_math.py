@@ -172,14 +172,14 @@ def _without_owner(context, builder, kind, value):
     return value
 
 
-def _borrowed(_typing, values):
+def _unowned(_typing, values):
     def generate(context, builder, signature, arguments):
         return _without_owner(context, builder, signature.args[0], arguments[0])
 
     return values(values), generate
 
 
-borrowed: Any = intrinsic(_borrowed)
+unowned: Any = intrinsic(_unowned)
 
 MATRIX = types.Array(types.float64, 2, "C")
 
@@ -221,7 +221,7 @@ def _on_stack(context, builder, signature, arguments, lengths):
     return matrix, size
 
 
-def _room(_typing, rows, component, count):
+def _workspace(_typing, rows, component, count):
     def generate(context, builder, signature, arguments):
         matrix, _ = _on_stack(context, builder, signature, arguments, (0, 2))
         return matrix._getvalue()
@@ -229,7 +229,7 @@ def _room(_typing, rows, component, count):
     return MATRIX(rows, component, count), generate
 
 
-room: Any = intrinsic(_room)
+workspace: Any = intrinsic(_workspace)
 
 
 def _zeros(_typing, rows, columns, component):
@@ -313,11 +313,11 @@ REPLACED: dict[Any, Any] = {
     for helper, number in scalars.BY_NUMBER.items()
 }
 REPLACED |= {
-    elementwise.room: room,
+    elementwise.workspace: workspace,
     elementwise.stack: stack,
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
-    elementwise.borrowed: borrowed,
+    elementwise.unowned: unowned,
     elementwise.transmit: transmit,
     np.exp: exponential,
     np.log: logarithm,

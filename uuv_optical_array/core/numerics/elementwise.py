@@ -20,13 +20,13 @@ def law(function: Law) -> Law:
     return function
 
 
-def each(count: int) -> Iterable[Any]:
+def indices(count: int) -> Iterable[Any]:
     """Iterate over the last axis: once by a slice here, by numbers in compiled code."""
     return (slice(None),)
 
 
-def when(condition: Any, index: Any) -> Iterable[Any]:
-    """Iterate over the places of an `each` index, of one axis, where a condition holds."""
+def indices_where(condition: Any, index: Any) -> Iterable[Any]:
+    """Iterate over the places of an `indices` index, of one axis, where a condition holds."""
     chosen = np.flatnonzero(condition)
     return (chosen,) if len(chosen) else ()
 
@@ -36,7 +36,7 @@ def choose(condition: Any, one: Any, other: Any) -> Any:
     return np.where(condition, one, other)
 
 
-def choose_state(condition: Any, one: Any, other: Any) -> Any:
+def choose_tuple(condition: Any, one: Any, other: Any) -> Any:
     """Choose between named tuples: whole by one condition, by many along their parts' last axis."""
     if np.ndim(condition) == 0:
         return one if condition else other
@@ -48,20 +48,20 @@ def any_of(condition: Any) -> bool:
     return bool(np.any(condition))
 
 
-def not_(condition: Any) -> Any:
+def logical_not(condition: Any) -> Any:
     """Turn a condition round."""
     return np.logical_not(condition)
 
 
 def total(values: Any) -> Any:
-    """Sum what one turn of an `each` loop holds: an array's last axis, or a number itself."""
+    """Sum what one turn of an `indices` loop holds: an array's last axis, or a number itself."""
     return np.add.reduce(values, axis=-1)
 
 
-def room(rows: int, component: Any, count: int) -> Any:
+def workspace(rows: int, component: Any, count: int) -> Any:
     """Return an empty array of rows of `count` readings, for each pose of a component or row.
 
-    It lives no longer than the function that asks for it: in compiled code it lies on the stack.
+    It must not be returned: in compiled code it lies on the stack of the function that calls.
     """
     return np.empty((rows, *np.shape(component)[:-1], count))
 
@@ -72,7 +72,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a matrix of zeros for each pose of a component, which lives as a `room` does."""
+    """Return a matrix of zeros for each pose of a component, not to be returned, as a `workspace`."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 
@@ -84,16 +84,16 @@ def sandwich(matrix: Any, images: Any) -> None:
         image[...] = (matrix @ planes @ matrix.T).reshape(image.shape)
 
 
-def borrowed(values: Arrays) -> Arrays:
-    """Return the same arrays, in named tuples too, which their caller keeps alive.
+def unowned(values: Arrays) -> Arrays:
+    """Return the same arrays, in named tuples too, without reference counting in compiled code.
 
-    Compiled code then does not count who uses them; none of them may be returned.
+    The caller keeps them alive, and none of them may be returned.
     """
     return values
 
 
 def at_place(rows: Any, place: Any, index: Any) -> Any:
-    """Return, for each column of an `each` index, the row of its own place."""
+    """Return, for each column of an `indices` index, the row of its own place."""
     return np.take_along_axis(rows, np.asarray(place, dtype=np.intp)[None], axis=0)[0]
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_state, not_
+from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_tuple, logical_not
 
 DAMPING = 1e-3  # at the start
 FREE = 1e-1  # a step damped more is short wherever it is taken, so it proves nothing
@@ -56,8 +56,8 @@ def minimiser(
             # On the edge where a detector turns away from the lamp the slope jumps, and a fit
             # that sits there gains nothing either way.
             short = better & (new[0] > state[0] - arrived)
-            state = choose_state(better, new, state)
-            go_on = active & not_(last | short | (damping > GIVE_UP))
+            state = choose_tuple(better, new, state)
+            go_on = active & logical_not(last | short | (damping > GIVE_UP))
             damping = choose(go_on, damping * choose(better, 0.1, 10.0), 0.0)
         return state
 

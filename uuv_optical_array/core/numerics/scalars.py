@@ -7,8 +7,8 @@ import numpy as np
 from uuv_optical_array.core.numerics import elementwise
 
 
-def when(condition: Any, index: Any) -> Any:
-    """As `elementwise.when`: the index itself, or nothing."""
+def indices_where(condition: Any, index: Any) -> Any:
+    """As `elementwise.indices_where`: the index itself, or nothing."""
     return range(index, index + (1 if condition else 0))
 
 
@@ -17,8 +17,8 @@ def choose(condition: Any, one: Any, other: Any) -> Any:
     return one if condition else other
 
 
-def choose_state(condition: Any, one: Any, other: Any) -> Any:
-    """As `elementwise.choose_state`, of whole tuples."""
+def choose_tuple(condition: Any, one: Any, other: Any) -> Any:
+    """As `elementwise.choose_tuple`, of whole tuples."""
     return one if condition else other
 
 
@@ -27,8 +27,8 @@ def any_of(condition: Any) -> Any:
     return condition
 
 
-def not_(condition: Any) -> Any:
-    """As `elementwise.not_`."""
+def logical_not(condition: Any) -> Any:
+    """As `elementwise.logical_not`."""
     return not condition
 
 
@@ -42,8 +42,8 @@ def at_place(rows: Any, place: Any, index: Any) -> Any:
     return rows[int(place), index]
 
 
-def room(rows: int, component: Any, count: int) -> Any:
-    """As `elementwise.room`, of one pose."""
+def workspace(rows: int, component: Any, count: int) -> Any:
+    """As `elementwise.workspace`, of one pose."""
     return np.empty((rows, count))
 
 
@@ -63,15 +63,15 @@ def smaller(a: Any, b: Any) -> Any:
 
 
 BY_NUMBER: dict[Any, Any] = {
-    elementwise.each: range,
-    elementwise.when: when,
+    elementwise.indices: range,
+    elementwise.indices_where: indices_where,
     elementwise.choose: choose,
-    elementwise.choose_state: choose_state,
+    elementwise.choose_tuple: choose_tuple,
     elementwise.any_of: any_of,
-    elementwise.not_: not_,
+    elementwise.logical_not: logical_not,
     elementwise.total: total,
     elementwise.at_place: at_place,
-    elementwise.room: room,
+    elementwise.workspace: workspace,
     elementwise.zeros: zeros,
     np.maximum: larger,
     np.minimum: smaller,

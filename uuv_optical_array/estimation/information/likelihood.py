@@ -8,7 +8,7 @@ from numpy import log, maximum, minimum, sqrt
 from scipy.special import erfcx, log_ndtr, ndtr
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import choose, each, law, when
+from uuv_optical_array.core.numerics.elementwise import choose, indices, indices_where, law
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance, variance_slope
 
 FAR = 35.0  # standard deviations inside, where a limit says nothing
@@ -106,7 +106,7 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
     found
         Results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
     """
-    for j in each(len(light)):
+    for j in indices(len(light)):
         variance = reading_variance(light[j], noise)
         if noise.slope > 0 or noise.square > 0:
             slope = variance_slope(light[j], noise)
@@ -114,8 +114,8 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
         else:
             value, score, curvature = gaussian(readings[j], light[j], variance)
         found[0, j], found[1, j], found[2, j] = value, score, curvature
-    for j in each(len(light)):
-        for i in when((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
+    for j in indices(len(light)):
+        for i in indices_where((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
             above = readings[i] >= noise.high
             bound = choose(above, noise.high - 0.5, noise.low + 0.5)
             variance = reading_variance(light[i], noise)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import room, zeros
+from uuv_optical_array.core.numerics.elementwise import workspace, zeros
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
@@ -155,7 +155,7 @@ def write_linear(
     n, nuisances = len(readings), at[5:]
     lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
-    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, nuisances, rays, beam, True)
     project(optics, lamp, slopes, rays, beam, image)
     detect(optics, nuisances, image)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
-from uuv_optical_array.core.numerics.elementwise import borrowed, zeros
+from uuv_optical_array.core.numerics.elementwise import unowned, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
@@ -341,7 +341,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     parameters
         Key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
     """
-    problem, guide = borrowed(problem), borrowed(guide)
+    problem, guide = unowned(problem), unowned(guide)
     if np.isnan(parameters[0, 0]):
         column = problem.readings.reshape(-1, 1)
         side, full_scale = guide.side, guide.full_scale_counts

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
-from uuv_optical_array.core.numerics.elementwise import borrowed, law, zeros
+from uuv_optical_array.core.numerics.elementwise import law, unowned, zeros
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
@@ -477,7 +477,7 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
     PosteriorMoments
         With a weight of -inf where the image leaves no finite posterior.
     """
-    lattice = borrowed(lattice)
+    lattice = unowned(lattice)
     write_node(problem, minimum, lattice, 0)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy import sqrt
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import each, room, total, zeros
+from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 from uuv_optical_array.estimation.information.likelihood import likelihood_of
@@ -18,7 +18,7 @@ from uuv_optical_array.estimation.least_squares.misfit import (
     residual_moments,
 )
 from uuv_optical_array.estimation.unknowns.coordinates import (
-    Frame,
+    CoordinateFrame,
     frame_of,
     to_lamp,
     write_slopes,
@@ -87,7 +87,7 @@ class Problem(NamedTuple):
 
     optics: Optics
     noise: ReadingNoise
-    frame: Frame
+    frame: CoordinateFrame
     pose_mean: Array
     pose_std: Array
     nuisance_mean: Array
@@ -189,16 +189,16 @@ def normal_equations(image: Any, likelihood: Any, parts: Any) -> None:
         Of the `State`.
     """
     size, n = parts.shape[1], image.shape[1]
-    weighted = room(1, likelihood[0, 0], n)
+    weighted = workspace(1, likelihood[0, 0], n)
     for q in range(size):
         pull = 0.0
-        for j in each(n):
+        for j in indices(n):
             pull += total(likelihood[1, j] * image[1 + q, j])
             weighted[0, j] = likelihood[2, j] * image[1 + q, j]
         parts[GRADIENT, q] = pull
         for s in range(q + 1):
             known = 0.0
-            for j in each(n):
+            for j in indices(n):
                 known += total(weighted[0, j] * image[1 + s, j])
             parts[INFORMATION + q, s] = known
             parts[INFORMATION + s, q] = known
@@ -215,12 +215,12 @@ def evaluate(problem: Problem, at: Array) -> State:
     lamp, pose, log_volume = to_lamp(frame, at, roll)
     lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
-    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, nuisances, rays, beam, True)
-    image = room(1 + size, at[0], n)
+    image = workspace(1 + size, at[0], n)
     project(optics, lamp, lamp_slopes, rays, beam, image)
     detect(optics, nuisances, image)
-    likelihood = room(3, at[0], n)
+    likelihood = workspace(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
     cost = -likelihood[0].sum()
     parts = np.empty((INFORMATION + size, size))
@@ -261,7 +261,7 @@ def nuisance_cost(problem: Problem, at: Array) -> float:
     return cost
 
 
-def write_volume_slopes(frame: Frame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
+def write_volume_slopes(frame: CoordinateFrame, lamp: Any, lamp_slopes: Any, parts: Any) -> None:
     """Write the slopes of `coordinates.to_lamp`'s `log_volume` to the parts of a `State`."""
     x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
     range_m = sqrt(x * x + y * y + z * z)
@@ -310,7 +310,7 @@ def light_at(problem: Problem, at: Array) -> Array:
     """Return the light of the readings at a place, counts, shape ``(n,)``."""
     optics, n = problem.optics, len(problem.readings)
     lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
-    rays, beam = room(RAY_ROWS, at[0], n), room(BEAM_ROWS + len(optics.laws), at[0], n)
+    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, at[5:], rays, beam, False)
     image = np.empty((1, n))
     project(optics, lamp, zeros(6, 0, at[0]), rays, beam, image)
@@ -345,7 +345,7 @@ def misfit(problem: Problem, at: Array) -> Misfit:
     """
     light, noise = light_at(problem, at), problem.noise
     squares, mean, variance, lenient_mean, lenient_variance = 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in each(len(light)):
+    for j in indices(len(light)):
         expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
         off, spread = problem.readings[j] - expected, reading_variance(light[j], noise)
         square, around = residual_moments(light[j], sqrt(spread), noise)

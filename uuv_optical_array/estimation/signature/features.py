@@ -12,10 +12,10 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import (
     at_place,
     choose,
-    each,
+    indices,
+    indices_where,
     law,
-    room,
-    when,
+    workspace,
     zeros,
 )
 from uuv_optical_array.core.settings import Quantity
@@ -61,22 +61,22 @@ def write_skewness(values: Any, skews: Any) -> None:
     scale, mean, second, third = sums[0], sums[1], sums[2], sums[3]
     # Scaled to one, the powers neither overflow nor underflow.
     for k in range(count):
-        for i in each(m):
+        for i in indices(m):
             scale[i] = maximum(scale[i], abs(values[k, i]))
-    for i in each(m):
+    for i in indices(m):
         scale[i] = 1 / maximum(scale[i], LEAST)
     for k in range(count):
-        for i in each(m):
+        for i in indices(m):
             mean[i] += values[k, i] * scale[i]
-    for i in each(m):
+    for i in indices(m):
         mean[i] /= count
     for k in range(count):
-        for i in each(m):
+        for i in indices(m):
             off = values[k, i] * scale[i] - mean[i]
             square = off * off
             second[i] += square
             third[i] += square * off
-    for i in each(m):
+    for i in indices(m):
         variance, cubes = second[i] / count, third[i] / count
         # Rounding leaves about 1e-32 of a constant profile; that is no shape.
         varies = variance > 1e-30
@@ -87,11 +87,11 @@ def write_skewness(values: Any, skews: Any) -> None:
 def differentiate(profiles: Any, slopes: Any) -> None:
     """Differentiate profiles along the first axis, as `numpy.gradient`, shape ``(side, m)``."""
     last, m = len(profiles) - 1, profiles.shape[1]
-    for i in each(m):
+    for i in indices(m):
         slopes[0, i] = profiles[1, i] - profiles[0, i]
         slopes[last, i] = profiles[last, i] - profiles[last - 1, i]
     for k in range(1, last):
-        for i in each(m):
+        for i in indices(m):
             slopes[k, i] = 0.5 * (profiles[k + 1, i] - profiles[k - 1, i])
 
 
@@ -173,46 +173,46 @@ def write_parameters(
         Result, shape ``(5, m)``.
     """
     last, middle, m = side - 1, 0.5 * (side - 1), readings.shape[1]
-    peaks, flats = room(6, 0.0, m), zeros(4, m, 0.0)
+    peaks, flats = workspace(6, 0.0, m), zeros(4, m, 0.0)
     brightest, places, tops = peaks[0], peaks[1], peaks[2]
     along, start, skews = peaks[3], peaks[4], peaks[5]
     wide, high, centres = flats[0], flats[1], flats[2:]
-    profiles, slopes = room(side, 0.0, m), room(side, 0.0, m)
+    profiles, slopes = workspace(side, 0.0, m), workspace(side, 0.0, m)
     # The images are the innermost loop everywhere, which a compiler turns into vectors.
-    for i in each(m):
+    for i in indices(m):
         brightest[i], places[i], tops[i] = readings[0, i], 0.0, 1.0
     for k in range(1, side * side):
-        for i in each(m):
+        for i in indices(m):
             reading, top = readings[k, i], brightest[i]
             better = reading > top
             tops[i] = choose(better, 1.0, tops[i] + choose(reading == top, 1.0, 0.0))
             places[i] = choose(better, float(k), places[i])
             brightest[i] = choose(better, reading, top)
-    for i in each(m):
+    for i in indices(m):
         parameters[0, i] = maximum(brightest[i], 0.0) / full_scale_counts
-        for t in when(tops[i] > 1, i):
+        for t in indices_where(tops[i] > 1, i):
             settle_ties(readings, side, t, brightest, places, wide, high, centres)
     for upright in range(2):
         step = side if upright == 1 else 1
         flat = high if upright == 1 else wide
-        for i in each(m):
+        for i in indices(m):
             row = floor((places[i] + 0.5) / side)
             column = places[i] - row * side
             along[i] = choose(upright == 1, row, column)
             start[i] = choose(upright == 1, column, row * side)
         for k in range(side):
-            for i in each(m):
+            for i in indices(m):
                 profiles[k, i] = at_place(readings, start[i] + k * step, i)
         differentiate(profiles, slopes)
         write_skewness(slopes, skews)
         if subdetector:
-            for i in each(m):
+            for i in indices(m):
                 before = at_place(profiles, maximum(along[i] - 1, 0), i)
                 after = at_place(profiles, minimum(along[i] + 1, last), i)
                 inside = (along[i] > 0) & (along[i] < last)
                 offset = choose(inside, vertex(before, brightest[i], after), 0.0)
                 along[i] = choose(flat[i] > 0, centres[upright, i], along[i] + offset)
-        for i in each(m):
+        for i in indices(m):
             lit = brightest[i] > 0
             parameters[1 + upright, i] = choose(lit, along[i] - middle, 0.0)
             parameters[3 + upright, i] = choose(lit, skews[i], 0.0)

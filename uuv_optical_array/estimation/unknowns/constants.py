@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.unknowns.coordinates import Frame, frame_of
+from uuv_optical_array.estimation.unknowns.coordinates import CoordinateFrame, frame_of
 from uuv_optical_array.forward.model import ForwardModel
 
 
@@ -63,7 +63,7 @@ class Constants:
     stds: tuple[float, ...] = ()
     gain_std: float = 0.0
     detectors: int = 0
-    frame: Frame | None = None
+    frame: CoordinateFrame | None = None
     unclear_lasts_s: float = 0.0
     uneven: float = 0.0
 

@@ -33,7 +33,7 @@ AZIMUTH, ELEVATION, LOG_ATTENUATION = range(3)  # then pitch and yaw, as in the 
 LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar array
 
 
-class Frame(NamedTuple):
+class CoordinateFrame(NamedTuple):
     """What the coordinates of an array under a lamp depend on.
 
     Parameters
@@ -56,13 +56,13 @@ class Frame(NamedTuple):
     share: float
 
 
-def frame_of(model: ForwardModel) -> Frame:
+def frame_of(model: ForwardModel) -> CoordinateFrame:
     """Return the frame of the coordinates of a model's scene."""
     sigma = float(np.radians(model.scene.lamp.beam_sigma_deg))
     k_per_m = float(model.scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
     planar = model.scene.array.shape == "planar"
     x, y, z = model.array.positions.mean(axis=0).tolist()
-    return Frame(x, y, z, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
+    return CoordinateFrame(x, y, z, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
 
 
 @law
@@ -91,7 +91,7 @@ def directions(x: Any, y: Any, z: Any) -> tuple[Any, Any]:
     return arctan2(y, x), arctan2(z, hypot(x, y))
 
 
-def sight_angles(frame: Frame, at: Any, source: Any) -> tuple[Any, Any]:
+def sight_angles(frame: CoordinateFrame, at: Any, source: Any) -> tuple[Any, Any]:
     """Return azimuth and elevation of the lamp seen from the array's centre, rad."""
     azimuth, elevation = at[AZIMUTH], at[ELEVATION]
     if frame.share > 0:
@@ -102,7 +102,7 @@ def sight_angles(frame: Frame, at: Any, source: Any) -> tuple[Any, Any]:
 
 
 @law
-def beam_loss(frame: Frame, sight: Any, source: Any) -> tuple[Any, Any]:
+def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any]:
     """Return ``eta^2 / (4 sigma^2)``, and its slope by the cosine of eta, sign turned.
 
     Of unit vectors from the array to the lamp and against the beam, by components.
@@ -115,7 +115,7 @@ def beam_loss(frame: Frame, sight: Any, source: Any) -> tuple[Any, Any]:
     return scale * half_square, scale * turn
 
 
-def from_pose(frame: Frame, pose: Any, roll: Any) -> Any:
+def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
     """Return the coordinates of a pose.
 
     Parameters
@@ -150,7 +150,7 @@ def from_pose(frame: Frame, pose: Any, roll: Any) -> Any:
     return stack(azimuth, elevation, log_attenuation, pose[3], pose[4])
 
 
-def to_lamp(frame: Frame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
+def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     """Return lamp and pose at coordinates.
 
     Parameters
@@ -194,7 +194,7 @@ def to_lamp(frame: Frame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
 
 
 def write_slopes(
-    frame: Frame, at: Any, roll: Any, lamp: Any, slopes: Any, pose_slopes: Any
+    frame: CoordinateFrame, at: Any, roll: Any, lamp: Any, slopes: Any, pose_slopes: Any
 ) -> None:
     """Differentiate `to_lamp` by the coordinates.
 

@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.coordinates import (
     AZIMUTH,
     LOG_ATTENUATION,
-    Frame,
+    CoordinateFrame,
     beam_loss,
     from_pose,
     to_lamp,
@@ -45,13 +45,13 @@ class Joint(NamedTuple):
         Places of the constants that change the attenuation, from 5 on; -1: known.
     """
 
-    frame: Frame
+    frame: CoordinateFrame
     power: int
     water: int
     width: int
 
 
-def frame_with(joint: Joint, at: Any) -> Frame:
+def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
     """Return the frame of the pose's coordinates under constants, shape ``(5 + q,)``."""
     frame = joint.frame
     k_per_m, sigma = frame.k_per_m, frame.beam_sigma_rad
@@ -59,7 +59,9 @@ def frame_with(joint: Joint, at: Any) -> Frame:
         k_per_m = max(k_per_m + at[joint.water], 0.0)
     if joint.width >= 0:
         sigma = max(sigma + DEGREE * at[joint.width], LEAST_WIDTH * sigma)
-    return Frame(frame.centre_x, frame.centre_y, frame.centre_z, sigma, k_per_m, frame.share)
+    return CoordinateFrame(
+        frame.centre_x, frame.centre_y, frame.centre_z, sigma, k_per_m, frame.share
+    )
 
 
 def coordinates_of(joint: Joint, at: Any) -> Any:
@@ -152,7 +154,7 @@ class JointCoordinates(AsTheyAre):
         Dotted names of the constants; those that do not change the attenuation are left alone.
     """
 
-    def __init__(self, frame: Frame, names: Sequence[str]) -> None:
+    def __init__(self, frame: CoordinateFrame, names: Sequence[str]) -> None:
         def place(name: str) -> int:
             return 5 + names.index(name) if name in names else -1
 

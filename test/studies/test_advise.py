@@ -11,7 +11,7 @@ import yaml
 
 from uuv_optical_array.commands.studies import advise as command
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.tradeoff.advice import Need, advise
 from uuv_optical_array.studies.tradeoff.results import Measurement, Origin
 

@@ -13,7 +13,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.shared.closed_loop import ClosedLoop
+from uuv_optical_array.studies.closed_loop import ClosedLoop
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ from uuv_optical_array.studies.design.fronts import (
 )
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.results import Results
 
 COLUMNS = [field.name for field in dataclasses.fields(Score)]
 

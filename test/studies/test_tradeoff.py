@@ -20,9 +20,8 @@ from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
 from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.shared.published import lookup, moments
-from uuv_optical_array.studies.shared.results import Results
-from uuv_optical_array.studies.shared.working_volume import lit_poses, volume_spread
 from uuv_optical_array.studies.tradeoff import measurement
 from uuv_optical_array.studies.tradeoff import plan as planned
 from uuv_optical_array.studies.tradeoff import run as tradeoff_run
@@ -37,6 +36,7 @@ from uuv_optical_array.studies.tradeoff.results import (
     at_one_speed,
 )
 from uuv_optical_array.studies.tradeoff.table_cost import table_cost
+from uuv_optical_array.studies.working_volume import lit_poses, volume_spread
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 

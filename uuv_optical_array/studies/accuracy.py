@@ -13,14 +13,14 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings
-from uuv_optical_array.studies.shared.frame_errors import (
+from uuv_optical_array.studies.errors import (
     SIGMAS,
     FrameErrors,
     answer_of,
+    by_column,
     frame_errors,
 )
-from uuv_optical_array.studies.shared.pose_errors import by_column
-from uuv_optical_array.studies.shared.working_volume import DAY_S, lit_poses
+from uuv_optical_array.studies.working_volume import DAY_S, lit_poses
 
 BAND = 0.95
 

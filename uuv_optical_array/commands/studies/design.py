@@ -20,7 +20,7 @@ from uuv_optical_array.studies.design.fronts import (
     standing,
 )
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.results import Results
 
 DESCRIPTION = """\
 Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and

@@ -20,9 +20,9 @@ from uuv_optical_array.plots.style import (
     plain_log_ticks,
     save,
 )
-from uuv_optical_array.studies.shared.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
+from uuv_optical_array.studies.working_volume import SPECIFICATION, volume_spread
 
 MARKERS: dict[Shape, str] = {"curved": "o", "planar": "s"}
 SIDE_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#08204a", "#000000")

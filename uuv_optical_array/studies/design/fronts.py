@@ -8,7 +8,7 @@ import numpy as np
 
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
-from uuv_optical_array.studies.shared.pareto import thinned_front
+from uuv_optical_array.studies.pareto import thinned_front
 
 CLEAR_SIGMAS = 3.0
 

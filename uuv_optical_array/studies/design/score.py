@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.pose_errors import position_and_angle
+from uuv_optical_array.studies.errors import position_and_angle
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     WANTED,
@@ -25,7 +25,7 @@ from uuv_optical_array.studies.shared.separation import (
     from_paper_axes,
     scene_signature,
 )
-from uuv_optical_array.studies.shared.working_volume import (
+from uuv_optical_array.studies.working_volume import (
     MIN_PEAK_COUNTS,
     RANGES_M,
     known_volume_std,

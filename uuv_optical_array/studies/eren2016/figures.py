@@ -19,7 +19,7 @@ from uuv_optical_array.studies.shared.separation import (
     Conditions,
     Motion,
 )
-from uuv_optical_array.studies.shared.working_volume import RANGES_M
+from uuv_optical_array.studies.working_volume import RANGES_M
 
 MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
 # The steps of the paper's curves, in their units.

@@ -30,7 +30,7 @@ from uuv_optical_array.studies.eren2017.approach import (
     draw_offsets,
     expose,
 )
-from uuv_optical_array.studies.shared.pose_errors import by_column
+from uuv_optical_array.studies.errors import by_column
 from uuv_optical_array.studies.shared.published.moments import (
     MomentCalibration,
     calibrate,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.results import Flat, differences
+from uuv_optical_array.studies.results import Flat, differences
 
 Mode = typing.Literal["quick", "full"]
 SETTINGS_CSV, TABLES_CSV = "tradeoff.csv", "tables.csv"

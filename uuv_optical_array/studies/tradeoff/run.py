@@ -5,7 +5,7 @@ from pathlib import Path
 
 from uuv_optical_array.estimation.table.signature_table import Progress, SignatureTable
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.tradeoff.measurement import measure
 from uuv_optical_array.studies.tradeoff.plan import FRAMES, Group, plan
 from uuv_optical_array.studies.tradeoff.results import (

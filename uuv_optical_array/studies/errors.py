@@ -1,7 +1,8 @@
-"""Errors and times of estimators on the same frames, which they answer in turns."""
+"""Errors of poses, and errors and times of estimators that answer the same frames in turns."""
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import Progress
@@ -24,6 +25,21 @@ MODEL_POSES = 4
 MODEL_EVERY = 16
 # Off by more than so many of its own standard deviations, an estimate is false.
 SIGMAS = 6.0
+
+
+def position_and_angle(errors: Array) -> tuple[float, float]:
+    """Root mean square of distance, m, and of angle, deg, of errors ``(n, 5)`` in m and rad."""
+    if not len(errors):
+        return float("nan"), float("nan")
+    position, angle = (np.sqrt((part**2).sum(axis=1).mean()) for part in np.split(errors, [3], 1))
+    return float(position), float(np.degrees(angle))
+
+
+def by_column(values: Iterable[float]) -> dict[str, float | None]:
+    """Name values of the five degrees of freedom in m and deg, None where not finite."""
+    names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
+    known = (float(value) if math.isfinite(value) else None for value in values)
+    return dict(zip(names, known, strict=True))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings
-from uuv_optical_array.studies.shared.pose_errors import position_and_angle
+from uuv_optical_array.studies.errors import position_and_angle
 
 RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)  # behind the lamp
 # Largest errors in x, y, z, m, and in pitch and yaw, deg.

@@ -12,12 +12,11 @@ from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.tracking.docking.motion import DockingSettings
-from uuv_optical_array.estimation.tracking.docking.smoother import DockingSmoother
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
 from uuv_optical_array.studies.eren2017.approach import (
     CASES,
     FRAMES,

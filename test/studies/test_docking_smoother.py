@@ -8,22 +8,19 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.estimation.information.likelihood import information
-from uuv_optical_array.estimation.tracking.docking.motion import (
-    MOTION,
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.docking_smoother import (
+    CONSTANTS,
     DockingMotion,
     DockingSettings,
-    StatePrior,
-)
-from uuv_optical_array.estimation.tracking.docking.path import (
+    DockingSmoother,
     PathProblem,
-    approaches_last,
+    StatePrior,
     evaluate,
     propose,
     refine,
 )
-from uuv_optical_array.estimation.tracking.docking.smoother import DockingSmoother
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 
 STEP_S = 0.2
 SETTINGS = DockingSettings(speed_walk_m_per_s=0.03, slip_m=0.02, turn_walk_deg_per_s=3.0)
@@ -80,7 +77,7 @@ def noise_of_motion(size):
 def first_prior(model):
     turn = np.radians(SETTINGS.turn_std_deg_per_s)
     stds = model.scene.prior.nuisance_std().values()
-    mean = np.zeros(MOTION + len(stds))
+    mean = np.zeros(CONSTANTS + len(stds))
     mean[0] = -6.0
     return mean, np.array([10, 5, 5, 2, 2, SETTINGS.speed_std_m_per_s, turn, turn, *stds])
 
@@ -88,8 +85,8 @@ def first_prior(model):
 def test_motion_is_that_of_the_heading_and_its_derivatives_are_right():
     motion = DockingMotion(STEP_S, [0.1, 0.02], SETTINGS)
     rng = np.random.default_rng(1)
-    states = rng.normal(0, 0.4, (20, MOTION + 2))
-    ahead, slopes = motion.moved(states)
+    states = rng.normal(0, 0.4, (20, CONSTANTS + 2))
+    ahead, slopes = motion.predict(states)
     np.testing.assert_allclose(ahead, [step(state) for state in states], atol=1e-12)
     for state, slope in zip(states, slopes, strict=True):
         nudges = 1e-6 * np.eye(len(state))
@@ -101,8 +98,8 @@ def test_bound_is_the_inverse_of_the_dense_information(model):
     """All frames' states in one information matrix, inverted whole, for each number of frames."""
     path = straight(6)
     found = DockingSmoother(model, STEP_S, SETTINGS).bound(path)
-    size = MOTION + 2
-    noise = np.linalg.inv(noise_of_motion(size)[:MOTION, :MOTION])
+    size = CONSTANTS + 2
+    noise = np.linalg.inv(noise_of_motion(size)[:CONSTANTS, :CONSTANTS])
     states = np.zeros((6, size))
     states[:, :5], states[:, 5] = path, 0.5
     off = {name: np.zeros(6) for name in model.scene.prior.nuisance_std()}
@@ -110,26 +107,26 @@ def test_bound_is_the_inverse_of_the_dense_information(model):
     weights = information(light, model.noise)
     for frames in range(1, 7):
         # Unknowns: the motion of each frame, then the settings once.
-        whole = np.zeros((MOTION * frames + 2,) * 2)
-        settings = slice(MOTION * frames, None)
+        whole = np.zeros((CONSTANTS * frames + 2,) * 2)
+        settings = slice(CONSTANTS * frames, None)
         prior = first_prior(model)[1] ** -2.0
-        whole[range(MOTION), range(MOTION)] += prior[:MOTION]
-        whole[settings, settings] += np.diag(prior[MOTION:])
+        whole[range(CONSTANTS), range(CONSTANTS)] += prior[:CONSTANTS]
+        whole[settings, settings] += np.diag(prior[CONSTANTS:])
         for k in range(frames):
             seen = np.zeros((7, len(whole)))
-            seen[:5, MOTION * k : MOTION * k + 5] = np.eye(5)
+            seen[:5, CONSTANTS * k : CONSTANTS * k + 5] = np.eye(5)
             seen[5:, settings] = np.eye(2)
             image = jacobian[k].T @ (weights[k][:, None] * jacobian[k])
             whole += seen.T @ image @ seen
             if k:
-                nudges = 1e-6 * np.eye(size)[:MOTION]
+                nudges = 1e-6 * np.eye(size)[:CONSTANTS]
                 before = states[k - 1]
                 slope = np.array([(step(before + n) - step(before - n)) / 2e-6 for n in nudges]).T
-                link = np.zeros((MOTION, len(whole)))
-                link[:, MOTION * (k - 1) : MOTION * k] = -slope[:MOTION]
-                link[:, MOTION * k : MOTION * (k + 1)] = np.eye(MOTION)
+                link = np.zeros((CONSTANTS, len(whole)))
+                link[:, CONSTANTS * (k - 1) : CONSTANTS * k] = -slope[:CONSTANTS]
+                link[:, CONSTANTS * k : CONSTANTS * (k + 1)] = np.eye(CONSTANTS)
                 whole += link.T @ noise @ link
-        last = slice(MOTION * (frames - 1), MOTION * (frames - 1) + 5)
+        last = slice(CONSTANTS * (frames - 1), CONSTANTS * (frames - 1) + 5)
         std = np.sqrt(np.diag(np.linalg.inv(whole))[last])
         np.testing.assert_allclose(found[frames - 1], std, rtol=1e-5)
 
@@ -143,17 +140,17 @@ def test_the_path_is_the_most_probable_one(model):
     smoother = DockingSmoother(model, STEP_S, SETTINGS)
     for frame in range(4):
         poses, _ = smoother.update(images[:, frame], path[None, 0])
-    found = smoother._path[0]
+    found = smoother.path[0]
     mean, std = first_prior(model)
-    precision = np.linalg.inv(noise_of_motion(MOTION + 2)[:MOTION, :MOTION])
+    precision = np.linalg.inv(noise_of_motion(CONSTANTS + 2)[:CONSTANTS, :CONSTANTS])
 
     def cost(numbers):
         """The negative log-posterior, with Gaussian readings: none is at a limit."""
-        states = np.empty((*numbers.shape[:-1], 4, MOTION + 2))
-        states[..., :MOTION] = numbers[..., :-2].reshape(*numbers.shape[:-1], 4, MOTION)
-        states[..., MOTION:] = numbers[..., None, -2:]
+        states = np.empty((*numbers.shape[:-1], 4, CONSTANTS + 2))
+        states[..., :CONSTANTS] = numbers[..., :-2].reshape(*numbers.shape[:-1], 4, CONSTANTS)
+        states[..., CONSTANTS:] = numbers[..., None, -2:]
         total = 0.5 * (((states[..., 0, :] - mean) / std) ** 2).sum(axis=-1)
-        apart = (states[..., 1:, :] - step(states[..., :-1, :]))[..., :MOTION]
+        apart = (states[..., 1:, :] - step(states[..., :-1, :]))[..., :CONSTANTS]
         total += 0.5 * np.einsum("...ki,ij,...kj", apart, precision, apart)
         spread = {"lamp.power": states[..., 8], "attenuation.k_per_m": states[..., 9]}
         light = model.light(states[..., :5], 0.0, spread)
@@ -161,19 +158,19 @@ def test_the_path_is_the_most_probable_one(model):
         return total + 0.5 * ((images[0] - light) ** 2).sum(axis=(-3, -2, -1)) / variance
 
     # What the solver accepts steps by is the same function, but for a constant.
-    moved = found + 0.3 * rng.standard_normal((4, MOTION + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
-    moved[:, MOTION:] += 0.01
+    moved = found + 0.3 * rng.standard_normal((4, CONSTANTS + 2)) * [*[0.1] * 5, *[1] * 3, 0, 0]
+    moved[:, CONSTANTS:] += 0.01
     motion = DockingMotion(STEP_S, [*model.scene.prior.nuisance_std().values()], SETTINGS)
     problem = PathProblem(model, motion, motion.start, images.reshape(1, 4, 25))
-    theirs = [evaluate(problem, approaches_last(at[None])).cost for at in (found, moved)]
+    theirs = [evaluate(problem, np.moveaxis(at[None], 0, -1)).cost for at in (found, moved)]
     mine = [
-        cost(np.concatenate([states[:, :MOTION].ravel(), states[0, MOTION:]]))
+        cost(np.concatenate([states[:, :CONSTANTS].ravel(), states[0, CONSTANTS:]]))
         for states in (found, moved)
     ]
     assert theirs[1][0] - theirs[0][0] == pytest.approx(mine[1] - mine[0], rel=1e-9)
     assert images.min() > 0
     assert images.max() < 1023
-    at = np.concatenate([found[:, :MOTION].ravel(), found[0, MOTION:]])
+    at = np.concatenate([found[:, :CONSTANTS].ravel(), found[0, CONSTANTS:]])
     scale = np.sqrt(np.diag(np.linalg.inv(_hessian(cost, at))))
     nudges = 1e-5 * np.eye(len(at))
 
@@ -186,14 +183,14 @@ def test_the_path_is_the_most_probable_one(model):
     assert cost(at) - best.fun < 0.02
     np.testing.assert_array_equal(found[-1, :5], poses[0])
     # All four images at once, from a straight path, lead there too.
-    whole = refine(problem, approaches_last(motion.along(path)))
+    whole = refine(problem, np.moveaxis(motion.along(path), 0, -1))
     assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
 
 
 def _hessian(function, at):
     """Second differences, good to a few per cent: it only sets the scale of a search."""
     steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2])
-    steps = np.concatenate([np.tile(steps, (len(at) - 2) // MOTION), [1e-3, 1e-3]])
+    steps = np.concatenate([np.tile(steps, (len(at) - 2) // CONSTANTS), [1e-3, 1e-3]])
     a, b = np.diag(steps)[:, None], np.diag(steps)
     corners = (
         function(at + a + b) - function(at + a - b) - function(at - a + b) + function(at - a - b)
@@ -211,9 +208,9 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
     prior = StatePrior(*(np.repeat(part, 3, axis=0) for part in motion.start))
     problem = PathProblem(model, motion, prior, images)
     at = np.repeat(motion.along(path), 3, axis=0)
-    at[..., :MOTION] += 0.02 * rng.standard_normal((3, 5, MOTION))
-    at[..., MOTION:] += 0.02 * rng.standard_normal((3, 1, 2))
-    at = approaches_last(at)
+    at[..., :CONSTANTS] += 0.02 * rng.standard_normal((3, 5, CONSTANTS))
+    at[..., CONSTANTS:] += 0.02 * rng.standard_normal((3, 1, 2))
+    at = np.moveaxis(at, 0, -1)
     trial, decrement = propose(problem, evaluate(problem, at), np.full(3, damping))
     ahead, behind = (evaluate(problem, at + share * (trial - at)).cost for share in (1e-5, -1e-5))
     assert (decrement > 1).all()
@@ -226,8 +223,8 @@ def test_damping_shortens_a_step_down_to_the_steepest_descent_of_each_state(mode
     motion = DockingMotion(STEP_S, [*model.scene.prior.nuisance_std().values()], SETTINGS)
     problem = PathProblem(model, motion, motion.start, images)
     at = motion.along(path + 0.02)
-    at[..., MOTION:] = 0.01
-    at = approaches_last(at)
+    at[..., CONSTANTS:] = 0.01
+    at = np.moveaxis(at, 0, -1)
     state = evaluate(problem, at)
     steps = [propose(problem, state, np.array([damping]))[0] - at for damping in (0.0, 1.0, 1e4)]
     lengths = [np.linalg.norm(step) for step in steps]
@@ -263,7 +260,7 @@ def test_frames_that_are_summed_up_say_what_they_said(model):
     for frame in range(16):
         expected, covariances = whole.update(images[:, frame], guess)
         found, mine = short.update(images[:, frame], guess)
-        assert short._path.shape[1] <= 6
+        assert short.path.shape[1] <= 6
     std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     assert np.abs((found - expected) / std).max() < 0.2
     np.testing.assert_allclose(np.sqrt(np.diagonal(mine, axis1=1, axis2=2)), std, rtol=0.1)

@@ -1,1 +1,0 @@
-"""A smoother of images for the approach to a lamp that stays."""

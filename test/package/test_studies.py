@@ -9,7 +9,16 @@ import uuv_optical_array
 
 STUDIES = Path(uuv_optical_array.__file__).parent / "studies"
 PREFIX = "uuv_optical_array.studies."
-COMMON = {"closed_loop", "errors", "pareto", "results", "shared", "working_volume"}
+COMMON = {
+    "closed_loop",
+    "errors",
+    "docking_smoother",
+    "pareto",
+    "published",
+    "results",
+    "separation",
+    "working_volume",
+}
 
 
 def study_of(path):

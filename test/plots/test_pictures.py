@@ -25,7 +25,7 @@ from uuv_optical_array.studies.design.study import ScoredDesign
 from uuv_optical_array.studies.eren2016.figures import STEPS
 from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
 from uuv_optical_array.studies.limits.bound_map import bound_map as bounds_of
-from uuv_optical_array.studies.shared.separation import Conditions
+from uuv_optical_array.studies.separation import Conditions
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"

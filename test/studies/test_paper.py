@@ -12,12 +12,12 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies import separation
 from uuv_optical_array.studies.eren2016 import choices as paper_choices
 from uuv_optical_array.studies.eren2016 import figures as paper
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
-from uuv_optical_array.studies.shared import separation
-from uuv_optical_array.studies.shared.separation import RECONSTRUCTION, Conditions, angles_deg
+from uuv_optical_array.studies.separation import RECONSTRUCTION, Conditions, angles_deg
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,8 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
-from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies import accuracy, published
 from uuv_optical_array.studies.results import Results
-from uuv_optical_array.studies.shared.published import lookup, moments
 from uuv_optical_array.studies.tradeoff import measurement
 from uuv_optical_array.studies.tradeoff import plan as planned
 from uuv_optical_array.studies.tradeoff import run as tradeoff_run
@@ -55,10 +54,10 @@ def small(monkeypatch):
     monkeypatch.setattr(planned, "QUICK_STEPS", (3,))
     monkeypatch.setattr(planned, "QUICK_OWN_STEPS", (3, 4))
     monkeypatch.setattr(tradeoff_run, "FRAMES", {"quick": 5, "full": 6})
-    monkeypatch.setattr(moments, "SAMPLES", 2)
+    monkeypatch.setattr(published, "SAMPLES", 2)
     span = Span(-0.3, 0.3, 3)
     coarse = TableSettings(Span(-8.0, -4.0, 3), span, span, Span(-30, 30, 3), Span(-30, 30, 3))
-    monkeypatch.setattr(lookup, "GRID", coarse)
+    monkeypatch.setattr(published, "GRID", coarse)
     # Every other test of the command can do without a process of its own.
     monkeypatch.setattr(
         tradeoff_run,

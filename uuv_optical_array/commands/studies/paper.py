@@ -8,7 +8,7 @@ from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
 from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
-from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.separation import THRESHOLD_DEG
 
 DESCRIPTION = """\
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an

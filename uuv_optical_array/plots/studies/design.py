@@ -27,7 +27,7 @@ from uuv_optical_array.studies.design.fronts import (
     standing,
 )
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
-from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.separation import THRESHOLD_DEG
 from uuv_optical_array.studies.working_volume import SPECIFICATION, volume_spread
 
 # Score, axis label, and the specification.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.plots.style import SHAPE_COLOURS, save
 from uuv_optical_array.studies.eren2016.figures import FAR, STATEMENTS, STEPS
-from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
+from uuv_optical_array.studies.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
 
 # Where a panel has room for what the text states, in fractions of it.
 FREE = {

@@ -16,7 +16,7 @@ from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.errors import position_and_angle
-from uuv_optical_array.studies.shared.separation import (
+from uuv_optical_array.studies.separation import (
     THRESHOLD_DEG,
     WANTED,
     Conditions,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.studies.shared.separation import (
+from uuv_optical_array.studies.separation import (
     THRESHOLD_DEG,
     UNITS,
     Conditions,

@@ -19,7 +19,7 @@ from uuv_optical_array.studies.eren2016.figures import (
     least_detected,
     panels,
 )
-from uuv_optical_array.studies.shared.separation import (
+from uuv_optical_array.studies.separation import (
     UNITS,
     WANTED,
     Choice,

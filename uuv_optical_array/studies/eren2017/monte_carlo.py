@@ -30,11 +30,11 @@ from uuv_optical_array.studies.eren2017.approach import (
     expose,
 )
 from uuv_optical_array.studies.errors import by_column
-from uuv_optical_array.studies.shared.published.moments import (
+from uuv_optical_array.studies.published import (
     MomentCalibration,
     calibrate,
     dead_reckoned,
-    measure,
+    measure_moments,
 )
 
 BATCH = 20
@@ -152,7 +152,7 @@ def simulate(
 
 def by_moments(calibration: MomentCalibration, images: Array) -> Array:
     """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
-    return dead_reckoned(calibration.poses(measure(images, calibration.spacing_m)))
+    return dead_reckoned(calibration.poses(measure_moments(images, calibration.spacing_m)))
 
 
 def by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:

@@ -15,18 +15,18 @@ from uuv_optical_array.estimation.table.signature_table import Progress, Signatu
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.studies import published
 from uuv_optical_array.studies.errors import Answer, answer_of, frame_errors, position_and_angle
-from uuv_optical_array.studies.shared.published import lookup, moments
 from uuv_optical_array.studies.tradeoff.plan import LOOK_UP, MOMENTS, SHAPES, STEPS, Group
 from uuv_optical_array.studies.tradeoff.results import Measurement, load_average
 from uuv_optical_array.studies.working_volume import known_volume_std, lit_poses
 
 SAMPLE_FRAMES = 4
 LOOK_UP_ROWS = int(
-    np.prod([getattr(lookup.GRID, f.name).number for f in dataclasses.fields(lookup.GRID)])
+    np.prod([getattr(published.GRID, f.name).number for f in dataclasses.fields(published.GRID)])
 )
 # What the calibration of the moments exposes, and a k-d tree takes for a row.
-CALIBRATION_IMAGES = moments.SAMPLES * 435
+CALIBRATION_IMAGES = published.SAMPLES * 435
 INDEX_S_PER_ROW = 1e-6
 
 
@@ -44,7 +44,7 @@ def _published(pose: Callable[[Array], Array]) -> Answer:
 
 def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
     try:
-        return _published(moments.calibrate(ForwardModel(scene), rng).pose)
+        return _published(published.calibrate(ForwardModel(scene), rng, published.SAMPLES).pose)
     except (np.linalg.LinAlgError, ValueError) as error:
         reason = f"no calibration: {error}"
 
@@ -96,10 +96,10 @@ def measure(
         build_s = time.perf_counter() - began
     else:
         is_look_up = group.methods == (LOOK_UP,)
-        table = build_table(lookup.lookup_scene(scene) if is_look_up else scene)
+        table = build_table(published.lookup_scene(scene, published.GRID) if is_look_up else scene)
         build_s, rows = time.perf_counter() - began, len(table.poses)
         if is_look_up:
-            answers = {LOOK_UP: _published(lookup.LookUp(table).pose)}
+            answers = {LOOK_UP: _published(published.LookUp(table).pose)}
         else:
             if on_table:
                 on_table(table, build_s)

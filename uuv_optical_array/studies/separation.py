@@ -1,4 +1,4 @@
-"""The criterion of Eren et al. (2016): by what spectral angle a move shows in the signature.
+"""The criterion of Eren et al. (2016): by what spectral angle a move changes the signature.
 
 The aligned follower is shifted to starboard, or turned about its centre of mass, and the plain
 spectral angle (eq. 13) is taken between the signatures before and after.
@@ -109,7 +109,7 @@ RECONSTRUCTION = Choice("as reconstructed")
 
 @dataclass(frozen=True)
 class Conditions:
-    """An array that is moved: of which shape, with how many detectors in a row, and where."""
+    """The array that is moved: its shape, its detectors in a row, its range, and the motion."""
 
     shape: Shape
     side: int
@@ -157,18 +157,18 @@ def angles_deg(
         scene.array.with_shape(conditions.shape), detectors_per_side=conditions.side, wiring=None
     )
     model = ForwardModel(choice.scene(dataclasses.replace(scene, array=array)))
-    moved = np.atleast_1d(np.asarray(steps, dtype=float))
-    in_paper_axes = np.zeros((1 + len(moved), 5))
+    steps = np.atleast_1d(np.asarray(steps, dtype=float))
+    in_paper_axes = np.zeros((1 + len(steps), 5))
     in_paper_axes[:, X] = conditions.range_m
     if conditions.motion == "shift":
-        in_paper_axes[1:, Y] = moved
+        in_paper_axes[1:, Y] = steps
     else:
-        in_paper_axes[1:, YAW] = np.radians(moved)
+        in_paper_axes[1:, YAW] = np.radians(steps)
     poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
     on_axis_counts = float(model.expected(poses[0]).max())
     images = choice.images(model, poses)
     if np.ptp(images[..., 0, :, :]) <= FLAT * on_axis_counts:
-        return np.full(len(moved), np.nan)
+        return np.full(len(steps), np.nan)
     vectors = choice.signature(images, on_axis_counts, model.scene)
     angles = np.degrees(spectral_angle(vectors[..., :1, :], vectors[..., 1:, :]))
-    return angles.reshape(-1, len(moved)).mean(axis=0)
+    return angles.reshape(-1, len(steps)).mean(axis=0)

@@ -14,21 +14,19 @@ from uuv_optical_array.estimation.signature.features import skewness
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.shared.published.lookup import (
-    GRID,
-    LookUp,
-    Weights,
-    lookup_scene,
-)
-from uuv_optical_array.studies.shared.published.moments import (
+from uuv_optical_array.studies.published import (
     ACROSS_M,
     DOWN_M,
+    GRID,
     RANGES_M,
+    LookUp,
     MomentCalibration,
+    Weights,
     calibrate,
     dead_reckoned,
     image_moments,
-    measure,
+    lookup_scene,
+    measure_moments,
 )
 
 SPACING_M = 0.06
@@ -110,7 +108,7 @@ def test_moments_of_a_split_gaussian_spot_are_the_closed_ones():
     assert found[0, 1] == pytest.approx(0, abs=1e-6)
     assert found[0, 2] == pytest.approx(tall**2, rel=1e-3)
     assert found[2, 2] == pytest.approx(second * tall**2, rel=1e-3)
-    seen = measure(image, spacing_m)
+    seen = measure_moments(image, spacing_m)
     assert seen.yaw_ratio == pytest.approx(first / second, rel=1e-3)
     assert seen.pitch_ratio == pytest.approx(0, abs=1e-4)
     assert seen.peak == pytest.approx(1)
@@ -118,8 +116,8 @@ def test_moments_of_a_split_gaussian_spot_are_the_closed_ones():
 
 @given(images_5x5)
 def test_a_mirror_turns_the_sign_of_what_lies_across(image):
-    there, mirrored = measure(image, SPACING_M), measure(image[:, ::-1], SPACING_M)
-    turned = measure(image.T[::-1, ::-1], SPACING_M)
+    there, mirrored = measure_moments(image, SPACING_M), measure_moments(image[:, ::-1], SPACING_M)
+    turned = measure_moments(image.T[::-1, ::-1], SPACING_M)
     # A tie is broken in reading order, which a mirror changes.
     if np.count_nonzero(image == image.max()) > 1:
         return
@@ -134,7 +132,7 @@ def test_a_mirror_turns_the_sign_of_what_lies_across(image):
 
 def test_yaw_moves_the_yaw_ratio_and_pitch_the_other(clear):
     turns = clear.expected([pose(-6), pose(-6, yaw_deg=8), pose(-6, pitch_deg=8)])
-    seen = measure(turns, SPACING_M)
+    seen = measure_moments(turns, SPACING_M)
     still, yawed, pitched = np.abs(seen.yaw_ratio)
     assert yawed > 1
     assert max(still, pitched) < 1e-9
@@ -165,7 +163,7 @@ def test_calibration_is_the_line_through_its_own_poses(clear, calibration):
 def test_without_noise_the_method_recovers_the_turns_of_its_calibration(clear, calibration):
     for name, column in (("pitch_deg", 3), ("yaw_deg", 4)):
         turns = [pose(-x, **{name: angle}) for x in RANGES_M for angle in range(-15, 16)]
-        found = calibration.poses(measure(clear.expected(turns), SPACING_M))
+        found = calibration.poses(measure_moments(clear.expected(turns), SPACING_M))
         off = np.degrees(found - turns)
         assert np.sqrt(np.mean(off[:, column] ** 2)) < 0.6
         assert np.abs(off[:, 7 - column]).max() < 0.1
@@ -176,7 +174,7 @@ def test_range_is_the_papers_exponential():
     line = (np.log(4000) / 0.4, -1 / 0.4)
     calibration = MomentCalibration(SPACING_M, line, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
     image = np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]) / 9 * 4000 * np.exp(-0.4 * 6)
-    assert calibration.poses(measure(image, SPACING_M))[0] == pytest.approx(-6)
+    assert calibration.poses(measure_moments(image, SPACING_M))[0] == pytest.approx(-6)
 
 
 # --- Dead reckoning ------------------------------------------------------------------------------
@@ -215,7 +213,7 @@ def test_a_vehicle_that_follows_its_heading_is_reckoned_where_it_is():
 def test_a_single_image_has_the_pose_of_its_moments(clear, calibration):
     for truth in (pose(-8, 0.1, -0.2, 3, 0), pose(-6, -0.3, 0.1, -5, 4)):
         image = clear.expected(truth)
-        found = calibration.poses(measure(image, SPACING_M))
+        found = calibration.poses(measure_moments(image, SPACING_M))
         np.testing.assert_array_equal(calibration.pose(image), found)
 
 

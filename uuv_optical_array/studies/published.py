@@ -1,0 +1,349 @@
+"""The two published estimators, rebuilt from their descriptions, to stand beside ours.
+
+`LookUp` is that of the dissertation that the 2016 paper grew from (F. Eren, University of New
+Hampshire, 2015). A table of poses is searched for candidates whose peak is at the same detector as
+that of the image; of these the one of least cost ``c1 |dSk_h| + c2 |dSk_v| + c3 |dSAM|`` wins, with
+the differences in both skewnesses and in the spectral angle. The author dropped it as slow; sorted
+by the peak's detector, the table is fast enough.
+
+`MomentCalibration` is the image-moments method of Eren et al. (Sensors 2017, 17(8), 1741). Range
+comes from the peak reading, pitch and yaw from ratios of image moments. Position across is measured
+in the first frame only and carried forward by dead reckoning along the vehicle's heading. Every
+coefficient comes from a calibration. The text and the equations of the paper disagree on which
+ratio is pitch. With y horizontal, M23 is odd in y, so here it gives yaw.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z
+from uuv_optical_array.core.settings import Span
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
+from uuv_optical_array.estimation.table.signature_table import SignatureTable
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, TableSettings
+
+# The dissertation's grid: 4 to 8 m by 1 m, 0.3 m across by 0.03 m, 30 deg by 3 deg.
+GRID = TableSettings(
+    x_m=Span(-8.0, -4.0, 5),
+    y_m=Span(-0.3, 0.3, 21),
+    z_m=Span(-0.3, 0.3, 21),
+    pitch_deg=Span(-30.0, 30.0, 21),
+    yaw_deg=Span(-30.0, 30.0, 21),
+)
+# The calibration of 2017: 125 positions of an array that looks ahead, and turns on the beam's axis.
+RANGES_M = np.arange(4.5, 9.0, 1.0)
+ACROSS_M = np.linspace(-0.6, 0.6, 5)
+# The paper's z runs to one side, 0 to 0.8 m; here below the lamp, where its dive ends.
+DOWN_M = np.linspace(-0.8, 0.0, 5)
+TURNS_RAD = np.radians(np.arange(-15.0, 16.0))
+SAMPLES = 200  # images at each pose
+
+
+class Weights(NamedTuple):
+    """Of the look-up's cost; only their ratios matter. The author found them by trial."""
+
+    skewness_horizontal: float = 1.0
+    skewness_vertical: float = 1.0
+    spectral_angle: float = 16.0
+
+
+def lookup_scene(scene: Scene, grid: TableSettings = GRID) -> Scene:
+    """Return the scene with the dissertation's grid, and its peak at a whole detector."""
+    signature = dataclasses.replace(scene.signature, peak="detector")
+    return dataclasses.replace(scene, table=grid, signature=signature)
+
+
+class LookUp:
+    """Estimate poses by looking them up.
+
+    Parameters
+    ----------
+    table
+        Table of a scene whose signature has its peak at a whole detector, as `lookup_scene` does.
+    weights
+        Of the cost.
+
+    Raises
+    ------
+    ValueError
+        For a table whose peaks lie between detectors.
+    """
+
+    def __init__(self, table: SignatureTable, weights: Weights | None = None) -> None:
+        scene = table.scene
+        if scene.signature.peak != "detector":
+            raise ValueError(
+                f"table: signature.peak is {scene.signature.peak!r}; the look-up needs 'detector'"
+            )
+        self._full_scale_counts = scene.full_scale_counts
+        self._weights = np.array(weights or Weights())
+        self._side = scene.array.detectors_per_side
+        detectors = self._detector(table.parameters)
+        order = np.argsort(detectors, kind="stable")
+        self._starts = np.searchsorted(detectors[order], np.arange(self._side**2 + 1))
+        self._poses = table.poses[order]
+        self._features = self._compared(table.parameters[order])
+
+    def _detector(self, parameters: Array) -> Array:
+        """Return the number of the detector at the peak, row-major."""
+        column, row = np.rint(parameters[..., 1:3] + (self._side - 1) / 2).T
+        return row * self._side + column
+
+    def _compared(self, parameters: Array) -> Array:
+        """Return both skewnesses and the spectral angle to an array that looks at the lamp.
+
+        The parameters of that are (peak, 0, 0, 0, 0), whatever the range.
+        """
+        units = unit_vectors(parameters)
+        angles = np.arctan2(np.linalg.norm(units[..., 1:], axis=-1), units[..., 0])
+        return np.stack([parameters[..., 3], parameters[..., 4], angles], axis=-1)
+
+    def pose(self, image: ArrayLike) -> Array:
+        """Look up the pose of an image.
+
+        Parameters
+        ----------
+        image
+            Readings in counts, finite and >= 0, shape ``(side, side)``.
+
+        Returns
+        -------
+        Array
+            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``: a
+            row of the table, the first of equally good ones.
+
+        Raises
+        ------
+        NoPose
+            For an image of another shape, without light, or whose peak no pose of the table has.
+        """
+        image = np.asarray(image, dtype=float)
+        if image.shape != (self._side, self._side) or not np.isfinite(image).all():
+            raise NoPose(f"no image: the look-up needs {self._side} x {self._side} finite readings")
+        if image.max() <= 0:
+            raise NoPose(f"no light: the peak is {image.max():g} counts")
+        parameters = key_parameters(image, self._full_scale_counts, "detector")
+        detector = int(self._detector(parameters))
+        candidates = slice(*self._starts[detector : detector + 2])
+        if candidates.start == candidates.stop:
+            row, column = divmod(detector, self._side)
+            raise NoPose(f"no match: no pose of the table peaks in row {row}, column {column}")
+        differences = np.abs(self._features[candidates] - self._compared(parameters))
+        return np.array(self._poses[candidates][np.argmin(differences @ self._weights)])
+
+
+@dataclass(frozen=True)
+class Moments:
+    """What the moments method measures in n images, each of shape ``(n,)``.
+
+    Parameters
+    ----------
+    peak
+        Brightest reading, counts.
+    m21, m12
+        First moments about the peak along y and z, m.
+    yaw_ratio, pitch_ratio
+        M23 / M33 and M32 / M33, 1/m; nan where M33 is 0.
+    """
+
+    peak: Array
+    m21: Array
+    m12: Array
+    yaw_ratio: Array
+    pitch_ratio: Array
+
+
+@np.errstate(under="ignore")
+def image_moments(images: ArrayLike, spacing_m: float) -> Array:
+    """Compute ``M_pq = sum (y - y0)^(p-1) (z - z0)^(q-1) I / sum I``, p and q from 1 to 3.
+
+    Parameters
+    ----------
+    images
+        Readings, counts, shape ``(..., side, side)``; each with some light.
+    spacing_m
+        Distance between detectors, m.
+
+    Returns
+    -------
+    Array
+        M_pq at ``[..., p - 1, q - 1]``, m^(p + q - 2), shape ``(..., 3, 3)``; y and z run to port
+        and up, y0 and z0 are the peak's, between detectors by a parabola through its neighbours.
+    """
+    images = np.asarray(images, dtype=float)
+    side = images.shape[-1]
+    offsets = spacing_m * ((side - 1) / 2 - np.arange(side))
+    peak = -key_parameters(images, 1.0, "subdetector")[..., 1:3] * spacing_m
+    powers = np.arange(3)[:, None]
+    along_y = (offsets - peak[..., 0, None])[..., None, :] ** powers
+    along_z = (offsets - peak[..., 1, None])[..., None, :] ** powers
+    total = images.sum(axis=(-2, -1))[..., None, None]
+    # Rows of the image run along z, columns along y.
+    return (along_y @ np.swapaxes(images, -1, -2) @ np.swapaxes(along_z, -1, -2)) / total
+
+
+def measure_moments(images: ArrayLike, spacing_m: float) -> Moments:
+    """Measure images of shape ``(..., side, side)``, as `image_moments`."""
+    images = np.asarray(images, dtype=float)
+    moments = image_moments(images, spacing_m)
+    m33 = np.where(moments[..., 2, 2] > 0, moments[..., 2, 2], np.nan)
+    return Moments(
+        images.max(axis=(-2, -1)),
+        moments[..., 1, 0],
+        moments[..., 0, 1],
+        moments[..., 1, 2] / m33,
+        moments[..., 2, 1] / m33,
+    )
+
+
+@dataclass(frozen=True)
+class MomentCalibration:
+    """The moments method, calibrated: each pair of coefficients is for ``a + b value``.
+
+    Parameters
+    ----------
+    spacing_m
+        Of the array that was calibrated.
+    log_range
+        ``range = a + b log(peak)``: the paper's ``-log(peak / a1) / b1``.
+    pitch, yaw
+        rad, by the ratios.
+    y, z
+        m, by M21 and M12.
+    """
+
+    spacing_m: float
+    log_range: tuple[float, float]
+    pitch: tuple[float, float]
+    yaw: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float]
+
+    def poses(self, moments: Moments) -> Array:
+        """Return the poses of single images, m and rad, shape ``(..., 5)``; nan without one."""
+
+        def line(coefficients: tuple[float, float], values: Array) -> Array:
+            return coefficients[0] + coefficients[1] * values
+
+        poses = np.empty((*moments.peak.shape, 5))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            poses[..., X] = -line(self.log_range, np.log(moments.peak))
+        poses[..., Y] = line(self.y, moments.m21)
+        poses[..., Z] = line(self.z, moments.m12)
+        poses[..., PITCH] = line(self.pitch, moments.pitch_ratio)
+        poses[..., YAW] = line(self.yaw, moments.yaw_ratio)
+        return poses
+
+    def pose(self, image: ArrayLike) -> Array:
+        """Estimate the pose of a single image.
+
+        Parameters
+        ----------
+        image
+            Readings in counts, finite and >= 0, shape ``(side, side)``.
+
+        Returns
+        -------
+        Array
+            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+
+        Raises
+        ------
+        NoPose
+            For an image without light or without a pattern.
+        """
+        image = np.asarray(image, dtype=float)
+        if image.ndim != 2 or not np.isfinite(image).all():
+            raise NoPose("no image: the moments need a square of finite readings")
+        if image.max() <= 0:
+            raise NoPose(f"no light: the peak is {image.max():g} counts")
+        pose = self.poses(measure_moments(image, self.spacing_m))
+        if not np.isfinite(pose).all():
+            raise NoPose("no pattern: M33 is 0, so it has no angles; is one detector alone lit?")
+        if np.abs(pose[PITCH:]).max() >= np.pi / 2:
+            pitch, yaw = np.degrees(pose[PITCH:])
+            raise NoPose(f"no heading: the moments say pitch {pitch:.0f} and yaw {yaw:.0f} deg")
+        return pose
+
+
+def calibrate(
+    model: ForwardModel, rng: np.random.Generator, samples: int = SAMPLES
+) -> MomentCalibration:
+    """Calibrate the moments method in a scene, at the paper's poses.
+
+    Range and position are fitted over 125 positions of an array that looks ahead; pitch and yaw
+    over turns by 1 deg, one at a time, on the beam's axis at each range: the paper does not say
+    where its array was turned.
+
+    Parameters
+    ----------
+    model
+        Forward model of the scene.
+    rng
+        Source of the noise.
+    samples
+        How many images are averaged at each pose, >= 1.
+
+    Returns
+    -------
+    MomentCalibration
+        Least-squares fits.
+    """
+
+    def measured(poses: Array) -> Moments:
+        images = np.zeros((len(poses), model.array.side, model.array.side))
+        for _ in range(samples):
+            images += model.expose(poses, rng)
+        return measure_moments(images / samples, model.array.spacing_m)
+
+    def fit(values: Array, truth: Array) -> tuple[float, float]:
+        slope, offset = np.polyfit(values, truth, 1)
+        return float(offset), float(slope)
+
+    grid = np.stack(np.meshgrid(-RANGES_M, ACROSS_M, DOWN_M, indexing="ij"), axis=-1).reshape(-1, 3)
+    places = np.concatenate([grid, np.zeros((len(grid), 2))], axis=1)
+    at_places = measured(places)
+    ranges, angles = (values.ravel() for values in np.meshgrid(RANGES_M, TURNS_RAD))
+    turns = np.zeros((2, ranges.size, 5))
+    turns[..., X], turns[0, :, PITCH], turns[1, :, YAW] = -ranges, angles, angles
+    pitched, yawed = map(measured, turns)
+    return MomentCalibration(
+        model.array.spacing_m,
+        fit(np.log(at_places.peak), -places[:, X]),
+        fit(pitched.pitch_ratio, angles),
+        fit(yawed.yaw_ratio, angles),
+        fit(at_places.m21, places[:, Y]),
+        fit(at_places.m12, places[:, Z]),
+    )
+
+
+def dead_reckoned(poses: Array) -> Array:
+    """Carry y and z of the first frame forward, along the heading of each later one.
+
+    ``dx = x(k+1) - x(k)``, ``R = dx / (cos pitch cos yaw)``, ``dy = R cos pitch sin yaw`` and
+    ``dz = -R sin pitch`` (bow down is positive, and z is up), with the angles of frame k+1.
+
+    Parameters
+    ----------
+    poses
+        Estimates of single frames, m and rad, shape ``(..., frames, 5)``.
+
+    Returns
+    -------
+    Array
+        The same with y and z replaced from the second frame on.
+    """
+    x, pitch, yaw = (poses[..., dof] for dof in (X, PITCH, YAW))
+    advance = np.diff(x) / (np.cos(pitch) * np.cos(yaw))[..., 1:]
+    reckoned = poses.copy()
+    for dof, share in {Y: np.cos(pitch) * np.sin(yaw), Z: -np.sin(pitch)}.items():
+        moved = np.cumsum(advance * share[..., 1:], axis=-1)
+        reckoned[..., 1:, dof] = poses[..., :1, dof] + moved
+    return reckoned

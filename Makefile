@@ -30,7 +30,7 @@ view: $(INSTALLED)  ## watch a follow in the browser; options by ARGS='...'
 	@$(BIN)/uuv_array view $(ARGS)
 
 tradeoff: $(INSTALLED)  ## measure and draw what accuracy costs in time; options by ARGS='...'
-	@$(BIN)/uuv_array tradeoff $(ARGS)
+	@$(BIN)/uuv_array study tradeoff $(ARGS)
 
 # A process for each core, and in each of them one thread for algebra.
 test: export OPENBLAS_NUM_THREADS = 1

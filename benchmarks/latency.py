@@ -27,7 +27,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.commands.shared import cli, report
+from uuv_optical_array.cli import options, report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -123,7 +123,7 @@ def watched(owner: Any, name: str, spent: dict[str, list[float]], stage: str) ->
     setattr(owner, name, timed)
 
 
-def measure(options: argparse.Namespace, apart: bool, method: str, side: int) -> None:
+def measure(args: argparse.Namespace, apart: bool, method: str, side: int) -> None:
     """Print a line for each rate."""
     rng = np.random.default_rng(1)
     spent: dict[str, list[float]] = {}
@@ -148,8 +148,8 @@ def measure(options: argparse.Namespace, apart: bool, method: str, side: int) ->
             spin(executor, lambda: not estimator.compiler.done)
             executor.spin_once(timeout_sec=0.2)  # the compiled fit takes over
         begun_ns = 10**9
-        for rate_hz in options.rates:
-            count = round(options.seconds * rate_hz)
+        for rate_hz in args.rates:
+            count = round(args.seconds * rate_hz)
             stamps = [begun_ns + round(i * 1e9 / rate_hz) for i in range(count)]
             begun_ns = stamps[-1] + 10**8
             messages = exposures(scene, stamps, rng)
@@ -194,14 +194,14 @@ def line(
     print(" ".join(f"{cell:>8}" for cell in cells), flush=True)
 
 
-def table(options: argparse.Namespace) -> int:
+def table(args: argparse.Namespace) -> int:
     """Print the table of each method."""
-    for method in options.methods:
+    for method in args.methods:
         print(f"{method}, times in ms, 'late' in frame times")
         print(" ".join(f"{name:>8}" for name in COLUMNS))
-        for processes in options.processes:
-            for side in options.sides:
-                measure(options, processes == 2, method, side)
+        for processes in args.processes:
+            for side in args.sides:
+                measure(args, processes == 2, method, side)
     return 0
 
 
@@ -214,13 +214,13 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["least_squares", "sam_interpolated"])
     parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
     parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
-    cli.add_report(parser)
-    options = parser.parse_args()
-    options.run = table
-    if options.report:
-        report.run(options, sys.argv[1:], PROGRAM)
+    options.add_report(parser)
+    args = parser.parse_args()
+    args.run = table
+    if args.report:
+        report.run(args, sys.argv[1:], PROGRAM)
     else:
-        table(options)
+        table(args)
 
 
 if __name__ == "__main__":

@@ -204,6 +204,16 @@ def options_table(parser: argparse.ArgumentParser) -> str:
     return table(("option", "value", "meaning"), rows)
 
 
+def command_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the parser of every command, the studies among them."""
+    if parser._subparsers is None:
+        yield parser
+        return
+    (subparsers,) = parser._subparsers._group_actions
+    for command in subparsers.choices.values():
+        yield from command_parsers(command)
+
+
 def commands() -> list[str]:
     """Return the page of the commands."""
     parts = [
@@ -211,10 +221,9 @@ def commands() -> list[str]:
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
         "`.venv/bin/uuv_array COMMAND`. `--help` prints what stands here.",
     ]
-    (subparsers,) = build_parser()._subparsers._group_actions
-    for name, parser in subparsers.choices.items():
+    for parser in command_parsers(build_parser()):
         described = parser.description.replace("<", "&lt;")
-        parts += [f"## `uuv_array {name}`", described, options_table(parser)]
+        parts += [f"## `{parser.prog}`", described, options_table(parser)]
         if parser.epilog:
             parts.append(f"```text\n{parser.epilog}\n```")
     return parts
@@ -318,7 +327,7 @@ def mismatches() -> list[str]:
     ]
     return [
         "# Kinds of mismatch",
-        "How the sea can differ from the scene, as `uuv_array robustness` "
+        "How the sea can differ from the scene, as `uuv_array study robustness` "
         "[measures it](../results/robustness.md), and what to do about it. The third column "
         "is in standard deviations of a scene whose prior is `known: calibrated`.",
         table(("kind", "what differs", "times the prior", "what to do"), rows),

@@ -12,7 +12,7 @@ from peers import light, report
 from peers.exact import hard_cases, verdict
 from peers.libraries import BUILDERS, missing
 from peers.search import compare, figures, one_thread, signatures
-from uuv_optical_array.commands.shared import cli, progress
+from uuv_optical_array.cli import options, progress
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene, load_scene
@@ -50,7 +50,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    cli.add_scene(parser, "reference")
+    options.add_scene(parser, "reference")
     parser.add_argument(
         "--rows",
         nargs="+",
@@ -64,7 +64,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=1, help="random numbers (default: 1)")
     parser.add_argument("--output", type=Path, metavar="PNG", help="draw time against rows too")
-    cli.add_json(parser)
+    options.add_json(parser)
     return parser
 
 
@@ -85,17 +85,17 @@ def search(
     return {"rows": rows, "peers": figures(answers, verdicts)}
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Measure, print, and draw where asked."""
-    sizes = sorted({check(ROWS, _whole(rows), "--rows") for rows in options.rows})
-    count = check(POSES, _whole(options.poses), "--poses")
-    rng = np.random.default_rng(check(SEED, options.seed, "--seed"))
-    scene = load_scene(options.scene)
+    sizes = sorted({check(ROWS, _whole(rows), "--rows") for rows in args.rows})
+    count = check(POSES, _whole(args.poses), "--poses")
+    rng = np.random.default_rng(check(SEED, args.seed, "--seed"))
+    scene = load_scene(args.scene)
     absent = missing()
     result: dict[str, Any] = {"scene": scene.name, "missing": absent}
 
     def say(text: str) -> None:
-        if not options.json:
+        if not args.json:
             print(text)
 
     if absent:
@@ -122,13 +122,13 @@ def run(options: argparse.Namespace) -> int:
                 say(report.light(result["simulation"]))
         except KeyboardInterrupt:
             say("interrupted: what is above stands")
-            code = cli.INTERRUPTED
+            code = options.INTERRUPTED
     if searches:
         result |= {**searches[-1], "smaller": searches[:-1]}
-    if options.json:
+    if args.json:
         print(json.dumps(result))
-    if options.output is not None and searches:
-        output = files.user_path(options.output)
+    if args.output is not None and searches:
+        output = files.user_path(args.output)
         report.draw(searches, output)
         say(f"picture: {output}")
     return code

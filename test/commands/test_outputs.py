@@ -14,7 +14,7 @@ from command_line import run
 from conftest import PATIENCE_S
 from matplotlib.figure import Figure
 
-from uuv_optical_array.commands.shared import outputs
+from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
@@ -25,22 +25,22 @@ from uuv_optical_array.plots.style import save
 FILES = [
     (("render",), "--output", ".png"),
     (("limits",), "--output", ".pdf"),
-    (("accuracy", "--known"), "--output", ".svg"),
-    (("robustness",), "--output", ".png"),
-    (("approach",), "--output", ".png"),
-    (("paper",), "--output", ".png"),
+    (("study", "accuracy", "--known"), "--output", ".svg"),
+    (("study", "robustness"), "--output", ".png"),
+    (("study", "approach"), "--output", ".png"),
+    (("study", "paper"), "--output", ".png"),
     (("follow",), "--output", ".png"),
-    (("design",), "--csv", ".csv"),
-    (("design",), "--picture", ".png"),
+    (("study", "design"), "--csv", ".csv"),
+    (("study", "design"), "--picture", ".png"),
     (("calibrate", "no_bag"), "--output", ".yaml"),
     (("calibrate", "no_bag"), "--picture", ".png"),
     (("commission",), "--output", ".yml"),
-    (("robustness",), "--report", ".md"),
+    (("study", "robustness"), "--report", ".md"),
 ]
 FOLDERS = [
     (("table",), "--output"),
     (("table", "--threads", "1"), "--output"),
-    (("tradeoff",), "--output"),
+    (("study", "tradeoff"), "--output"),
     (("estimate", "no_bag"), "--output"),
     (("follow",), "--record"),
 ]

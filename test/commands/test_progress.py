@@ -12,8 +12,8 @@ import termios
 import pytest
 from command_line import run
 
-from uuv_optical_array.commands.shared import estimators, progress
-from uuv_optical_array.commands.shared.cli import whole_number
+from uuv_optical_array.cli import estimators, progress
+from uuv_optical_array.cli.options import whole_number
 
 
 class Clock:
@@ -104,16 +104,16 @@ def test_a_whole_number_may_be_written_as_a_power(text, number):
 @pytest.mark.parametrize(
     "words",
     [
-        ("accuracy", "--poses"),
+        ("study", "accuracy", "--poses"),
         ("follow", "--seed"),
         ("table", "--threads"),
-        ("design", "--take"),
-        ("design", "--side"),
+        ("study", "design", "--take"),
+        ("study", "design", "--side"),
     ],
 )
 def test_what_is_no_whole_number_is_refused(words, text, capsys):
     run(*words, text, code=2)
-    assert f"argument {words[1]}: {text!r} is no whole number" in capsys.readouterr().err
+    assert f"argument {words[-1]}: {text!r} is no whole number" in capsys.readouterr().err
 
 
 def test_the_version_is_that_of_the_package(capsys):

@@ -6,15 +6,15 @@ import pytest
 from command_line import run
 from pages import PAGES
 
-from uuv_optical_array.commands.shared import report
+from uuv_optical_array.cli import report
 from uuv_optical_array.commands.studies import paper
 
-BEGIN = report.BEGIN.format("uuv_array paper --seed 2")
+BEGIN = report.BEGIN.format("uuv_array study paper --seed 2")
 
 
 @pytest.fixture
 def printing(monkeypatch):
-    """Let ``uuv_array paper`` print these lines and end with this code, and nothing else."""
+    """Let ``uuv_array study paper`` print these lines and end with this code, and nothing else."""
     told = {"text": "a figure", "code": 0}
 
     def run_paper(options):
@@ -27,10 +27,10 @@ def printing(monkeypatch):
 
 def test_a_page_gets_the_command_and_what_it_printed(printing, tmp_path, capsys):
     page = tmp_path / "page.md"
-    run("paper", "--seed", 2, "--report", page)
+    run("study", "paper", "--seed", 2, "--report", page)
     assert capsys.readouterr().out == "a figure\n"
     assert page.read_text(encoding="utf-8") == (
-        f"{BEGIN}\n\n```sh\nuuv_array paper --seed 2\n```\n\n```text\na figure\n```\n\n"
+        f"{BEGIN}\n\n```sh\nuuv_array study paper --seed 2\n```\n\n```text\na figure\n```\n\n"
         f"{report.END}\n"
     )
 
@@ -38,15 +38,15 @@ def test_a_page_gets_the_command_and_what_it_printed(printing, tmp_path, capsys)
 def test_a_block_takes_the_place_of_that_of_the_same_command_alone(printing, tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# Before\n", encoding="utf-8")
-    run("paper", "--seed", 2, "--report", page)
-    run("paper", f"--repo={page}", "--seed", 3)  # as argparse takes it
+    run("study", "paper", "--seed", 2, "--report", page)
+    run("study", "paper", f"--repo={page}", "--seed", 3)  # as argparse takes it
     page.write_text(page.read_text(encoding="utf-8") + "\nAfter.\n", encoding="utf-8")
     old = page.read_text(encoding="utf-8")
     printing["text"] = "another figure"
-    run("paper", "--report", page, "--seed", 2)
+    run("study", "paper", "--report", page, "--seed", 2)
     first, second = old.split("a figure")[0], old.split("a figure", 1)[1]
     assert page.read_text(encoding="utf-8") == f"{first}another figure{second}"
-    assert "\nuuv_array paper --seed 3\n" in second
+    assert "\nuuv_array study paper --seed 3\n" in second
     assert old.startswith("# Before\n\n")
     assert old.endswith("After.\n")
 
@@ -61,7 +61,7 @@ def test_a_command_that_fails_leaves_the_page(printing, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"{BEGIN}\nold\n{report.END}", encoding="utf-8")
     printing["code"] = 130
-    run("paper", "--seed", 2, "--report", page, code=130)
+    run("study", "paper", "--seed", 2, "--report", page, code=130)
     assert page.read_text(encoding="utf-8") == f"{BEGIN}\nold\n{report.END}"
 
 
@@ -69,10 +69,13 @@ def test_a_command_that_fails_leaves_the_page(printing, tmp_path):
 def test_a_page_that_cannot_be_filled_is_refused_before_the_work(printing, tmp_path, capsys, text):
     page = tmp_path / "page.md"
     page.write_text(text, encoding="utf-8")
-    error = run("paper", "--seed", 2, "--report", page, code=1)
-    assert error == f"uuv_array paper: --report {page}: no line {report.END} after {BEGIN}; add it"
-    assert "make it first" in run("paper", "--report", tmp_path / "no" / "page.md", code=1)
-    assert "leave --json out" in run("paper", "--json", "--report", page, code=1)
+    error = run("study", "paper", "--seed", 2, "--report", page, code=1)
+    assert (
+        error
+        == f"uuv_array study paper: --report {page}: no line {report.END} after {BEGIN}; add it"
+    )
+    assert "make it first" in run("study", "paper", "--report", tmp_path / "no" / "page.md", code=1)
+    assert "leave --json out" in run("study", "paper", "--json", "--report", page, code=1)
     assert capsys.readouterr().out == ""
     assert page.read_text(encoding="utf-8") == text
 

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from generated import reference
 from pages import PACKAGE, PAGES, ROOT, without_blocks
 
 from uuv_optical_array.commands import build_parser
@@ -29,8 +30,10 @@ def anchors(page):
 
 def options_of_commands():
     """Return the options of each command of ``uuv_array``, by its name."""
-    (commands,) = build_parser()._subparsers._group_actions
-    return {name: set(parser._option_string_actions) for name, parser in commands.choices.items()}
+    return {
+        parser.prog.removeprefix("uuv_array "): set(parser._option_string_actions)
+        for parser in reference.command_parsers(build_parser())
+    }
 
 
 @each_page
@@ -61,7 +64,7 @@ def test_every_command_and_each_of_its_options_is_there(page):
     known = options_of_commands()
     every = set.union(*known.values())
     for piece in code(page):
-        for command, rest in re.findall(r"uuv_array ([a-z]+)(.*)", piece):
+        for command, rest in re.findall(r"uuv_array ((?:study )?[a-z]+)(.*)", piece):
             assert command in known, piece
             used = set(re.findall(r"(?<=[ \[])--?[a-z][a-z-]*", rest))
             assert used <= known[command], piece

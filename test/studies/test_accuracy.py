@@ -1,4 +1,4 @@
-"""``uuv_array accuracy``: statistics in closed form on planted errors, then real runs."""
+"""``uuv_array study accuracy``: statistics in closed form on planted errors, then real runs."""
 
 import functools
 import json
@@ -65,7 +65,7 @@ def fake_accuracy(model, poses, errors):
     return accuracy.measure(fake, poses, model.expose(poses, np.random.default_rng(7)))
 
 
-run = functools.partial(command_line.run, "accuracy")
+run = functools.partial(command_line.run, "study", "accuracy")
 
 
 def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, honest):
@@ -290,7 +290,7 @@ def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file
 )
 def test_what_is_no_study_is_refused_in_one_line(words, named):
     error = run(*words, code=1)
-    assert error.startswith("uuv_array accuracy: ")
+    assert error.startswith("uuv_array study accuracy: ")
     for word in named:
         assert word in error
 

@@ -1,4 +1,4 @@
-"""``uuv_array approach``: paths and noise against theory, then real runs, cut short and whole."""
+"""``uuv_array study approach``: paths and noise against theory, then real runs."""
 
 import dataclasses
 import functools
@@ -50,7 +50,7 @@ def tank(tank_file):
     return load_scene(tank_file)
 
 
-run = functools.partial(command_line.run, "approach")
+run = functools.partial(command_line.run, "study", "approach")
 
 
 # --- Paths ---------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The designs that stand for all, and ``uuv_array design``."""
+"""The designs that stand for all, and ``uuv_array study design``."""
 
 import dataclasses
 import functools
@@ -103,7 +103,7 @@ def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
     assert [row.score.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
 
 
-run = functools.partial(command_line.run, "design")
+run = functools.partial(command_line.run, "study", "design")
 
 
 LISTS = ["--side", 3, 5, "--size", 0.2, 0.4, "--radius", 0.2, 0.32, "--beam-sigma-deg", 6, 8]
@@ -258,7 +258,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
     monkeypatch.chdir(tmp_path)
-    assert re.search(f"^uuv_array design: .*{error}", run(*words, code=1))
+    assert re.search(f"^uuv_array study design: .*{error}", run(*words, code=1))
     assert not list(tmp_path.iterdir())
 
 

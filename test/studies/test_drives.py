@@ -1,4 +1,4 @@
-"""``uuv_array drives``: the course, figures of planted errors, and the command."""
+"""``uuv_array study drives``: the course, figures of planted errors, and the command."""
 
 import functools
 import json
@@ -16,7 +16,7 @@ from uuv_optical_array.studies import drives
 from uuv_optical_array.studies.drives import LAST_S, Drive, as_object, course, drive
 from uuv_optical_array.studies.errors import FrameErrors
 
-run = functools.partial(command_line.run, "drives")
+run = functools.partial(command_line.run, "study", "drives")
 
 
 def test_a_course_goes_from_afar_to_near_and_back_within_what_a_vehicle_can_do():

@@ -1,4 +1,4 @@
-"""``uuv_array paper``: what it prints, draws and leaves, whole or cut short."""
+"""``uuv_array study paper``: what it prints, draws and leaves, whole or cut short."""
 
 import contextlib
 import functools
@@ -18,7 +18,7 @@ from uuv_optical_array.studies.eren2016 import figures as paper
 from uuv_optical_array.studies.eren2016 import reproduction
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS
 
-run = functools.partial(command_line.run, "paper")
+run = functools.partial(command_line.run, "study", "paper")
 
 
 def assert_picture(path):
@@ -126,7 +126,7 @@ def test_json_holds_every_point_curve_size_and_choice(whole):
 
 
 def test_ctrl_c_reports_what_there_is(tmp_path):
-    program = [*command_line.PROGRAM, "paper", "--output", tmp_path / "p.png"]
+    program = [*command_line.PROGRAM, "study", "paper", "--output", tmp_path / "p.png"]
     code, *told = command_line.interrupted(program, rb"\b[1-9]\d*/\d+ .*point")
     out, error = (text.decode() for text in told)
     assert code == 130, out + error
@@ -204,7 +204,7 @@ def test_an_interrupt_between_points_keeps_those_before_and_draws_nothing(capsys
 )
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, words, named):
     error = run(*words, "--output", tmp_path / "p.png", code=1)
-    assert error.startswith("uuv_array paper: ")
+    assert error.startswith("uuv_array study paper: ")
     for word in named:
         assert word in error
     assert not list(tmp_path.iterdir())
@@ -218,7 +218,7 @@ def test_a_word_that_is_no_option_is_refused_by_name(capsys, words):
 
 def test_a_folder_that_is_not_there_is_refused_in_one_line_and_at_once(tmp_path):
     error = run("--output", tmp_path / "deep" / "p.png", code=1)
-    assert error.startswith("uuv_array paper: --output")
+    assert error.startswith("uuv_array study paper: --output")
     assert f"no folder {tmp_path / 'deep'}" in error
 
 
@@ -227,4 +227,4 @@ def test_help_explains_every_option_and_shows_examples(capsys):
     text = capsys.readouterr().out
     for option in ("--scene", "--seed", "--output", "--json"):
         assert re.search(rf"{option}\b.*?\s\w+ \w+", text, re.DOTALL)
-    assert len(re.findall(r"^  uuv_array paper\b", text.partition("examples:")[2], re.M)) >= 3
+    assert len(re.findall(r"^  uuv_array study paper\b", text.partition("examples:")[2], re.M)) >= 3

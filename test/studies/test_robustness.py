@@ -1,4 +1,4 @@
-"""``uuv_array robustness``: figures of planted errors, what is plausible, and whole runs."""
+"""``uuv_array study robustness``: figures of planted errors, what is plausible, and whole runs."""
 
 import dataclasses
 import functools
@@ -21,7 +21,7 @@ from uuv_optical_array.studies.robustness import study
 from uuv_optical_array.studies.robustness.kinds import KINDS, SHIPPED, kinds_named
 from uuv_optical_array.studies.working_volume import lit_poses
 
-run = functools.partial(command_line.run, "robustness")
+run = functools.partial(command_line.run, "study", "robustness")
 BY_NAME = {kind.name: kind for kind in KINDS}
 # What a program that reads the answer counts on.
 KEYS = ("kind", "frames", "answered", "beyond_6_sigma", "beyond_1_m", "nees_mean")
@@ -235,6 +235,6 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
 def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):
     monkeypatch.setattr(command, "Estimator", None)
     error = run(*words, code=1)
-    assert error.startswith("uuv_array robustness: ")
+    assert error.startswith("uuv_array study robustness: ")
     for word in named:
         assert word in error

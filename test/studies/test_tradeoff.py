@@ -1,4 +1,4 @@
-"""``uuv_array tradeoff``: the front, what is measured, and whole runs."""
+"""``uuv_array study tradeoff``: the front, what is measured, and whole runs."""
 
 import csv
 import dataclasses
@@ -68,7 +68,7 @@ def small(monkeypatch):
     )
 
 
-run = functools.partial(command_line.run, "tradeoff")
+run = functools.partial(command_line.run, "study", "tradeoff")
 
 
 # --- the front -----------------------------------------------------------------------------
@@ -261,7 +261,7 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monk
     before = (tmp_path / "tradeoff.csv").read_bytes()
     heard = counted(monkeypatch)
     error = run("--output", tmp_path, code=1)
-    assert error.startswith(f"uuv_array tradeoff: {tmp_path}/tradeoff.csv: ")
+    assert error.startswith(f"uuv_array study tradeoff: {tmp_path}/tradeoff.csv: ")
     assert "\n" not in error
     assert heard == []
     assert (tmp_path / "tradeoff.csv").read_bytes() == before

@@ -4,12 +4,13 @@ import argparse
 import errno
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 
 from uuv_optical_array import __version__
+from uuv_optical_array.cli import options, report
 from uuv_optical_array.commands import calibrate, commission, estimate, follow, view
 from uuv_optical_array.commands.scene import render, scenes, table
-from uuv_optical_array.commands.shared import cli, report
 from uuv_optical_array.commands.studies import (
     accuracy,
     advise,
@@ -22,25 +23,8 @@ from uuv_optical_array.commands.studies import (
     tradeoff,
 )
 
-COMMANDS = (
-    follow,
-    scenes,
-    view,
-    render,
-    calibrate,
-    commission,
-    estimate,
-    table,
-    limits,
-    accuracy,
-    robustness,
-    drives,
-    tradeoff,
-    advise,
-    design,
-    approach,
-    paper,
-)
+COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
+STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -52,29 +36,42 @@ def build_parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:
         command.add_parser(subparsers)
+    study = subparsers.add_parser(
+        "study",
+        help="measure accuracy, robustness, cost, designs and published results by simulation",
+        description="Measure by simulation what the array and the estimators can do.",
+    )
+    studies = study.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for module in STUDIES:
+        module.add_parser(studies)
     return parser
 
 
-def main(args: list[str] | None = None) -> None:
+def _refuse_moved(words: Sequence[str]) -> None:
+    """Exit with code 2 where the name of a study stands in the place of a command."""
+    if words and words[0] in {module.__name__.rpartition(".")[2] for module in STUDIES}:
+        print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
+        sys.exit(2)
+
+
+def main(words: list[str] | None = None) -> None:
     """Run ``uuv_array``; an error the user can mend ends it with one line and exit code 1.
 
     A Ctrl-C at a moment at which the command itself expects none ends it with a line, too.
     """
-    words = sys.argv[1:] if args is None else args
-    options = build_parser().parse_args(words)
+    words = sys.argv[1:] if words is None else words
+    _refuse_moved(words)
+    args = build_parser().parse_args(words)
     try:
-        if getattr(options, "report", None):
-            code = report.run(options, words)
-        else:
-            code = options.run(options)
+        code = report.run(args, words) if getattr(args, "report", None) else args.run(args)
         _flush()
     except (ValueError, OSError) as error:
         with suppress(OSError):
             _flush()
-        sys.exit(f"uuv_array {options.command}: {_told(error)}")
+        sys.exit(f"{args.prog}: {_told(error)}")
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(cli.INTERRUPTED)
+        sys.exit(options.INTERRUPTED)
     sys.exit(code)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
-from uuv_optical_array.commands.shared import cli, outputs, progress
-from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli.bag_options import add_bag, read_bag
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -35,10 +35,10 @@ examples:
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
 NUMBERS = {
-    "position-std": cli.Number(
+    "position-std": options.Number(
         Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10), 0.0
     ),
-    "attitude-std-deg": cli.Number(
+    "attitude-std-deg": options.Number(
         Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90), 0.0
     ),
 }
@@ -46,9 +46,9 @@ LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "calibrate",
         run,
@@ -57,7 +57,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         EPILOG,
     )
     add_bag(parser)
-    cli.add_scene(parser, "follow")
+    options.add_scene(parser, "follow")
     parser.add_argument(
         "-o",
         "--output",
@@ -66,8 +66,8 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         help="scene to write (default: %(default)s)",
     )
     outputs.add_picture(parser, None, "--picture", "draw the residuals")
-    cli.add_json(parser)
-    cli.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    options.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--hold",
         action="append",
@@ -190,39 +190,39 @@ def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
     }
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Read the bag, fit, print and write."""
-    position, attitude = cli.numbers_of(options, NUMBERS)
+    position, attitude = options.numbers_of(args, NUMBERS)
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
-    scene, bag = load_scene(options.scene), files.user_path(options.bag)
-    like = own_text(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
-    picture = options.picture
+    scene, bag = load_scene(args.scene), files.user_path(args.bag)
+    like = own_text(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
+    picture = args.picture
     if picture is not None:
         picture = outputs.file_to_write(picture, "--picture", outputs.PICTURE)
     try:
-        recording = read_bag(options, scene)
+        recording = read_bag(args, scene)
         with progress.counter(unit="step") as steps:
             found = calibrate(
                 scene,
                 recording.images,
                 recording.poses,
                 recording.rolls,
-                options.hold,
+                args.hold,
                 pose_std,
-                options.noise,
+                args.noise,
                 steps.update,
             )
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
-        return cli.INTERRUPTED
-    written = options.force or not found.refusal
+        return options.INTERRUPTED
+    written = args.force or not found.refusal
     if written:
         comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
         save_scene(found.scene, output, comment, like)
-    if options.json:
+    if args.json:
         print(json_text(as_json(found, recording)))
     else:
         print(report(found, recording, bag, scene.name))
@@ -239,7 +239,7 @@ def run(options: argparse.Namespace) -> int:
             picture,
             f"Calibration from {bag.name}: residuals of {int(found.fair.sum())} readings",
         )
-        if not options.json:
+        if not args.json:
             print(f"picture: {picture}")
     if not written:
         raise ValueError(f"{bag}: no scene written: {found.refusal}; --force writes it")

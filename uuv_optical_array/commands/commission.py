@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
-from uuv_optical_array.commands.shared import cli, outputs
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
@@ -29,12 +29,12 @@ sweeps, 3 images or more for each column. An array on a serial line is heard by 
 publishes its images. Ctrl-C writes nothing."""
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers, "commission", run, "find an array's wiring with a torch", DESCRIPTION, EPILOG
     )
-    cli.add_scene(parser, "follow")
+    options.add_scene(parser, "follow")
     parser.add_argument(
         "--bag",
         type=Path,
@@ -58,29 +58,29 @@ def sweeps_of(scene: Scene) -> TorchSweeps:
     return TorchSweeps(side, full, lambda text: print(text, flush=True))
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Watch both sweeps and write the scene."""
-    scene, like = load_scene(options.scene), own_text(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.SCENE)
+    scene, like = load_scene(args.scene), own_text(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     array = dataclasses.replace(scene.array, wiring=None)
-    if options.bag is not None:
+    if args.bag is not None:
         sweeps = sweeps_of(scene)
         recording = read_recording(
-            files.user_path(options.bag), array, Topics(options.topic), poses_needed=False
+            files.user_path(args.bag), array, Topics(args.topic), poses_needed=False
         )
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)
         sweeps.end_sweep()
         if sweeps.wiring is None:
-            raise ValueError(f"bag {options.bag}: it ends before both sweeps are over")
+            raise ValueError(f"bag {args.bag}: it ends before both sweeps are over")
     else:
         listen = needs("ros", "uuv_optical_array.nodes.shared.image_listener").listen
         sweeps = sweeps_of(scene)
-        listen(options.topic, array, sweeps.take, lambda: sweeps.wiring is None)
+        listen(args.topic, array, sweeps.take, lambda: sweeps.wiring is None)
     wiring = sweeps.wiring
     if wiring is None:
         print("interrupted: nothing was written")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     print(f"wiring: {description(wiring, scene.array.detectors_per_side)}")
     straight = wiring == list(range(len(wiring)))
     wired = dataclasses.replace(scene.array, wiring=None if straight else wiring)

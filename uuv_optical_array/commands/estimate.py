@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
-from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
-from uuv_optical_array.commands.shared.estimators import table_of
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli.bag_options import add_bag, read_bag
+from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -43,38 +43,38 @@ Ctrl-C ends it early and writes what there is. Needs the extra `bags` (pip insta
 'uuv_optical_array[bags]'), but no ROS."""
 
 NUMBERS = {
-    "processes": cli.Number(Quantity("how many work at a time; 0: one a core", "", 0, 1024), 0)
+    "processes": options.Number(Quantity("how many work at a time; 0: one a core", "", 0, 1024), 0)
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers, "estimate", run, "estimate the poses of a recorded bag", DESCRIPTION, EPILOG
     )
     add_bag(parser, commands=True)
-    cli.add_scene(parser, "follow")
-    cli.add_method(parser)
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
     parser.add_argument(
         "--track", action="store_true", help="filter the frames, and learn the constants"
     )
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to make (default: the bag's name _estimates)"
     )
-    cli.add_numbers(parser, NUMBERS)
+    options.add_numbers(parser, NUMBERS)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Read, estimate, write and print."""
-    (processes,) = cli.numbers_of(options, NUMBERS)
+    (processes,) = options.numbers_of(args, NUMBERS)
     output = outputs.folder_to_write(
-        options.output or f"{options.bag.absolute().stem}_estimates", "--output", new=True
+        args.output or f"{args.bag.absolute().stem}_estimates", "--output", new=True
     )
-    scene = load_scene(options.scene)
-    recording = read_bag(options, scene, poses_needed=False)
-    estimator = Estimator(table_of(scene), options.method)
+    scene = load_scene(args.scene)
+    recording = read_bag(args, scene, poses_needed=False)
+    estimator = Estimator(table_of(scene), args.method)
     tracker = None
-    if options.track:
+    if args.track:
         tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     frames: list[Frame] = []
     started, exit_code = time.monotonic(), 0
@@ -85,14 +85,14 @@ def run(options: argparse.Namespace) -> int:
             for frame in progress.over(answers, total=len(recording.images)):
                 frames.append(frame)
         except KeyboardInterrupt:
-            exit_code = cli.INTERRUPTED
+            exit_code = options.INTERRUPTED
     took_s = time.monotonic() - started
     with files.whole_directory(output) as folder:
         names = write_results(folder, frames, recording)
     if exit_code:
         print(f"interrupted after {len(frames)} of {len(recording.images)} images")
-    print(report(frames, recording, took_s, options.track))
-    print(f"{options.method} in scene {scene.name}: {', '.join(names)} in {output}")
+    print(report(frames, recording, took_s, args.track))
+    print(f"{args.method} in scene {scene.name}: {', '.join(names)} in {output}")
     return exit_code
 
 

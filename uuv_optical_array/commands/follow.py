@@ -9,7 +9,7 @@ import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from uuv_optical_array.commands.shared import cli, outputs
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core.extras import needs
@@ -36,9 +36,9 @@ Ctrl-C ends the run early, reports what there is, and makes the exit code 130. W
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "follow",
         run,
@@ -56,7 +56,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
     parser.add_argument(
         "--seed",
-        type=cli.whole_number,
+        type=options.whole_number,
         help="seed of the noise (default: the parameter file's, a new one)",
     )
     parser.add_argument(
@@ -66,7 +66,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     )
     parser.add_argument(
         "--followers",
-        type=cli.whole_number,
+        type=options.whole_number,
         default=1,
         metavar="N",
         help="how many followers (default: 1)",
@@ -108,25 +108,25 @@ def live_line(record: FollowRecord, elapsed_s: float) -> Text:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the demonstration; return 1 when the leader was lost."""
-    picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
-    record = options.record and outputs.folder_to_write(options.record, "--record", new=True)
+    picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    record = args.record and outputs.folder_to_write(args.record, "--record", new=True)
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
-    if options.params_file is not None:
-        if not options.params_file.is_file():
-            raise ValueError(f"--params-file {options.params_file}: no such file")
-        ros_args += ["--params-file", str(options.params_file)]
+    if args.params_file is not None:
+        if not args.params_file.is_file():
+            raise ValueError(f"--params-file {args.params_file}: no such file")
+        ros_args += ["--params-file", str(args.params_file)]
     # One follower takes the station of its parameters.
-    fleet = [] if options.followers == 1 else vee(options.followers, not options.no_chain)
-    scene = options.scene or ("formation" if fleet and options.params_file is None else None)
+    fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)
+    scene = args.scene or ("formation" if fleet and args.params_file is None else None)
     if scene is not None:
         ros_args += ["-p", f"scene:={scene}"]
-    if options.seed is not None:
-        ros_args += ["-p", f"simulator_node:seed:={options.seed}"]
+    if args.seed is not None:
+        ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
     # A line that is drawn over itself is for a terminal.
-    live_line_wanted = sys.stdout.isatty() and not options.headless
+    live_line_wanted = sys.stdout.isatty() and not args.headless
     with Live(auto_refresh=False) as live:
 
         def on_tick(record: FollowRecord, elapsed_s: float) -> None:
@@ -135,7 +135,7 @@ def run(options: argparse.Namespace) -> int:
 
         with BagWriter(record) if record else nullcontext() as bag:
             records, light_timeout_s, interrupted = follow(
-                ros_args, options.duration, on_tick, fleet, bag
+                ros_args, args.duration, on_tick, fleet, bag
             )
     if record:
         print(f"bag: {record}")
@@ -159,5 +159,5 @@ def run(options: argparse.Namespace) -> int:
     told = "; ".join(lost)
     print(f"lost the leader: {told}" if lost else "followed the leader to the end")
     if interrupted:
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     return 1 if lost else 0

@@ -4,9 +4,9 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from uuv_optical_array.commands.shared import cli, outputs
-from uuv_optical_array.commands.shared.bag_options import add_bag, read_bag
-from uuv_optical_array.commands.shared.estimators import table_of
+from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.cli.bag_options import add_bag, read_bag
+from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.fit_compiler import ReadyEstimator
@@ -33,43 +33,45 @@ but no ROS. The page takes orders from whoever can open it: beyond 127.0.0.1 tha
 network."""
 
 NUMBERS = {
-    "port": cli.Number(Quantity("where the page is served; the next free one", "", 1, 65535), PORT),
-    "screenshot-after": cli.Number(Quantity("time that --screenshot shows", "s", 0.1, 3600), 45.0),
+    "port": options.Number(
+        Quantity("where the page is served; the next free one", "", 1, 65535), PORT
+    ),
+    "screenshot-after": options.Number(
+        Quantity("time that --screenshot shows", "s", 0.1, 3600), 45.0
+    ),
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers, "view", run, "watch a follow in the browser", DESCRIPTION, EPILOG
     )
     add_bag(parser, required=False, commands=True)
-    cli.add_scene(parser, "follow")
-    cli.add_method(parser)
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
     parser.add_argument("--seed", type=int, help="seed of the noise (default: a new one)")
     parser.add_argument(
         "--host", default=LOOPBACK, help="address to serve (default: %(default)s, this machine)"
     )
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="take a picture, and end")
-    cli.add_numbers(parser, NUMBERS)
+    options.add_numbers(parser, NUMBERS)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Serve the page until it is interrupted."""
     from uuv_optical_array.view.browser import Browser
     from uuv_optical_array.view.page import Page
     from uuv_optical_array.view.recorded import play
     from uuv_optical_array.view.simulation import simulate
 
-    port, shown_s = cli.numbers_of(options, NUMBERS)
-    picture = options.screenshot and outputs.file_to_write(
-        options.screenshot, "--screenshot", (".png",)
-    )
-    scene = load_scene(options.scene)
-    recording = read_bag(options, scene, poses_needed=False) if options.bag else None
+    port, shown_s = options.numbers_of(args, NUMBERS)
+    picture = args.screenshot and outputs.file_to_write(args.screenshot, "--screenshot", (".png",))
+    scene = load_scene(args.scene)
+    recording = read_bag(args, scene, poses_needed=False) if args.bag else None
     with ExitStack() as stack:
-        title = options.bag.name if options.bag else f"simulation of {scene.name}"
-        page = Page(scene, f"uuv_optical_array: {title}", options.host, port)
+        title = args.bag.name if args.bag else f"simulation of {scene.name}"
+        page = Page(scene, f"uuv_optical_array: {title}", args.host, port)
         stack.callback(page.close)
         print(f"open {page.url} in a browser; Ctrl-C ends it", flush=True)
         browser = stack.enter_context(Browser(page.url)) if picture else None
@@ -81,11 +83,11 @@ def run(options: argparse.Namespace) -> int:
             return picture is None or t_s < shown_s
 
         if recording is None:
-            estimators = ReadyEstimator(table_of(scene), options.method)
+            estimators = ReadyEstimator(table_of(scene), args.method)
             stack.callback(estimators.stop)
-            simulate(page, estimators, options.seed, goes_on)
+            simulate(page, estimators, args.seed, goes_on)
         else:
-            play(page, Estimator(table_of(scene), options.method), recording, goes_on)
+            play(page, Estimator(table_of(scene), args.method), recording, goes_on)
         if browser is not None:
             browser.until(f"document.body.innerText.includes('{seen_s:.1f} s')")
             browser.save(picture)

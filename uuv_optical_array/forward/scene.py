@@ -62,7 +62,7 @@ RIM = 0.25  # depth of a cloud's rim by that of its middle
 # lamp's light, and a gradient of daylight, by full scale. Our choice, for what sets in unforeseen.
 UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
 # Clouds are no smooth Gaussian shade: the variance of a pose behind one is so many times larger
-# than it would be. By `uuv_array accuracy --moving` in `night_plume`.
+# than it would be. By `uuv_array study accuracy --moving` in `night_plume`.
 SHADE_DOUBT = 2.5
 
 Known = Literal["exactly", "calibrated", "as_bought"]

@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from uuv_optical_array.commands.shared import cli, outputs
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -22,16 +22,16 @@ examples:
   uuv_array render --scene sea.yaml --seed 2     your own scene, another draw of its noise"""
 
 NUMBERS = {
-    "seed": cli.Number(cli.SEED, 0),
-    "time-s": cli.Number(
+    "seed": options.Number(options.SEED, 0),
+    "time-s": options.Number(
         Quantity("moment of the images, for a flicker, a drift or a plume", "s", 0, 1e10), 0.0
     ),
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "render",
         run,
@@ -39,16 +39,16 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
-    cli.add_numbers(parser, NUMBERS)
+    options.add_scene(parser, "follow")
+    options.add_numbers(parser, NUMBERS)
     outputs.add_picture(parser, "render.png")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
-    seed, time_s = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+    seed, time_s = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     from uuv_optical_array.plots.scene import draw_scene, sheet_poses
 
     model, rng = ForwardModel(scene), np.random.default_rng(seed)

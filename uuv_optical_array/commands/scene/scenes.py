@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from typing import Any
 
-from uuv_optical_array.commands.shared import cli
+from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
@@ -46,9 +46,9 @@ OWNERS: dict[str, Callable[..., Any]] = {
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers, "scenes", run, "list ready scenes, or explain one or a key", DESCRIPTION, EPILOG
     )
     parser.add_argument(
@@ -154,10 +154,10 @@ def unknown_name(name: str) -> ValueError:
     return ValueError(f"{name}: no ready scene, .yaml file, group, effect or key; {hint}")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print what is asked for."""
-    name = options.name
-    if options.schema:
+    name = args.name
+    if args.schema:
         print(schema_text(), end="")
     elif name is None:
         print(listed())

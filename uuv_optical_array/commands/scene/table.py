@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.parallel.cluster import on_cluster, on_threads, threads_within
 from uuv_optical_array.core.storage import memory
 from uuv_optical_array.estimation.table.disk import check_replaceable, save_table
@@ -37,9 +37,9 @@ examples:
                                                on a cluster, into a folder that all of it sees"""
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "table",
         run,
@@ -47,49 +47,49 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
+    options.add_scene(parser, "follow")
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.table here)"
     )
     chunks = parser.add_argument_group("in chunks (default folder: SCENE.zarr here)")
     chunks.add_argument(
-        "--threads", type=cli.whole_number, help="threads of this machine (default: all cores)"
+        "--threads", type=options.whole_number, help="threads of this machine (default: all cores)"
     )
     chunks.add_argument("--memory", help="what this process may take, such as 2GB")
     chunks.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Build and save the table."""
-    scene = load_scene(options.scene)
-    chosen = options.threads, options.memory, options.scheduler
-    if chosen != (None, None, None) or (options.output and options.output.suffix == ".zarr"):
-        return run_chunks(options, scene)
+    scene = load_scene(args.scene)
+    chosen = args.threads, args.memory, args.scheduler
+    if chosen != (None, None, None) or (args.output and args.output.suffix == ".zarr"):
+        return run_chunks(args, scene)
     output = outputs.folder_to_write(
-        options.output or f"{scene.name}.table", "--output", replaced=True
+        args.output or f"{scene.name}.table", "--output", replaced=True
     )
     check_replaceable(output)
     try:
         table = build_table(scene, progress=lambda blocks: progress.over(blocks, "block"))
     except KeyboardInterrupt:
         print("interrupted: nothing written")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     save_table(table, output)
     size_mb = 2 * table.parameters.nbytes / 1e6
     print(f"{output}: {len(table.poses)} signatures, {size_mb:.0f} MB, scene {scene.name}")
     return 0
 
 
-def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
+def run_chunks(args: argparse.Namespace, scene: Scene) -> int:
     """Build the table in chunks."""
-    if options.scheduler and (options.memory or options.threads):
+    if args.scheduler and (args.memory or args.threads):
         raise ValueError(
             "scheduler: its workers have limits of their own; give them to dask worker as "
             "--memory-limit and --nthreads"
         )
-    if options.threads is not None and options.threads < 1:
-        raise ValueError(f"threads: {options.threads}; give at least 1")
-    output = outputs.folder_to_write(options.output or f"{scene.name}.zarr", "--output")
+    if args.threads is not None and args.threads < 1:
+        raise ValueError(f"threads: {args.threads}; give at least 1")
+    output = outputs.folder_to_write(args.output or f"{scene.name}.zarr", "--output")
     began = time.perf_counter()
     store = TableStore.create(output, scene)
     if why := memory.shortfall(store.rows):
@@ -97,13 +97,13 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
     if before := len(store.present()):
         print(f"{output}: {before} of {len(store.chunks)} chunks are there already")
     try:
-        lit = fill(store, options)
+        lit = fill(store, args)
     except KeyboardInterrupt:
         print(
             f"interrupted: {len(store.present())} of {len(store.chunks)} chunks are in {output}; "
             "the same command goes on from there"
         )
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     store.finish(lit)
     size_mb = sum(file.stat().st_size for file in store.path.iterdir()) / 1e6
     print(
@@ -114,11 +114,11 @@ def run_chunks(options: argparse.Namespace, scene: Scene) -> int:
     return 0
 
 
-def fill(store: TableStore, options: argparse.Namespace) -> list[int]:
+def fill(store: TableStore, args: argparse.Namespace) -> list[int]:
     """Work out the chunks that are missing, and show progress; return the lit rows of each."""
     need = store.thread_bytes()
     with progress.counter(total=len(store.chunks), unit="chunk") as shown:
-        if options.scheduler:
-            return on_cluster(store.fill, store.chunks, options.scheduler, need, shown.update)
-        threads = threads_within(options.memory, need, options.threads)
+        if args.scheduler:
+            return on_cluster(store.fill, store.chunks, args.scheduler, need, shown.update)
+        threads = threads_within(args.memory, need, args.threads)
         return on_threads(store.fill, store.chunks, threads, shown.update)

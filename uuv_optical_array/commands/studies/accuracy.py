@@ -1,12 +1,12 @@
-"""``uuv_array accuracy``: how far estimates are from the truth, beside what one image allows."""
+"""``uuv_array study accuracy``: errors of estimates beside what one image allows."""
 
 import argparse
 from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
-from uuv_optical_array.commands.shared.estimators import table_of
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.formats import json_text
@@ -28,27 +28,29 @@ be off by as much as the prior says. docs/results/accuracy.md explains every fig
 
 EPILOG = """\
 examples:
-  uuv_array accuracy                           20,000 poses of the reference scene
-  uuv_array accuracy --scene follow --json     the default scene, as one JSON object
-  uuv_array accuracy --method sam              the paper's method
-  uuv_array accuracy --shape planar            the same scene with a planar array
-  uuv_array accuracy --scene follow --known    what it costs to know less of the sea
-  uuv_array accuracy --scene harbour --drawn   K and the lamp's power as uncertain as its prior says
-  uuv_array accuracy --scene night_plume --moving   with clouds, flicker and drift
+  uuv_array study accuracy                           20,000 poses of the reference scene
+  uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
+  uuv_array study accuracy --method sam              the paper's method
+  uuv_array study accuracy --shape planar            the same scene with a planar array
+  uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
+  uuv_array study accuracy --scene harbour --drawn   K and power as uncertain as in its prior
+  uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
 CANDIDATES = declared(EstimatorSettings)["candidates"]
 NUMBERS = {
-    "poses": cli.Number(Quantity("how many random poses; 4000 with --known", "", 1, 1e7), 20_000),
-    "seed": cli.Number(cli.SEED, 1),
-    "candidates": cli.Number(CANDIDATES.quantity, CANDIDATES.default),
+    "poses": options.Number(
+        Quantity("how many random poses; 4000 with --known", "", 1, 1e7), 20_000
+    ),
+    "seed": options.Number(options.SEED, 1),
+    "candidates": options.Number(CANDIDATES.quantity, CANDIDATES.default),
 }
 KNOWN_POSES = 4_000
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "accuracy",
         run,
@@ -56,10 +58,10 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "reference")
-    cli.add_shape(parser)
-    cli.add_method(parser)
-    cli.add_numbers(parser, NUMBERS)
+    options.add_scene(parser, "reference")
+    options.add_shape(parser)
+    options.add_method(parser)
+    options.add_numbers(parser, NUMBERS)
     parser.set_defaults(poses=None)
     parser.add_argument(
         "--known", action="store_true", help="compare the priors of a sea known well and less well"
@@ -73,8 +75,8 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser.add_argument(
         "--moving", action="store_true", help="images of random moments, for what moves in a scene"
     )
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_json(parser)
+    options.add_report(parser)
 
 
 def _fixed(value: float | None) -> str:
@@ -127,39 +129,39 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def check_truth(options: argparse.Namespace, scene: Scene) -> None:
+def check_truth(args: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
-    if options.known and options.method != "least_squares":
-        raise ValueError(f"--known: {options.method} estimates no constants; use least_squares")
-    if options.known and (options.moving or options.drawn):
-        option = "--moving" if options.moving else "--drawn"
+    if args.known and args.method != "least_squares":
+        raise ValueError(f"--known: {args.method} estimates no constants; use least_squares")
+    if args.known and (args.moving or args.drawn):
+        option = "--moving" if args.moving else "--drawn"
         raise ValueError(f"--known: takes no {option}; leave one of them out")
-    if options.moving and not MOVING & set(scene.effects):
+    if args.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
         raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
-    if options.drawn and not scene.prior.nuisance_std():
+    if args.drawn and not scene.prior.nuisance_std():
         raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
-    if options.poses is None:
-        options.poses = KNOWN_POSES if options.known else NUMBERS["poses"].default
-    count, seed, candidates = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    scene = scene.with_shape(options.shape or scene.array.shape)
-    check_truth(options, scene)
+    if args.poses is None:
+        args.poses = KNOWN_POSES if args.known else NUMBERS["poses"].default
+    count, seed, candidates = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    scene = scene.with_shape(args.shape or scene.array.shape)
+    check_truth(args, scene)
     told = {
         "scene": scene.name,
         "shape": scene.array.shape,
-        "method": options.method,
+        "method": args.method,
         "seed": seed,
-        "drawn": options.drawn,
-        "moving": options.moving,
+        "drawn": args.drawn,
+        "moving": args.moving,
     }
     try:
-        if options.known:
-            picture = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+        if args.known:
+            picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
             cases = compare_known(table_of(scene), count, seed, candidates, progress.over)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
@@ -170,21 +172,21 @@ def run(options: argparse.Namespace) -> int:
 
             draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:
-            estimator = Estimator(table_of(scene), options.method, candidates=candidates)
+            estimator = Estimator(table_of(scene), args.method, candidates=candidates)
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
-            images = exposed(model, poses, seed, options.drawn, options.moving, rng)
+            images = exposed(model, poses, seed, args.drawn, args.moving, rng)
             answer = as_object(measure(estimator, poses, images, progress.over))
             text = report(answer)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     about = (
-        f"{options.method} in scene {scene.name}, {scene.array.shape} array, "
+        f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{answer['poses']} random poses, "
         f"seed {seed}"
     )
-    about += ", nuisances drawn" if options.drawn else ""
-    about += ", at random moments" if options.moving else ""
-    print(json_text({**told, **answer}) if options.json else f"{about}\n\n{text}")
+    about += ", nuisances drawn" if args.drawn else ""
+    about += ", at random moments" if args.moving else ""
+    print(json_text({**told, **answer}) if args.json else f"{about}\n\n{text}")
     return 0

@@ -5,7 +5,7 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from uuv_optical_array.commands.shared import cli
+from uuv_optical_array.cli import options
 from uuv_optical_array.commands.studies.tradeoff import measure_rest
 from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
@@ -30,9 +30,9 @@ the estimator. Cheapest is fewest detectors, then the smallest table, then the l
 kept if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
 random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
 
-It reads what `uuv_array tradeoff` measured in this scene on this machine, in SCENE.tradeoff here or
-in the folder that --output names. Where that is not there it measures as the quick mode does, and
-keeps it in the user's cache. Exit code 1 says that no setting does."""
+It reads what `uuv_array study tradeoff` measured in this scene on this machine, in SCENE.tradeoff
+here or in the folder that --output names. Where that is not there it measures as the quick mode
+does, and keeps it in the user's cache. Exit code 1 says that no setting does."""
 
 EPILOG = """\
 examples:
@@ -43,11 +43,11 @@ Ctrl-C while it measures keeps what there is; the next call goes on."""
 
 # The fields of `Need`.
 NEEDS = {
-    "rate": cli.Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
-    "position": cli.Number(
+    "rate": options.Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
+    "position": options.Number(
         Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), float(SPECIFICATION[X])
     ),
-    "angle": cli.Number(
+    "angle": options.Number(
         Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
         float(SPECIFICATION[YAW]),
     ),
@@ -61,9 +61,9 @@ UNITS = {
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "advise",
         run,
@@ -71,15 +71,15 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "reference")
-    cli.add_numbers(parser, NEEDS)
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_scene(parser, "reference")
+    options.add_numbers(parser, NEEDS)
+    options.add_json(parser)
+    options.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,
         metavar="DIR",
-        help="folder that uuv_array tradeoff wrote (default: SCENE.tradeoff here, else the cache)",
+        help="folder written by uuv_array study tradeoff (default: SCENE.tradeoff, else the cache)",
     )
 
 
@@ -116,11 +116,11 @@ def report(scene: Scene, need: Need, found: Advice) -> str:
     return "\n".join(parts)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Find measurements or make them, and choose."""
-    need = Need(*cli.numbers_of(options, NEEDS))
-    scene = load_scene(options.scene)
-    folder = files.user_path(options.output or f"{scene.name}.tradeoff")
+    need = Need(*options.numbers_of(args, NEEDS))
+    scene = load_scene(args.scene)
+    folder = files.user_path(args.output or f"{scene.name}.tradeoff")
     origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
     if origin is not None and not origin.same_place(scene):
         print(
@@ -139,7 +139,7 @@ def run(options: argparse.Namespace) -> int:
         origin, rows = measured.origin, measured.settings.lines
     if not rows:
         print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     found = advise(rows, need)
     about = {
         "measured": str(folder / SETTINGS_CSV),
@@ -147,7 +147,7 @@ def run(options: argparse.Namespace) -> int:
         "load_average": max(row.load_average for row in rows),
         "complete": complete,
     }
-    if options.json:
+    if args.json:
         told = {
             "scene": scene.name,
             "asked": dataclasses.asdict(need),
@@ -167,5 +167,5 @@ def run(options: argparse.Namespace) -> int:
         if not complete:
             print("interrupted: some settings are not measured yet")
     if not complete:
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     return 1 if found.lacks else 0

@@ -1,9 +1,9 @@
-"""``uuv_array approach``: the published Monte Carlo of approaches to a lamp, beside ours."""
+"""``uuv_array study approach``: the published Monte Carlo of approaches to a lamp, beside ours."""
 
 import argparse
 from typing import Any, get_args
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
@@ -26,22 +26,22 @@ constant (docking). docs/results/approach.md explains every choice."""
 
 EPILOG = """\
 examples:
-  uuv_array approach                       100 runs a case: about a minute
-  uuv_array approach --runs 2000           as many as the paper: about 20 minutes
-  uuv_array approach --noise gaussian      1 % as a standard deviation
-  uuv_array approach --choices --runs 60   what each choice changes, at the end of a run
+  uuv_array study approach                       100 runs a case: about a minute
+  uuv_array study approach --runs 2000           as many as the paper: about 20 minutes
+  uuv_array study approach --noise gaussian      1 % as a standard deviation
+  uuv_array study approach --choices --runs 60   what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the runs it has."""
 
 NUMBERS = {
-    "runs": cli.Number(Quantity("runs of each case", "", 1, 1e6), 100),
-    "seed": cli.Number(cli.SEED, 1),
+    "runs": options.Number(Quantity("runs of each case", "", 1, 1e6), 100),
+    "seed": options.Number(options.SEED, 1),
 }
 OFFSETS = {"whole": 1.0, "half": 0.5}
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "approach",
         run,
@@ -49,8 +49,8 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "eren2017_tank")
-    cli.add_numbers(parser, NUMBERS)
+    options.add_scene(parser, "eren2017_tank")
+    options.add_numbers(parser, NUMBERS)
     parser.add_argument(
         "--noise",
         choices=get_args(Noise),
@@ -68,9 +68,9 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     parser.add_argument(
         "--choices", action="store_true", help="compare what the paper leaves open, at the end"
     )
-    cli.add_json(parser)
+    options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
-    cli.add_report(parser)
+    options.add_report(parser)
 
 
 def _numbers(values: dict[str, float | None]) -> str:
@@ -139,32 +139,32 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs, seed = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+    runs, seed = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     told: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
-    if options.choices:
+    if args.choices:
         rows = compare(scene, runs, seed)
         if not rows:
             print("interrupted: nothing measured")
-            return cli.INTERRUPTED
-        print(json_text({**told, "rows": rows}) if options.json else comparison(rows))
+            return options.INTERRUPTED
+        print(json_text({**told, "rows": rows}) if args.json else comparison(rows))
         return 0
-    choices = Choices(options.noise, OFFSETS[options.offsets])
+    choices = Choices(args.noise, OFFSETS[args.offsets])
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
         found = dict(all_cases(scene, choices, runs, seed, bar.update))
     if not found:
         print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     cases = {name: as_object(CASES[name], errors) for name, errors in found.items()}
-    about = f"noise {options.noise}, offsets {options.offsets}, seed {seed}"
+    about = f"noise {args.noise}, offsets {args.offsets}, seed {seed}"
     from uuv_optical_array.plots.studies.eren2017 import draw_approach
 
     draw_approach(found, about, output)
-    if options.json:
-        told |= {"noise": options.noise, "offsets": options.offsets, "cases": cases}
+    if args.json:
+        told |= {"noise": args.noise, "offsets": args.offsets, "cases": cases}
         print(json_text({**told, "picture": str(output)}))
     else:
         print(f"scene {scene.name}; {about}\n")

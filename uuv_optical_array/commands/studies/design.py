@@ -1,4 +1,4 @@
-"""``uuv_array design``: which array and which lamp to build."""
+"""``uuv_array study design``: which array and which lamp to build."""
 
 import argparse
 import sys
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
@@ -32,31 +32,31 @@ goes on where it was interrupted."""
 
 EPILOG = """\
 examples:
-  uuv_array design                             the default scene, into follow.design.csv
-  uuv_array design --size 0.3 0.4 --side 5 7   some of it
-  uuv_array design --take 2                    all of it, and design 2 as a scene file
+  uuv_array study design                             the default scene, into follow.design.csv
+  uuv_array study design --size 0.3 0.4 --side 5 7   some of it
+  uuv_array study design --take 2                    all of it, and design 2 as a scene file
 fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
 criterion at 4 m, `any` of all. A design is left out for one that has no more detectors and bounds
 no more than 10 % larger. Ctrl-C ends it early and draws what there is."""
 
 NUMBERS = {
-    "poses": cli.Number(Quantity("poses at which the bound is taken", "", 1, 10_000_000), 1000),
-    "seed": cli.Number(cli.SEED, 1),
+    "poses": options.Number(Quantity("poses at which the bound is taken", "", 1, 10_000_000), 1000),
+    "seed": options.Number(options.SEED, 1),
 }
 HEADS = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
 # Option and field of `Sweep`.
 LISTS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "shapes": ("shape", str, "planar, curved"),
-    "side": ("detectors_per_side", cli.whole_number, "detectors in a row"),
+    "side": ("detectors_per_side", options.whole_number, "detectors in a row"),
     "size": ("width_m", float, "outermost detector to outermost, m"),
     "radius": ("radius_m", float, "of the sphere of a curved array, m"),
     "beam-sigma-deg": ("beam_sigma_deg", float, "standard deviation of the lamp's beam, deg"),
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "design",
         run,
@@ -64,7 +64,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
+    options.add_scene(parser, "follow")
     sweep = parser.add_argument_group("what is swept (default: a grid about the scene's own)")
     for option, (field, kind, text) in LISTS.items():
         sweep.add_argument(
@@ -91,7 +91,7 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         help="what stays in its place: the foremost point, or the array's frame, which is the "
         "centre of a sphere as in the paper (default: %(default)s)",
     )
-    cli.add_numbers(about, NUMBERS)
+    options.add_numbers(about, NUMBERS)
     written = parser.add_argument_group("what is written")
     written.add_argument(
         "--csv",
@@ -102,18 +102,18 @@ def add_parser(subparsers: cli.Subparsers) -> None:
     outputs.add_picture(written, None, "--picture", "picture, else beside the CSV")
     written.add_argument(
         "--take",
-        type=cli.whole_number,
+        type=options.whole_number,
         metavar="NO",
         help="write design NO of the table as a scene, too",
     )
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_json(parser)
+    options.add_report(parser)
 
 
-def sweep_of(options: argparse.Namespace, scene: Scene) -> Sweep:
+def sweep_of(args: argparse.Namespace, scene: Scene) -> Sweep:
     """Return the sweep that is asked for; a list that is not given is that of the default."""
     usual = default_sweep(scene)
-    given = {field: getattr(options, field) for field, _, _ in LISTS.values()}
+    given = {field: getattr(args, field) for field, _, _ in LISTS.values()}
     lists = {
         field: getattr(usual, field) if values is None else values
         for field, values in given.items()
@@ -162,20 +162,20 @@ def summary(rows: Sequence[ScoredDesign]) -> str:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
-    poses, seed = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    sweep = sweep_of(options, scene)
-    study = DesignStudy(scene, sweep, options.power, options.mount, poses, seed)
-    csv = outputs.file_to_write(options.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)
+    poses, seed = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    sweep = sweep_of(args, scene)
+    study = DesignStudy(scene, sweep, args.power, args.mount, poses, seed)
+    csv = outputs.file_to_write(args.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)
     picture = outputs.file_to_write(
-        options.picture or csv.with_suffix(".png"), "--picture", outputs.PICTURE
+        args.picture or csv.with_suffix(".png"), "--picture", outputs.PICTURE
     )
     results = Results(csv, ScoredDesign, study.origin)
 
     def tell(text: str) -> None:
-        print(text, file=sys.stderr if options.json else sys.stdout)
+        print(text, file=sys.stderr if args.json else sys.stdout)
 
     if dropped := study.sweep.dropped():
         tell(f"left out: {sum(dropped.values())} designs whose corners lie beyond their sphere")
@@ -189,19 +189,21 @@ def run(options: argparse.Namespace) -> int:
     rows = study.swept(results)
     if not rows:
         print("interrupted: nothing scored")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     from uuv_optical_array.plots.studies.design import draw_designs
 
     draw_designs(study, rows, picture)
     written = [csv, picture]
-    if options.take is not None:
+    if args.take is not None:
         named = numbered(study, rows)
-        number = check(Annotated[int, Quantity("", "", 1, len(named))], options.take, "--take")
+        number = check(Annotated[int, Quantity("", "", 1, len(named))], args.take, "--take")
         written.append(csv.with_suffix(f".{number}.yaml"))
         design = named[number - 1].design
         taken = study.scene_of(design, written[-1].stem)
-        save_scene(taken, written[-1], f"{design.label}, by uuv_array design from {scene.name}")
-    if options.json:
+        save_scene(
+            taken, written[-1], f"{design.label}, by uuv_array study design from {scene.name}"
+        )
+    if args.json:
         names = [str(path) for path in written]
         print(json_text({"complete": complete, **as_object(study, rows), "files": names}))
     else:
@@ -210,4 +212,4 @@ def run(options: argparse.Namespace) -> int:
         if not complete:
             count = len(study.sweep.designs())
             print(f"interrupted: {len(rows)} of {count} designs; the same command goes on")
-    return 0 if complete else cli.INTERRUPTED
+    return 0 if complete else options.INTERRUPTED

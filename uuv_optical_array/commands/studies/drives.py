@@ -1,11 +1,11 @@
-"""``uuv_array drives``: what a track learns of the sea while the vehicles move."""
+"""``uuv_array study drives``: what a track learns of the sea while the vehicles move."""
 
 import argparse
 from functools import partial
 from typing import Any
 
-from uuv_optical_array.commands.shared import cli, progress
-from uuv_optical_array.commands.shared.estimators import table_of
+from uuv_optical_array.cli import options, progress
+from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
@@ -22,22 +22,22 @@ it is compared with poses of single images, which know the prior only."""
 
 EPILOG = """\
 examples:
-  uuv_array drives                        50 drives of a minute in the default scene
-  uuv_array drives --scene harbour        in another one
-  uuv_array drives --rate 20 --seconds 30
+  uuv_array study drives                        50 drives of a minute in the default scene
+  uuv_array study drives --scene harbour        in another one
+  uuv_array study drives --rate 20 --seconds 30
 Ctrl-C ends the study early and reports the drives it has."""
 
 NUMBERS = {
-    "drives": cli.Number(Quantity("how many drives", "", 1, 1e5), 50),
-    "seconds": cli.Number(Quantity("duration of a drive", "s", 10, 3600), 60.0),
-    "rate": cli.Number(Quantity("rate of the images", "Hz", 0.5, 1000), 10.0),
-    "seed": cli.Number(cli.SEED, 1),
+    "drives": options.Number(Quantity("how many drives", "", 1, 1e5), 50),
+    "seconds": options.Number(Quantity("duration of a drive", "s", 10, 3600), 60.0),
+    "rate": options.Number(Quantity("rate of the images", "Hz", 0.5, 1000), 10.0),
+    "seed": options.Number(options.SEED, 1),
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "drives",
         run,
@@ -45,11 +45,11 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
-    cli.add_method(parser)
-    cli.add_numbers(parser, NUMBERS)
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
+    options.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    options.add_report(parser)
 
 
 def report(told: dict[str, Any]) -> str:
@@ -75,32 +75,32 @@ def report(told: dict[str, Any]) -> str:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
-    count, seconds, rate, seed = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
+    count, seconds, rate, seed = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
     if not scene.prior.nuisance_std():
         raise ValueError(f"--scene: {scene.name} has no prior to draw seas from; give it one")
     found: list[Drive] = []
     try:
-        estimator = Estimator(table_of(scene), options.method)
+        estimator = Estimator(table_of(scene), args.method)
         over = partial(progress.over, unit="drive")
         for each in measure_drives(estimator, count, seconds, rate, seed, over):
             found.append(each)
     except KeyboardInterrupt:
         if not found:
             print("interrupted: nothing measured")
-            return cli.INTERRUPTED
+            return options.INTERRUPTED
     told = as_object(found)
     complete = len(found) == count
-    if options.json:
-        about = {"scene": scene.name, "method": options.method, "seed": seed, "complete": complete}
+    if args.json:
+        about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
         print(json_text({**about, **told}))
     else:
         print(
-            f"{options.method} in scene {scene.name}, {len(found)} drives of {seconds:g} s at "
+            f"{args.method} in scene {scene.name}, {len(found)} drives of {seconds:g} s at "
             f"{rate:g} Hz, seed {seed}\n\n{report(told)}"
         )
         if not complete:
             print("interrupted: only the drives that were complete count")
-    return 0 if complete else cli.INTERRUPTED
+    return 0 if complete else options.INTERRUPTED

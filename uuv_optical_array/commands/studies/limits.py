@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from uuv_optical_array.commands.shared import cli, outputs
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -31,17 +31,19 @@ than another: the planar array can hardly tell being aside from being turned. An
 exceeds 180 deg is not known at all. Averaging n independent images divides a bound by sqrt(n)."""
 
 POSE = {
-    "x": cli.Number(Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000), -6.0),
-    "y": cli.Number(Quantity("to port", "m", -1000, 1000), 0.0),
-    "z": cli.Number(Quantity("up", "m", -1000, 1000), 0.0),
-    "pitch-deg": cli.Number(Quantity("bow down", "deg", -90, 90), 0.0),
-    "yaw-deg": cli.Number(Quantity("bow to port", "deg", -180, 180), 0.0),
+    "x": options.Number(
+        Quantity("ahead of the lamp; negative is behind it", "m", -1000, 1000), -6.0
+    ),
+    "y": options.Number(Quantity("to port", "m", -1000, 1000), 0.0),
+    "z": options.Number(Quantity("up", "m", -1000, 1000), 0.0),
+    "pitch-deg": options.Number(Quantity("bow down", "deg", -90, 90), 0.0),
+    "yaw-deg": options.Number(Quantity("bow to port", "deg", -180, 180), 0.0),
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "limits",
         run,
@@ -49,11 +51,11 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
-    cli.add_numbers(parser, POSE)
-    cli.add_shape(parser)
+    options.add_scene(parser, "follow")
+    options.add_numbers(parser, POSE)
+    options.add_shape(parser)
     outputs.add_picture(parser, "limits.png")
-    cli.add_report(parser)
+    options.add_report(parser)
 
 
 def report(model: ForwardModel, pose: Array) -> str:
@@ -88,12 +90,12 @@ def report(model: ForwardModel, pose: Array) -> str:
     return "\n".join(lines)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
-    pose = np.array(cli.numbers_of(options, POSE))
-    scene = load_scene(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
-    model = ForwardModel(scene.with_shape(options.shape or scene.array.shape))
+    pose = np.array(options.numbers_of(args, POSE))
+    scene = load_scene(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
     from uuv_optical_array.plots.studies.bound_map import draw_bound_map
 

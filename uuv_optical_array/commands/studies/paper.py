@@ -1,9 +1,9 @@
-"""``uuv_array paper``: the figures of Eren et al. (2016), and what their text says of them."""
+"""``uuv_array study paper``: the figures of Eren et al. (2016), and what their text says."""
 
 import argparse
 import math
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.eren2016.figures import STATEMENTS, Statement, agreement
@@ -19,18 +19,18 @@ the beam's width, the blur, the scaling of the five key parameters, the noise.""
 
 EPILOG = """\
 examples:
-  uuv_array paper                              the tables, and the figures into paper.png
-  uuv_array paper --output eren2016.png        the picture where you want it
-  uuv_array paper --json                       one JSON object, the curves with it
-  uuv_array paper --scene sea.yaml             your own lamp, water and sphere
+  uuv_array study paper                              the tables, and the figures into paper.png
+  uuv_array study paper --output eren2016.png        the picture where you want it
+  uuv_array study paper --json                       one JSON object, the curves with it
+  uuv_array study paper --scene sea.yaml             your own lamp, water and sphere
 Ctrl-C ends it early and reports what there is. docs/results/paper.md explains every figure."""
 
-NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
+NUMBERS = {"seed": options.Number(options.SEED, 1)}
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "paper",
         run,
@@ -38,11 +38,11 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "eren2016")
-    cli.add_numbers(parser, NUMBERS)
+    options.add_scene(parser, "eren2016")
+    options.add_numbers(parser, NUMBERS)
     outputs.add_picture(parser, "paper.png")
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_json(parser)
+    options.add_report(parser)
 
 
 def number(ours: float) -> str:
@@ -95,25 +95,25 @@ def report(found: Reproduction) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
-    (seed,) = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
+    (seed,) = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     found = Reproduction()
     try:
         found.compute(scene, seed, progress.over)
     except KeyboardInterrupt:
         if not found.points:
             print("interrupted: nothing computed")
-            return cli.INTERRUPTED
+            return options.INTERRUPTED
     picture = None
     if found.drawable:
         from uuv_optical_array.plots.studies.eren2016 import draw_paper
 
         picture = str(output)
         draw_paper(found.curves, scene.name, output)
-    if options.json:
+    if args.json:
         told = {"scene": scene.name, "seed": seed, "picture": picture}
         print(json_text({**told, **as_object(found)}))
     else:
@@ -121,4 +121,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"picture: {picture}" if picture else "no picture")
         if not found.complete:
             print("interrupted: the tables end where the work ended")
-    return 0 if found.complete else cli.INTERRUPTED
+    return 0 if found.complete else options.INTERRUPTED

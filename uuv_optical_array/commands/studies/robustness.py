@@ -1,11 +1,11 @@
-"""``uuv_array robustness``: what estimates are worth where the sea is not the scene."""
+"""``uuv_array study robustness``: what estimates are worth where the sea is not the scene."""
 
 import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
-from uuv_optical_array.commands.shared.estimators import table_of
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator
@@ -22,15 +22,15 @@ docs/reference/mismatches.md has the kinds and what to do about each."""
 
 EPILOG = """\
 examples:
-  uuv_array robustness                               every kind, in the default scene
-  uuv_array robustness --method sam                  the paper's method
-  uuv_array robustness --kinds k-0.05,power_x0.8     some kinds
-  uuv_array robustness --scene night_plume --kinds nothing,moving
+  uuv_array study robustness                               every kind, in the default scene
+  uuv_array study robustness --method sam                  the paper's method
+  uuv_array study robustness --kinds k-0.05,power_x0.8     some kinds
+  uuv_array study robustness --scene night_plume --kinds nothing,moving
 Ctrl-C ends it early and reports the kinds it has."""
 
 NUMBERS = {
-    "poses": cli.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
-    "seed": cli.Number(cli.SEED, 1),
+    "poses": options.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
+    "seed": options.Number(options.SEED, 1),
 }
 COLUMNS = {
     "kind": "kind",
@@ -46,9 +46,9 @@ COLUMNS = {
 }
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "robustness",
         run,
@@ -56,16 +56,16 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "follow")
-    cli.add_method(parser)
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
     parser.add_argument(
         "--kinds",
         metavar="NAME,...",
         help="kinds of mismatch, with commas between them (default: all that the scene can have)",
     )
-    cli.add_numbers(parser, NUMBERS)
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    options.add_report(parser)
     outputs.add_picture(parser, "robustness.png")
 
 
@@ -90,36 +90,36 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the study, print and draw it."""
-    count, seed = cli.numbers_of(options, NUMBERS)
-    output = outputs.file_to_write(options.output, "--output", outputs.PICTURE)
-    scene = load_scene(options.scene)
+    count, seed = options.numbers_of(args, NUMBERS)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    scene = load_scene(args.scene)
     try:
-        kinds = kinds_named(options.kinds, scene)
+        kinds = kinds_named(args.kinds, scene)
     except ValueError as error:
         raise ValueError(f"--{error}") from None
     found: list[KindResult] = []
     try:
-        estimator = Estimator(table_of(scene), options.method)
+        estimator = Estimator(table_of(scene), args.method)
         for result in measure_kinds(
             estimator, kinds, count, seed, lambda name, frames: progress.over(frames, "frame", name)
         ):
             found.append(result)
     except KeyboardInterrupt:
         print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     complete = len(found) == len(kinds) and len(found[-1].frames.errors) == count
     rows = [result.as_object() for result in found]
-    about = f"{options.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
+    about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
     from uuv_optical_array.plots.studies.robustness import draw_robustness
 
     draw_robustness(rows, about, output)
-    if options.json:
-        told = {"scene": scene.name, "method": options.method, "seed": seed, "poses": count}
+    if args.json:
+        told = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
         print(json_text({**told, "complete": complete, "kinds": rows, "picture": str(output)}))
     else:
         print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
         if not complete:
             print("interrupted: the table ends where the work ended")
-    return 0 if complete else cli.INTERRUPTED
+    return 0 if complete else options.INTERRUPTED

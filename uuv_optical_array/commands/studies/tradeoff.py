@@ -1,4 +1,4 @@
-"""``uuv_array tradeoff``: what accuracy costs in time, by method, array and table."""
+"""``uuv_array study tradeoff``: what accuracy costs in time, by method, array and table."""
 
 import argparse
 import math
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from uuv_optical_array.commands.shared import cli, outputs, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import load_scene
@@ -37,18 +37,18 @@ pictures show them. A stopped run goes on where it was. See docs/results/tradeof
 
 EPILOG = """\
 examples:
-  uuv_array tradeoff                         some settings of the reference scene: a few minutes
-  uuv_array tradeoff --full                  all of them; says first how long that takes
-  uuv_array tradeoff --scene sea.yaml        your own scene, into sea.tradeoff/
+  uuv_array study tradeoff                       some settings of the reference scene: minutes
+  uuv_array study tradeoff --full                all of them; says first how long that takes
+  uuv_array study tradeoff --scene sea.yaml      your own scene, into sea.tradeoff/
 Ctrl-C ends it early and draws what there is."""
 
-NUMBERS = {"seed": cli.Number(cli.SEED, 1)}
+NUMBERS = {"seed": options.Number(options.SEED, 1)}
 PICTURE, TABLES_PICTURE = "tradeoff", "table_cost"
 
 
-def add_parser(subparsers: cli.Subparsers) -> None:
+def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
-    parser = cli.add_command(
+    parser = options.add_command(
         subparsers,
         "tradeoff",
         run,
@@ -56,13 +56,13 @@ def add_parser(subparsers: cli.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    cli.add_scene(parser, "reference")
+    options.add_scene(parser, "reference")
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
-    cli.add_numbers(parser, NUMBERS)
-    cli.add_json(parser)
-    cli.add_report(parser)
+    options.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    options.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -135,12 +135,12 @@ def report(rows: Sequence[Measurement]) -> str:
     return "\n".join(parts)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Measure what is left, and draw and print what there is."""
-    (seed,) = cli.numbers_of(options, NUMBERS)
-    scene = load_scene(options.scene)
-    mode: Mode = get_args(Mode)[options.full]
-    folder = outputs.folder_to_write(options.output or f"{scene.name}.tradeoff", "--output")
+    (seed,) = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    mode: Mode = get_args(Mode)[args.full]
+    folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
     measured = TradeoffRun(scene, mode, seed, folder)
     complete = True
     try:
@@ -150,18 +150,18 @@ def run(options: argparse.Namespace) -> int:
     rows, costs = measured.settings.lines, measured.tables.lines
     if not rows:
         print("interrupted: nothing measured")
-        return cli.INTERRUPTED
+        return options.INTERRUPTED
     loads = [row.load_average for row in rows]
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {measured.frames} frames each; {measured.origin.machine}"
     from uuv_optical_array.plots.studies.tradeoff import draw_table_cost, draw_tradeoff
 
-    pictures = [folder / f"{PICTURE}{options.pictures}"]
+    pictures = [folder / f"{PICTURE}{args.pictures}"]
     draw_tradeoff(rows, f"{about}, {load}", pictures[0])
     if costs:
-        pictures.append(folder / f"{TABLES_PICTURE}{options.pictures}")
+        pictures.append(folder / f"{TABLES_PICTURE}{args.pictures}")
         draw_table_cost(costs, rows, f"{about}, {load}", pictures[1])
-    if options.json:
+    if args.json:
         told = {"complete": complete, **vars(measured.origin), **as_object(rows)}
         print(json_text({**told, "pictures": [str(path) for path in pictures]}))
     else:
@@ -174,4 +174,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"pictures: {', '.join(map(str, pictures))}")
         if not complete:
             print(f"interrupted: {len(rows)} of {measured.count} settings; run it again to go on")
-    return 0 if complete else cli.INTERRUPTED
+    return 0 if complete else options.INTERRUPTED

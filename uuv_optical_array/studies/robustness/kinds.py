@@ -40,7 +40,7 @@ class Kind:
     Parameters
     ----------
     name
-        As ``uuv_array robustness --kinds`` takes it.
+        As ``uuv_array study robustness --kinds`` takes it.
     what
         What differs from the scene, in a sentence.
     cure

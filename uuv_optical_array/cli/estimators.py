@@ -3,7 +3,7 @@
 import sys
 from functools import partial
 
-from uuv_optical_array.commands.shared import progress
+from uuv_optical_array.cli import progress
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.fit_compiler import is_compiled
 from uuv_optical_array.estimation.table.disk import cached_table

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Annotated, get_args
 
-from uuv_optical_array.commands.shared import cli, progress
+from uuv_optical_array.cli import options, progress
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
@@ -13,7 +13,7 @@ from uuv_optical_array.recording.images import Axes, Recording, Topics, read_rec
 
 BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 NUMBERS = {
-    "max-gap-s": cli.Number(MAX_GAP, MAX_GAP_S),
+    "max-gap-s": options.Number(MAX_GAP, MAX_GAP_S),
 }
 
 
@@ -46,19 +46,19 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     parser.add_argument(
         "--odometry-axes", choices=get_args(Axes), default="flu", help="(default: %(default)s)"
     )
-    cli.add_numbers(parser, NUMBERS)
+    options.add_numbers(parser, NUMBERS)
 
 
-def read_bag(options: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
+def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show how far it is."""
-    (max_gap_s,) = cli.numbers_of(options, NUMBERS)
+    (max_gap_s,) = options.numbers_of(args, NUMBERS)
     given = [name for name in vars(Topics()) if f"{name}_topic" in options]
     return read_recording(
-        files.user_path(options.bag),
+        files.user_path(args.bag),
         scene.array,
-        Topics(**{name: vars(options)[f"{name}_topic"] for name in given}),
-        [check(Annotated[float, BEACON], x, "--beacon-position") for x in options.beacon_position],
-        options.odometry_axes,
+        Topics(**{name: vars(args)[f"{name}_topic"] for name in given}),
+        [check(Annotated[float, BEACON], x, "--beacon-position") for x in args.beacon_position],
+        args.odometry_axes,
         max_gap_s,
         lambda each: progress.over(each, "message"),
         poses_needed,

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import TextIO
 
-from uuv_optical_array.commands.shared import outputs
+from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
 
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
@@ -67,17 +67,15 @@ def filled(page: str, command: str, text: str) -> str:
     return f"{before}{block}{after}"
 
 
-def run(
-    options: argparse.Namespace, words: Sequence[str], program: Sequence[str] = UUV_ARRAY
-) -> int:
+def run(args: argparse.Namespace, words: Sequence[str], program: Sequence[str] = UUV_ARRAY) -> int:
     """Run a command, and write what it printed into the page if it ended well.
 
     Parameters
     ----------
-    options
+    args
         Of the command, with `run` and the page as `report`.
     words
-        The arguments that these options were read from.
+        The arguments that the options were read from.
     program
         What they were given to.
 
@@ -86,9 +84,9 @@ def run(
     ValueError, OSError
         Before the command runs, where the page cannot be filled.
     """
-    if getattr(options, "json", False):
+    if getattr(args, "json", False):
         raise ValueError("--report: a page is for readers; leave --json out")
-    page = outputs.file_to_write(options.report, "--report")
+    page = outputs.file_to_write(args.report, "--report")
     command = command_of(words, program)
 
     def fill(text: str) -> str:
@@ -101,7 +99,7 @@ def run(
     fill("")
     both = _Both(sys.stdout)
     with contextlib.redirect_stdout(both):
-        code: int = options.run(options)
+        code: int = args.run(args)
     if code == 0:
         files.write_text(page, fill(both.kept.getvalue()))
     return code

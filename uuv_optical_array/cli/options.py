@@ -31,7 +31,7 @@ def add_command(
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, prog=parser.prog)
     return parser
 
 
@@ -75,12 +75,12 @@ def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
         )
 
 
-def numbers_of(options: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
+def numbers_of(args: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
     """Return the values of such options in order; ValueError for one that is out of bounds."""
     return [
         check(
             Annotated[type(number.default), number.quantity],
-            getattr(options, name.replace("-", "_")),
+            getattr(args, name.replace("-", "_")),
             f"--{name}",
         )
         for name, number in numbers.items()

@@ -20,7 +20,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import GridPoses, grid_axes, signatures
 from uuv_optical_array.forward.scene import PriorSettings, Scene, scene_from_settings
-from uuv_optical_array.studies.working_volume import lit_poses
+from uuv_optical_array.forward.working_volume import lit_poses
 
 FRAMES = 300
 NUISANCES = PriorSettings(

@@ -11,9 +11,9 @@ from matplotlib.image import imread
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots import scene as pictures
 from uuv_optical_array.plots.scene import COLUMNS, sheet_poses
-from uuv_optical_array.studies.working_volume import RANGES_M
 
 DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
 

@@ -15,8 +15,8 @@ from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import accuracy
-from uuv_optical_array.studies.working_volume import lit_poses
 
 FRAMES = 2000
 

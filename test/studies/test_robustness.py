@@ -16,10 +16,10 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PriorSettings, load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.errors import FrameErrors
 from uuv_optical_array.studies.robustness import study
 from uuv_optical_array.studies.robustness.kinds import KINDS, SHIPPED, kinds_named
-from uuv_optical_array.studies.working_volume import lit_poses
 
 run = functools.partial(command_line.run, "study", "robustness")
 BY_NAME = {kind.name: kind for kind in KINDS}

@@ -10,9 +10,9 @@ from scipy import stats
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import DAY_S, uniform_poses
 from uuv_optical_array.studies.robustness import truths
 from uuv_optical_array.studies.robustness.kinds import KINDS, kinds_named
-from uuv_optical_array.studies.working_volume import DAY_S, uniform_poses
 
 POSES = uniform_poses(4, np.random.default_rng(3))
 BY_NAME = {kind.name: kind for kind in KINDS}

@@ -19,6 +19,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings, load_scene
+from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
 from uuv_optical_array.studies import accuracy, published
 from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.tradeoff import measurement
@@ -35,7 +36,6 @@ from uuv_optical_array.studies.tradeoff.results import (
     at_one_speed,
 )
 from uuv_optical_array.studies.tradeoff.table_cost import table_cost
-from uuv_optical_array.studies.working_volume import lit_poses, volume_spread
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import SPECIFIED, array_image, save, signed
-from uuv_optical_array.studies.working_volume import SPECIFICATION
 
 LEADER = "#e08a00"
 FOLLOWERS = ("#1f6fb4", "#2f9e61", "#b03a8c", "#7a5230", "#5b6bd6")

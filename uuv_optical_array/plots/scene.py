@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import array_image, detector_ticks, save
-from uuv_optical_array.studies.working_volume import RANGES_M
 
 COLUMNS = (  # title, degree of freedom, m or deg
     ("aligned", "x", 0.0),

@@ -13,6 +13,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings
+from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,
     FrameErrors,
@@ -20,7 +21,6 @@ from uuv_optical_array.studies.errors import (
     by_column,
     frame_errors,
 )
-from uuv_optical_array.studies.working_volume import DAY_S, lit_poses
 
 BAND = 0.95
 

@@ -17,8 +17,8 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.errors import SIGMAS, FrameErrors
-from uuv_optical_array.studies.working_volume import HIGH, LOW
 
 SWAY = 0.4  # of the working volume's half width, across and in angle
 SWAY_RAD_PER_S = (0.1, 0.25)

@@ -18,7 +18,7 @@ from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.working_volume import SPECIFICATION
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 
 Motion = Literal["shift", "yaw"]
 UNITS: dict[Motion, str] = {"shift": "m", "yaw": "deg"}

@@ -8,7 +8,7 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.working_volume import RANGES_M
+from uuv_optical_array.forward.working_volume import RANGES_M
 
 DESCRIPTION = """\
 Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to

@@ -14,8 +14,8 @@ from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.accuracy import as_object, compare_known, exposed, measure
-from uuv_optical_array.studies.working_volume import lit_poses
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks

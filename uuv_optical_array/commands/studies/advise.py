@@ -12,6 +12,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.studies.results import read
 from uuv_optical_array.studies.tradeoff.advice import (
     Advice,
@@ -22,7 +23,6 @@ from uuv_optical_array.studies.tradeoff.advice import (
 )
 from uuv_optical_array.studies.tradeoff.results import SETTINGS_CSV, Measurement, Origin
 from uuv_optical_array.studies.tradeoff.run import TradeoffRun
-from uuv_optical_array.studies.working_volume import SPECIFICATION
 
 DESCRIPTION = """\
 Name the cheapest setting that keeps a rate and an accuracy: array, size of the table, and method of

@@ -10,8 +10,8 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.studies.limits.bound_map import bound_map
-from uuv_optical_array.studies.working_volume import SPECIFICATION
 
 DESCRIPTION = """\
 The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can

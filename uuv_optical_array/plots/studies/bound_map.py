@@ -12,9 +12,9 @@ from matplotlib.text import Text
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping, save
 from uuv_optical_array.studies.limits.bound_map import BoundMap
-from uuv_optical_array.studies.working_volume import SPECIFICATION
 
 # What a row of the picture shows: the worst of these degrees of freedom.
 ROWS = {"x, along the beam (m)": [0], "y and z, across (m)": [1, 2], "pitch and yaw (deg)": [3, 4]}

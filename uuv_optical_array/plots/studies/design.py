@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots.style import (
     SHAPE_COLOURS,
     SPECIFIED,
@@ -28,7 +29,6 @@ from uuv_optical_array.studies.design.fronts import (
 )
 from uuv_optical_array.studies.design.study import DesignStudy, ScoredDesign
 from uuv_optical_array.studies.separation import THRESHOLD_DEG
-from uuv_optical_array.studies.working_volume import SPECIFICATION, volume_spread
 
 # Score, axis label, and the specification.
 BOUNDS = {

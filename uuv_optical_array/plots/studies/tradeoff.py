@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots.style import (
     METHOD_COLOURS,
     SPECIFIED,
@@ -22,7 +23,6 @@ from uuv_optical_array.plots.style import (
 )
 from uuv_optical_array.studies.tradeoff.fronts import MOST_WITHOUT_POSE, fronts, numbered
 from uuv_optical_array.studies.tradeoff.results import Measurement, TableCost, at_one_speed
-from uuv_optical_array.studies.working_volume import SPECIFICATION, volume_spread
 
 MARKERS: dict[Shape, str] = {"curved": "o", "planar": "s"}
 SIDE_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#08204a", "#000000")

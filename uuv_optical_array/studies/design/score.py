@@ -15,6 +15,11 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import (
+    MIN_PEAK_COUNTS,
+    RANGES_M,
+    known_volume_std,
+)
 from uuv_optical_array.studies.errors import position_and_angle
 from uuv_optical_array.studies.separation import (
     THRESHOLD_DEG,
@@ -24,11 +29,6 @@ from uuv_optical_array.studies.separation import (
     angles_deg,
     from_paper_axes,
     scene_signature,
-)
-from uuv_optical_array.studies.working_volume import (
-    MIN_PEAK_COUNTS,
-    RANGES_M,
-    known_volume_std,
 )
 
 NOISE_DRAWS = 64

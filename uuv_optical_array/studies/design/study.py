@@ -8,10 +8,10 @@ import numpy as np
 
 from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.design.designs import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.studies.design.score import Score, score
 from uuv_optical_array.studies.results import Results, read_fields
-from uuv_optical_array.studies.working_volume import uniform_poses
 
 
 class ScoredDesign(NamedTuple):

@@ -10,7 +10,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.working_volume import RANGES_M
+from uuv_optical_array.forward.working_volume import RANGES_M
 
 BEHIND_M = np.linspace(RANGES_M[0], RANGES_M[-1], 81, dtype=float)
 ASIDE_M = np.linspace(-1, 1, 81, dtype=float)

@@ -6,7 +6,7 @@ from uuv_optical_array.core.geometry import IN_DEGREES, X
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.working_volume import SPECIFICATION
+from uuv_optical_array.forward.working_volume import SPECIFICATION
 
 RANGES_M = np.linspace(0.5, 25.0, 246)
 

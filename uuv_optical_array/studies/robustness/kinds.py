@@ -12,9 +12,9 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import PRIORS, Scene
+from uuv_optical_array.forward.working_volume import lit_poses, uniform_poses
 from uuv_optical_array.studies.robustness import truths
 from uuv_optical_array.studies.robustness.truths import Light
-from uuv_optical_array.studies.working_volume import lit_poses, uniform_poses
 
 # What a scene that was calibrated once leaves open: standard deviations in the units of the kinds.
 SHIPPED = {

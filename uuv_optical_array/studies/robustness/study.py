@@ -13,6 +13,7 @@ from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z
 from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,
     FrameErrors,
@@ -20,7 +21,6 @@ from uuv_optical_array.studies.errors import (
     frame_errors,
 )
 from uuv_optical_array.studies.robustness.kinds import Kind
-from uuv_optical_array.studies.working_volume import lit_poses
 
 FAR_M = 1.0
 # An image that so few honest ones fit worse cannot be told from an honest one.

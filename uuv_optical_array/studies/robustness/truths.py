@@ -17,7 +17,7 @@ from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER, Scene
 from uuv_optical_array.forward.unknowns import over_array
-from uuv_optical_array.studies.working_volume import DAY_S, uniform_poses
+from uuv_optical_array.forward.working_volume import DAY_S, uniform_poses
 
 # Light at the detectors, counts, shape (n, side, side), of poses, shape (n, 5), in the sea that
 # differs from the scene of a model; the generator is for what of it is random.

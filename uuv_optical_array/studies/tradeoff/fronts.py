@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.forward.working_volume import volume_spread
 from uuv_optical_array.studies.pareto import STEP, pareto_front
 from uuv_optical_array.studies.tradeoff.results import Measurement
-from uuv_optical_array.studies.working_volume import volume_spread
 
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01

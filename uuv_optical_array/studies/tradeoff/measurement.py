@@ -15,11 +15,11 @@ from uuv_optical_array.estimation.table.signature_table import Progress, Signatu
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import known_volume_std, lit_poses
 from uuv_optical_array.studies import published
 from uuv_optical_array.studies.errors import Answer, answer_of, frame_errors, position_and_angle
 from uuv_optical_array.studies.tradeoff.plan import LOOK_UP, MOMENTS, SHAPES, STEPS, Group
 from uuv_optical_array.studies.tradeoff.results import Measurement, load_average
-from uuv_optical_array.studies.working_volume import known_volume_std, lit_poses
 
 SAMPLE_FRAMES = 4
 LOOK_UP_ROWS = int(

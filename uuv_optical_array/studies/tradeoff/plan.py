@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import volume_table
 from uuv_optical_array.studies.tradeoff.results import Mode
-from uuv_optical_array.studies.working_volume import volume_table
 
 # Our methods have a table of any size, the published ones what they were published with.
 LOOK_UP, MOMENTS = "look_up", "moments"

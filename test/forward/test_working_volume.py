@@ -9,8 +9,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.errors import position_and_angle
-from uuv_optical_array.studies.working_volume import (
+from uuv_optical_array.forward.working_volume import (
     HIGH,
     LOW,
     known_volume_std,
@@ -18,6 +17,7 @@ from uuv_optical_array.studies.working_volume import (
     volume_spread,
     volume_table,
 )
+from uuv_optical_array.studies.errors import position_and_angle
 
 
 def test_poses_fill_the_volume_where_there_is_light(scene):

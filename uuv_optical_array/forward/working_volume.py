@@ -1,4 +1,4 @@
-"""The working volume of Eren et al. (2016), what it asks for there, and poses drawn from it."""
+"""The working volume of Eren et al. (2016), its specification, and poses drawn from it."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,6 @@ from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import TableSettings
-from uuv_optical_array.studies.errors import position_and_angle
 
 RANGES_M = (4.0, 5.0, 6.0, 7.0, 8.0)  # behind the lamp
 # Largest errors in x, y, z, m, and in pitch and yaw, deg.
@@ -20,7 +19,7 @@ LOW = np.array([-8.0, *-HIGH[1:]])
 VARIANCE = (HIGH - LOW) ** 2 / 12
 MIN_PEAK_COUNTS = 20.0
 BLOCK_POSES = 4096  # drawn at a time
-DAY_S = 86_400.0  # from which random moments are drawn
+DAY_S = 86_400.0  # from which random times are drawn
 
 
 def uniform_poses(count: int, rng: np.random.Generator) -> Array:
@@ -43,9 +42,9 @@ def lit_poses(
     count
         How many, >= 1.
     rng
-        Where they come from.
+        Source of the poses.
     draw
-        How; as `uniform_poses`.
+        Draws candidates, as `uniform_poses`.
 
     Returns
     -------
@@ -74,8 +73,8 @@ def lit_poses(
 def known_volume_std(information: Array) -> Array:
     """Bound the errors of an image whose pose is known to lie in the volume.
 
-    The volume counts as a Gaussian of its variance. Where the image tells more than that, this is
-    the Cramer-Rao bound; where it tells nothing, it is the volume's own spread, and never more.
+    The volume enters as a Gaussian prior of its variance: where the image tells more, the result
+    is the Cramer-Rao bound; where it tells nothing, the standard deviation of the volume.
 
     Parameters
     ----------
@@ -93,7 +92,8 @@ def known_volume_std(information: Array) -> Array:
 
 def volume_spread() -> tuple[float, float]:
     """Return the RMS errors of always guessing the middle of the volume, m and deg."""
-    return position_and_angle(np.sqrt(VARIANCE)[None])
+    position, angle = (np.sqrt(part.sum()) for part in np.split(VARIANCE, [3]))
+    return float(position), float(np.degrees(angle))
 
 
 def volume_table(steps: int) -> TableSettings:

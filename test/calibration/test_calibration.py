@@ -13,9 +13,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.parameters import (
-    NAMES,
-)
+from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
@@ -169,7 +167,6 @@ def test_pose_errors_that_are_not_told_are_noticed():
     told = poses + rng.normal(size=poses.shape) * 0.02
     found = calibrate(load_scene("reference"), images, told, rolls)
     assert found.misfit > 10
-    assert found.inflation > 3
     assert any("correlated" in note for note in found.notes)
     assert any("does not explain" in note for note in found.notes)
 
@@ -311,10 +308,15 @@ def test_no_light_at_all_is_an_error_that_says_what_to_do():
         calibrate(load_scene("reference"), images, poses)
 
 
-@pytest.mark.parametrize("count", [8, 80])
 @pytest.mark.parametrize(
-    ("sigma", "reference", "k"),
-    [(8.0, 2.0, 0.1), (1.5, 900.0, 1.0), (60.0, 20000.0, 0.0), (20.0, 900.0, 3.0), (2.0, 1.0, 1.0)],
+    ("sigma", "reference", "k", "count"),
+    [
+        (8.0, 2.0, 0.1, 8),
+        (1.5, 900.0, 1.0, 80),
+        (60.0, 20000.0, 0.0, 8),
+        (20.0, 900.0, 3.0, 80),
+        (2.0, 1.0, 1.0, 8),
+    ],
 )
 def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, reference, k, count):
     rng = np.random.default_rng(16)
@@ -451,18 +453,16 @@ def test_bad_input_is_refused_by_name(change, words):
         calibrate(**given)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "gains"])
-def test_what_is_held_stays(name):
+@pytest.mark.parametrize("held", [(NAMES[0], NAMES[2]), (NAMES[1], NAMES[3], "gains")])
+def test_what_is_held_stays(held):
     rng = np.random.default_rng(22)
     poses, rolls = drive(rng, 40)
     start = sea(gains=(0.03, 2), lamp__reference_counts=620.0)
-    found = calibrate(start, ForwardModel(sea()).expose(poses, rng, rolls), poses, rolls, [name])
-    if name == "gains":
-        np.testing.assert_allclose(found.gains, found.start_gains)
-        np.testing.assert_allclose(found.gains, truth_of(start)[1])
-        assert np.isnan(found.gain_std).all()
-    else:
-        parameter = found.parameters[NAMES.index(name)]
-        assert parameter.value == pytest.approx(parameter.start)
-        assert parameter.note == "held"
-        assert np.isnan(parameter.std)
+    found = calibrate(start, ForwardModel(sea()).expose(poses, rng, rolls), poses, rolls, held)
+    lamp, gains = truth_of(start)
+    assert np.isnan(found.gain_std).all() == ("gains" in held)
+    assert np.allclose(found.gains, gains) == ("gains" in held)
+    for parameter, value in zip(found.parameters, lamp, strict=False):
+        assert (parameter.note == "held") == (parameter.name in held)
+        assert np.isnan(parameter.std) == (parameter.name in held)
+        assert (parameter.value == pytest.approx(value)) == (parameter.name in held)

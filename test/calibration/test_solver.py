@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from calibrated_seas import drive, sea, truth_of
 
-from uuv_optical_array.calibration.maximum_likelihood.likelihood import CalibrationLikelihood, Place
-from uuv_optical_array.calibration.maximum_likelihood.solver import (
-    MAX_STEP,
-    CalibrationProblem,
-    evaluate,
-    outward,
-    propose,
-    refine,
-)
+from uuv_optical_array.calibration.identifiability import largest_stds, undetermined
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,
@@ -20,6 +13,14 @@ from uuv_optical_array.calibration.parameters import (
     SIGMA,
     K,
     bounds,
+)
+from uuv_optical_array.calibration.solver import (
+    MAX_STEP,
+    CalibrationProblem,
+    evaluate,
+    outward,
+    propose,
+    refine,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -38,14 +39,14 @@ def test_the_gradient_is_that_of_the_value(pose_std):
     if std is not None:
         # Of the shifts that follow the parameters, so that they leave nothing to gain.
         for _ in range(30):
-            shifts = shifts + likelihood.evaluate(Place(here, shifts)).shift_step
-        assert np.abs(likelihood.evaluate(Place(here, shifts)).shift_step).max() < 1e-5
+            shifts = shifts + likelihood.evaluate(Unknowns(here, shifts)).shift_step
+        assert np.abs(likelihood.evaluate(Unknowns(here, shifts)).shift_step).max() < 1e-5
         aside = 1e-5 * rng.normal(size=shifts.shape) * std
-        ahead, behind = (likelihood.evaluate(Place(here, shifts + x)) for x in (aside, -aside))
+        ahead, behind = (likelihood.evaluate(Unknowns(here, shifts + x)) for x in (aside, -aside))
         assert abs(ahead.cost - behind.cost) / 2e-5 < 1e-2
-    gradient = likelihood.evaluate(Place(here, shifts)).gradient
+    gradient = likelihood.evaluate(Unknowns(here, shifts)).gradient
     for i, step in enumerate(1e-5 * np.eye(29)):
-        ahead, behind = (likelihood.evaluate(Place(here + x, shifts)) for x in (step, -step))
+        ahead, behind = (likelihood.evaluate(Unknowns(here + x, shifts)) for x in (step, -step))
         slope = (behind.cost - ahead.cost) / 2e-5
         assert slope == pytest.approx(gradient[i], rel=2e-5, abs=1e-2)
 
@@ -61,7 +62,7 @@ def problem_of(pose_std=None, held=(), seed=3):
     shifts = rng.normal(size=poses.shape) * (0 if std is None else 0.3 * std)
     steps = []
     problem = CalibrationProblem(likelihood, frozenset(held), lambda: steps.append(1))
-    return problem, Place(truth(scene) + 0.01 * rng.standard_normal(29), shifts), steps
+    return problem, Unknowns(truth(scene) + 0.01 * rng.standard_normal(29), shifts), steps
 
 
 def truth(scene):
@@ -82,7 +83,7 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(pose_std, dampin
     assert np.abs(step[0]).max() > 1e-3
     assert step[0][GAINS:].sum() == pytest.approx(0, abs=1e-12)
     ahead, behind = (
-        evaluate(problem, Place(at.parameters + x * step[0], at.shifts + x * step[1])).cost
+        evaluate(problem, Unknowns(at.parameters + x * step[0], at.shifts + x * step[1])).cost
         for x in (1e-4, -1e-4)
     )
     assert (behind - ahead) / 2e-4 == pytest.approx(2 * decrement, rel=1e-3)
@@ -93,25 +94,25 @@ def test_a_step_keeps_to_the_bounds_and_leaves_what_is_held():
     low, high = bounds(29)
     far = at.parameters.copy()
     far[POWER], far[K], far[BACKGROUND] = 3.0, 0.05, 3.0
-    state = evaluate(problem, Place(far, at.shifts))
+    state = evaluate(problem, Unknowns(far, at.shifts))
     trial, _ = propose(problem, state, 1e-3)
     assert trial.parameters[POWER] - far[POWER] == pytest.approx(MAX_STEP)
     np.testing.assert_array_equal(trial.parameters[[SIGMA, GAINS + 3]], far[[SIGMA, GAINS + 3]])
-    found = refine(problem, Place(far, at.shifts))
+    found = refine(problem, Unknowns(far, at.shifts))
     np.testing.assert_array_equal(found.at.parameters[[SIGMA, GAINS + 3]], far[[SIGMA, GAINS + 3]])
     assert found.cost < state.cost
     # Readings less than dark: the background is at its bound, what goes inwards is free.
     problem.likelihood.readings = problem.likelihood.readings - 100.0
     dark = at.parameters.copy()
     dark[BACKGROUND] = 0.0
-    state = evaluate(problem, Place(dark, at.shifts))
+    state = evaluate(problem, Unknowns(dark, at.shifts))
     assert BACKGROUND in outward(state)
     trial, _ = propose(problem, state, 1e-3)
     assert trial.parameters[BACKGROUND] == 0
     assert (trial.parameters >= low).all()
     assert (trial.parameters <= high).all()
     dark[BACKGROUND] = 1.0
-    assert BACKGROUND not in outward(evaluate(problem, Place(dark, at.shifts)))
+    assert BACKGROUND not in outward(evaluate(problem, Unknowns(dark, at.shifts)))
 
 
 def test_poses_are_fitted_even_where_every_parameter_is_held():
@@ -121,3 +122,19 @@ def test_poses_are_fitted_even_where_every_parameter_is_held():
     aside = evaluate(problem, at)
     assert found.cost < aside.cost - 1
     assert np.abs(found.shift_step / problem.likelihood.pose_std).max() < 0.02
+
+
+@pytest.mark.parametrize(("reach_m", "gains_known"), [(0.24, True), (0.26, False)])
+def test_gains_are_held_where_an_unknown_attenuation_would_shift_them_by_half_a_per_cent(
+    reach_m, gains_known
+):
+    """At one pose K, uncertain by 0.02 /m, shifts a gain by 0.02 /m times its excess range."""
+    excess = np.linspace(-reach_m, reach_m, 9)
+    slopes = np.zeros((9, GAINS + 9))
+    slopes[:, POWER], slopes[:, K], slopes[:, GAINS:] = 1.0, -(6.0 + excess), np.eye(9)
+    information = 1e6 * slopes.T @ slopes
+    unknown, correlated = undetermined(
+        information, frozenset([SIGMA, BACKGROUND]), largest_stds(GAINS + 9, 1000.0)
+    )
+    assert unknown == ({K} if gains_known else {K, *range(GAINS, GAINS + 9)})
+    assert correlated[POWER] == K

@@ -13,7 +13,7 @@ from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_s
 WIDTH_M, FULL, RATE_HZ = 0.4, 4095.0, 20
 # What the message shows of an image, written as NumPy does to the image, by what the report says.
 SYMMETRIES = {
-    "as it should be": lambda image: image,
+    "in reading order": lambda image: image,
     "mirrored, port with starboard": np.fliplr,
     "mirrored, top with bottom": np.flipud,
     "turned by half a turn": lambda image: np.rot90(image, 2),
@@ -94,8 +94,8 @@ def test_two_swapped_wires_of_a_large_array_are_found():
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ({"distance_m": 20.0}, "cannot be told apart"),
-        ({"reach_m": 0.05}, "(cannot be told apart|not seen by)"),
+        ({"distance_m": 20.0}, "cannot be separated"),
+        ({"reach_m": 0.05}, "(cannot be separated|not seen by)"),
         ({"sweep_s": 0.5}, "move the torch more slowly"),
     ],
     ids=["far", "short", "fast"],

@@ -1,7 +1,8 @@
 """Lamp, water, background and gains, fitted to images at known poses by maximum likelihood.
 
-Power and mean gain are one product, so the geometric mean of the gains is 1: the gauge. What the
-images do not tell is named and stays where it was. Design: docs/tutorials/calibration.md.
+Power and mean gain are one product, so the geometric mean of the gains is 1: the gauge. Parameters
+that the images do not determine keep their values and are named. Usage:
+docs/tutorials/calibration.md.
 """
 
 from collections.abc import Callable, Collection
@@ -11,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.calibration.maximum_likelihood.fit import CalibrationFit
-from uuv_optical_array.calibration.maximum_likelihood.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.notes import MISFIT, cure, notes_of, refusal
+from uuv_optical_array.calibration.fit import CalibrationFit
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
+from uuv_optical_array.calibration.notes import MISFIT, advice, notes_of, refusal
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     GAINS,
@@ -23,9 +24,9 @@ from uuv_optical_array.calibration.parameters import (
     SIGMA,
     UNITS,
     K,
+    calibrated_prior,
     is_logarithm,
 )
-from uuv_optical_array.calibration.prior import prior_of
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
@@ -44,10 +45,10 @@ class FittedParameter:
     start, value
         Before and after.
     std
-        Standard error, with that of what is held because it is not known; nan where the value was
-        held.
+        Standard error, which includes the effect of parameters that are held though unknown; nan
+        where the value itself was held.
     note
-        Why it was held, or what it stands or falls with; empty: known by itself.
+        Why it was held, or what it is correlated with; empty: determined by itself.
     """
 
     name: str
@@ -60,33 +61,30 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a calibration found.
+    """The result of a calibration.
 
     Parameters
     ----------
     scene
-        The starting scene with every fitted value in its place, and the standard errors in its
-        prior.
+        The starting scene with the fitted values, and their standard errors in its prior.
     parameters
         Power, beam, attenuation, background; the reference reading, which follows from them; the
         noise, where it was fitted.
-    start_gains, gains, gain_std
+    gains, gain_std
         Geometric mean 1, shape ``(side, side)``; the standard error is nan where one was held.
     correlation
         Of the first four parameters, shape ``(4, 4)``; nan where one was held.
-    mean, variance, residuals
-        Of every reading, counts, counts^2 and standard deviations, shape ``(m, n)``.
+    mean, residuals
+        Of every reading, counts and standard deviations, shape ``(m, n)``.
     used
-        Readings that were fitted, shape ``(m, n)``; the others are outliers or of a fault.
-    fair
-        Used readings that could hardly be censored, shape ``(m, n)``.
+        Readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
+    uncensored
+        Used readings that are far from both limits, shape ``(m, n)``.
     misfit
-        Mean squared residual of these, 1 where the model explains the data; the standard errors
-        have its root as a factor where it exceeds `MISFIT`.
-    inflation
-        Mean square of the images' mean residuals and their tilts, over that of independent ones.
+        Mean squared residual of these, 1 where the model explains the data; where it exceeds
+        `notes.MISFIT`, the standard errors are multiplied by its root.
     outliers, outlying_images
-        Readings left out one by one; indices of images left out whole.
+        Number of single readings that were left out; indices of images that were.
     notes
         What a user should know, a line each.
     refusal
@@ -95,17 +93,14 @@ class Calibration:
 
     scene: Scene
     parameters: tuple[FittedParameter, ...]
-    start_gains: Array
     gains: Array
     gain_std: Array
     correlation: Array
     mean: Array
-    variance: Array
     residuals: Array
     used: NDArray[np.bool_]
-    fair: NDArray[np.bool_]
+    uncensored: NDArray[np.bool_]
     misfit: float
-    inflation: float
     outliers: int
     outlying_images: tuple[int, ...]
     notes: tuple[str, ...]
@@ -127,20 +122,20 @@ def calibrate(
     Parameters
     ----------
     scene
-        Where the fit starts; array, noise and every effect that is not fitted are believed.
+        Where the fit starts; array, noise and every effect that is not fitted are taken as given.
     images
         Counts, finite, shape ``(m, side, side)``, m >= 1.
     poses, rolls
         Of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to ``(m,)``.
     hold
-        What is known and stays as the scene has it: `NAMES`, or ``gains``.
+        Parameters that keep the values of the scene: of `NAMES`, or ``gains``.
     pose_std
         Standard deviation of each pose, independent by image, m and rad, shape ``(5,)``, > 0;
         ``None``: exact.
     fit_noise
         Whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
     on_step
-        Called at every step, to show that it goes on.
+        Called at every step, to show progress.
 
     Returns
     -------
@@ -151,8 +146,8 @@ def calibrate(
     ------
     ValueError
         For images, poses or their errors that are not finite or of a wrong shape, an unknown name
-        in `hold`, a noise to fit that the scene does not have, no reading that can be used, or a
-        result that no scene may hold.
+        in `hold`, a noise to fit that the scene does not have, no reading that can be used, or
+        results out of the bounds of a scene.
     """
     side = scene.array.detectors_per_side
     images, poses = np.asarray(images, float), np.asarray(poses, float)
@@ -183,15 +178,15 @@ def calibrate(
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
     fit = CalibrationFit(likelihood, known, on_step)
-    refused = refusal(fit, fit_noise)
-    if refused or not fit_noise:
-        return _gathered(scene, fit, (), refused)
+    reason = refusal(fit, fit_noise)
+    if reason or not fit_noise:
+        return _result(scene, fit, (), reason)
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
         sigma, error = fit.agreement.noise(sigma)
         scene = _with_noise(scene, sigma)
-        fit = CalibrationFit(likelihood.of(scene), known, on_step)
-    return _gathered(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
+        fit = CalibrationFit(likelihood.with_scene(scene), known, on_step)
+    return _result(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
 
 
 def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
@@ -200,23 +195,23 @@ def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
     return scene_from_settings(settings, scene.name)
 
 
-def _gathered(
-    scene: Scene, fit: CalibrationFit, more: tuple[FittedParameter, ...], refused: str
+def _result(
+    scene: Scene, fit: CalibrationFit, noise: tuple[FittedParameter, ...], reason: str
 ) -> Calibration:
-    """Gather what is known."""
+    """Return the calibration of a fit, refused where there is a reason."""
     likelihood, values, held = fit.likelihood, fit.state.at.parameters, fit.held()
-    if POWER in fit.unknown and not refused:
-        raise ValueError(f"images: {cure(fit, POWER)}")
+    if POWER in fit.unknown and not reason:
+        raise ValueError(f"images: {advice(fit, POWER)}")
     agreement = fit.agreement
     covariance = fit.covariance(agreement.misfit if agreement.misfit > MISFIT else 1.0)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
     logarithm = is_logarithm(len(values))
-    begun, shown = (np.where(logarithm, np.exp(each), each) for each in (fit.start, values))
-    errors = np.where(logarithm, shown * std, std)
-    only = {i: f"only together with {NAMES[j]}" for i, j in fit.mixed.items() if j < GAINS}
+    start, fitted = (np.where(logarithm, np.exp(x), x) for x in (fit.start, values))
+    errors = np.where(logarithm, fitted * std, std)
+    together = {i: f"only together with {NAMES[j]}" for i, j in fit.correlated.items() if j < GAINS}
     notes = {
-        **only,
+        **together,
         **dict.fromkeys(fit.at_bound, "at its bound"),
         **dict.fromkeys(fit.unknown, "not known"),
         **dict.fromkeys(fit.known, "held"),
@@ -225,33 +220,30 @@ def _gathered(
     reference_error = reference * float(np.sqrt(slope @ covariance @ slope))
     parameters = [
         FittedParameter(
-            name, unit, float(begun[i]), float(shown[i]), float(errors[i]), notes.get(i, "")
+            name, unit, float(start[i]), float(fitted[i]), float(errors[i]), notes.get(i, "")
         )
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
     ]
-    start = scene.lamp.reference_counts
-    parameters.append(FittedParameter(REFERENCE, "counts", start, reference, reference_error))
-    alone = ~likelihood.used & ~likelihood.faulty
-    alone[list(fit.outlying)] = False
+    before = scene.lamp.reference_counts
+    parameters.append(FittedParameter(REFERENCE, "counts", before, reference, reference_error))
+    outliers = ~likelihood.used & ~likelihood.faulty
+    outliers[list(fit.outlying_images)] = False
     grid = (scene.array.detectors_per_side,) * 2
     return Calibration(
-        scene=_written(scene, fit, shown, reference, errors),
-        parameters=(*parameters, *more),
-        start_gains=begun[GAINS:].reshape(grid),
-        gains=shown[GAINS:].reshape(grid),
+        scene=_calibrated_scene(scene, fit, fitted, reference, errors),
+        parameters=(*parameters, *noise),
+        gains=fitted[GAINS:].reshape(grid),
         gain_std=errors[GAINS:].reshape(grid),
         correlation=covariance[:GAINS, :GAINS] / np.outer(std[:GAINS], std[:GAINS]),
         mean=fit.state.mean,
-        variance=fit.state.variance,
         residuals=agreement.residuals,
         used=likelihood.used,
-        fair=agreement.fair,
+        uncensored=agreement.uncensored,
         misfit=agreement.misfit,
-        inflation=agreement.inflation(),
-        outliers=int(alone.sum()),
-        outlying_images=fit.outlying,
+        outliers=int(outliers.sum()),
+        outlying_images=fit.outlying_images,
         notes=notes_of(scene, fit),
-        refusal=refused,
+        refusal=reason,
     )
 
 
@@ -261,18 +253,18 @@ def _reference(scene: Scene, fit: CalibrationFit) -> tuple[float, Array]:
     values[BACKGROUND] = 0.0
     aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
     light, slopes = fit.likelihood.light(values, aligned, np.zeros(1))
-    lit = light[0] * np.exp(values[GAINS:]) * ~fit.likelihood.faulty
-    brightest = int(lit.argmax())
+    readings = light[0] * np.exp(values[GAINS:]) * ~fit.likelihood.faulty
+    brightest = int(readings.argmax())
     slope = np.zeros(len(values))
     slope[:GAINS] = slopes[0, brightest, 5:] / light[0, brightest]
     slope[BACKGROUND], slope[GAINS + brightest] = 0.0, 1.0
-    return float(lit[brightest]), slope
+    return float(readings[brightest]), slope
 
 
-def _written(
+def _calibrated_scene(
     scene: Scene, fit: CalibrationFit, values: Array, reference: float, errors: Array
 ) -> Scene:
-    """Return the scene with the fitted values, and their standard errors, in their places."""
+    """Return the scene with the fitted values, and their standard errors as its prior."""
     settings: dict[str, Any] = scene.settings()
     lamp, effects = settings["lamp"], settings["effects"]
     # Far more digits than are known, and few enough to read.
@@ -285,7 +277,7 @@ def _written(
     gains = values[GAINS:].reshape((scene.array.detectors_per_side,) * 2)
     drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
     effects["responsivity"] = {"gains": gains.tolist(), **drift}
-    settings["prior"] |= prior_of(
+    settings["prior"] |= calibrated_prior(
         scene.prior, values, errors, fit.unknown, "attenuation" in effects
     )
     return scene_from_settings(settings, scene.name)

@@ -1,4 +1,4 @@
-"""What a calibration fits: the parameters in their order, with bounds and gauge.
+"""What a calibration fits: the parameters in their order, their bounds, gauge and prior.
 
 In one row: the logarithm of the lamp's power, that of the beam's standard deviation, the
 attenuation K, the background, and the logarithm of each detector's gain. Power and mean gain are
@@ -6,20 +6,29 @@ one product, so the geometric mean of the gains is 1: the gauge.
 """
 
 from collections.abc import Collection
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.scene import PRIORS, PriorSettings
 
 POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
 NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")
 UNITS = ("counts m^2", "deg", "1/m", "counts")
-NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals, where that is wanted
+NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
 # Bounds of power, beam, K and background: logarithms, 1/m and counts; and of a gain's logarithm.
 LOWEST, HIGHEST = (-50.0, np.log(0.1), 0.0, 0.0), (50.0, np.log(90), 10.0, 1e6)
 GAIN_BOUND = np.log(1e3)
+PRIOR_KEYS = {
+    POWER: "lamp_power_std",
+    SIGMA: "beam_sigma_std_deg",
+    K: "k_std_per_m",
+    BACKGROUND: "ambient_std_counts",
+    GAINS: "gain_std",
+}
 
 
 def is_logarithm(size: int) -> NDArray[np.bool_]:
@@ -33,20 +42,10 @@ def bounds(size: int) -> tuple[Array, Array]:
     return np.append(LOWEST, -gains), np.append(HIGHEST, gains)
 
 
-def directions(held: Collection[int], size: int) -> Array:
-    """Return orthogonal directions in which the parameters are free, and the gauge kept.
+def free_directions(held: Collection[int], size: int) -> Array:
+    """Return orthogonal directions of the `size` parameters that keep the gauge, as columns.
 
-    Parameters
-    ----------
-    held
-        Parameters that do not move.
-    size
-        How many there are in all, p.
-
-    Returns
-    -------
-    Array
-        Shape ``(p, q)``, one direction a column.
+    Parameters that are `held` do not move; the gains that do keep their geometric mean.
     """
     lamp = [i for i in range(GAINS) if i not in held]
     gains = [i for i in range(GAINS, size) if i not in held]
@@ -55,3 +54,42 @@ def directions(held: Collection[int], size: int) -> Array:
     basis[lamp, np.arange(len(lamp))] = 1.0
     basis[gains, len(lamp) :] = across
     return basis
+
+
+def calibrated_prior(
+    start: PriorSettings, values: Array, errors: Array, unknown: Collection[int], attenuates: bool
+) -> dict[str, Any]:
+    """Return the standard errors of a calibration as keys of its scene's prior.
+
+    Parameters
+    ----------
+    start
+        Prior of the starting scene, which is kept for what was held. For what the images do not
+        determine it is kept too, or is that of a rig as bought where the start is exact.
+    values, errors
+        Of the parameters in their units, the errors nan where held, shape ``(p,)``.
+    unknown
+        Parameters that the images do not determine.
+    attenuates
+        Whether the scene has an attenuation.
+
+    Returns
+    -------
+    dict
+        Of `PriorSettings`, each within its bounds.
+    """
+    hints = get_type_hints(PriorSettings, include_extras=True)
+    prior: dict[str, Any] = {"known": "calibrated"}
+    for i, key in PRIOR_KEYS.items():
+        rows = range(i, i + 1) if i < GAINS else range(GAINS, len(values))
+        stds = errors[rows] / (values[rows] if i in (POWER, GAINS) else 1.0)
+        stds, std = stds[np.isfinite(stds)], getattr(start, key)
+        if any(row in unknown for row in rows):
+            std = max([std or PRIORS["as_bought"][key], *stds])
+        elif stds.size:
+            std = float(np.sqrt((stds**2).mean()))
+        (quantity,) = hints[key].__metadata__
+        prior[key] = float(f"{min(std, quantity.high):.3g}")
+    if not attenuates:
+        prior[PRIOR_KEYS[K]] = 0.0
+    return prior

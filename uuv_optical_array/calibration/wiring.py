@@ -1,9 +1,9 @@
-"""Which reading of an image is which detector, found with a torch.
+"""Which reading of an image belongs to which detector, measured with a torch.
 
-A torch is moved close before the array, from port to starboard and then from top to bottom. Each
+A torch is moved close to the array, from port to starboard and then from top to bottom. Each
 reading is brightest when the torch passes its detector, whatever the detector's gain and the other
-coordinate of the torch: the order of these moments is that of columns, and then of rows. Any
-permutation is found so, mirrored, turned and transposed arrays among them.
+coordinate of the torch: the order of these moments is that of columns, and then of rows. This finds
+any permutation, such as that of a mirrored, turned or transposed array.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
 
-DARK_S = 1.0  # without the torch, before and between the sweeps and after
-ROUNDING = 12**-0.5  # counts, standard deviation of whole ones
-# What is the torch's light: this far above the noise in each reading, and this share of full scale
-# in the brightest.
+DARK_S = 1.0  # without the torch, before, between and after the sweeps
+ROUNDING = 12**-0.5  # standard deviation of rounding, counts
+# The torch is seen where a reading is this many standard deviations above the background, and the
+# brightest one this share of full scale.
 LIT_SIGMAS, LIT_SHARE = 8.0, 0.02
-LEAST_IMAGES = 3  # for each column or row
+MIN_IMAGES = 3  # for each column or row
 
 FIRST = "torch off: measuring the background"
 SWEEPS = (
-    "sweep 1 of 2: move the torch, a hand or two before the array, slowly from beyond its port "
-    "edge, at your right as you face it, to beyond its starboard edge; then switch it off",
+    "sweep 1 of 2: move the torch slowly, 10 to 20 cm in front of the array, from beyond its port "
+    "edge (at your right as you face it) to beyond its starboard edge; then switch it off",
     "sweep 2 of 2: the same from above the top edge to below the bottom edge; then switch it off",
 )
-DONE = "both sweeps seen"
+DONE = "both sweeps are complete"
 
 
 class TorchSweeps:
-    """Takes the images of an array one by one until it has seen both sweeps.
+    """Takes the images of an array one by one until both sweeps are complete.
 
     Parameters
     ----------
@@ -38,24 +38,24 @@ class TorchSweeps:
         Detectors in a row.
     full_scale_counts
         Largest reading.
-    tell
-        Told what to do next, in a sentence.
+    show
+        Called with a sentence that says what to do next.
     """
 
     def __init__(
-        self, side: int, full_scale_counts: float, tell: Callable[[str], None] = lambda text: None
+        self, side: int, full_scale_counts: float, show: Callable[[str], None] = lambda text: None
     ) -> None:
-        self._side, self._full_scale, self._tell = side, full_scale_counts, tell
+        self._side, self._full_scale, self._show = side, full_scale_counts, show
         self._dark: list[tuple[int, Array]] = []
         self._sweep: list[tuple[int, Array]] = []
         self._places: list[NDArray[np.intp]] = []  # column of each reading, then its row
         self._background: Array | None = None
         self._lit_ns = 0
-        tell(FIRST)
+        show(FIRST)
 
     @property
     def wiring(self) -> list[int] | None:
-        """The wiring, as `ArraySettings` has it; ``None`` until both sweeps are over."""
+        """The wiring, as in `ArraySettings`; ``None`` until both sweeps are complete."""
         if len(self._places) < 2:
             return None
         column, row = self._places
@@ -74,17 +74,17 @@ class TorchSweeps:
         Raises
         ------
         ValueError
-            Where a sweep does not tell columns or rows apart, with what to do about it.
+            Where a sweep does not separate columns or rows, with what to do about it.
         """
         readings = np.ravel(image)
         if self._background is None:
             self._dark.append((stamp_ns, readings))
             if stamp_ns - self._dark[0][0] >= DARK_S * 1e9:
-                dark = np.array([each for _, each in self._dark])
-                self._seen = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
-                self._lit = max(self._seen, LIT_SHARE * self._full_scale)
+                dark = np.array([image for _, image in self._dark])
+                self._visible = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
+                self._lit = max(self._visible, LIT_SHARE * self._full_scale)
                 self._background = dark.mean(axis=0)
-                self._tell(SWEEPS[0])
+                self._show(SWEEPS[0])
             return
         light = readings - self._background
         if light.max() > self._lit:
@@ -94,40 +94,40 @@ class TorchSweeps:
             self.end_sweep()
 
     def end_sweep(self) -> None:
-        """Count the sweep as over that is on its way, if any, as a recording that ends does."""
+        """Complete a sweep that has begun, such as where a recording ends."""
         if not self._sweep or self.wiring is not None:
             return
         seconds = np.array([stamp for stamp, _ in self._sweep]) * 1e-9
-        light = np.array([each for _, each in self._sweep])
+        light = np.array([image for _, image in self._sweep])
         self._sweep = []
         self._places.append(self._ordered(seconds - seconds[0], light))
         if len(self._places) < 2:
-            self._tell(SWEEPS[1])
+            self._show(SWEEPS[1])
             return
         column, row = self._places
         if len(set(zip(column.tolist(), row.tolist(), strict=True))) < len(column):
             raise ValueError(
-                "both sweeps tell the same order apart: sweep from port to starboard first, and "
-                "then from top to bottom"
+                "both sweeps give the same order: sweep from port to starboard first, and then "
+                "from top to bottom"
             )
-        self._tell(DONE)
+        self._show(DONE)
 
     def _ordered(self, seconds: Array, light: Array) -> NDArray[np.intp]:
-        """Return the column, or row, of each reading by when the torch passed it."""
-        what, side = ("columns", "rows")[len(self._places)], self._side
-        if len(seconds) < LEAST_IMAGES * side:
+        """Return the column, or row, of each reading by the time when the torch passed it."""
+        name, side = ("columns", "rows")[len(self._places)], self._side
+        if len(seconds) < MIN_IMAGES * side:
             raise ValueError(
-                f"{what}: {len(seconds)} images of the sweep, fewer than {LEAST_IMAGES} for each; "
+                f"{name}: {len(seconds)} images of the sweep, fewer than {MIN_IMAGES} for each; "
                 "move the torch more slowly"
             )
-        unseen = np.flatnonzero(light.max(axis=0) <= self._seen)
-        if unseen.size:
+        unlit = np.flatnonzero(light.max(axis=0) <= self._visible)
+        if unlit.size:
             raise ValueError(
-                f"{what}: the torch is not seen by {unseen.size} of {side * side} readings, the "
-                f"first at row {unseen[0] // side}, column {unseen[0] % side} of the image; "
-                "pass all detectors, or mend what is dead"
+                f"{name}: the torch is not seen by {unlit.size} of {side * side} readings, the "
+                f"first at row {unlit[0] // side}, column {unlit[0] % side} of the image; "
+                "pass all detectors, or repair the dead ones"
             )
-        weights = light**2  # the moment of passing counts more than what is seen from afar
+        weights = light**2  # so that the passing itself counts more than light from afar
         passed = seconds @ (weights / weights.sum(axis=0))
         order = np.argsort(passed)
         groups = passed[order].reshape(side, side)
@@ -135,9 +135,9 @@ class TorchSweeps:
         gap = float((groups[1:, 0] - groups[:-1, -1]).min())
         if gap <= spread:
             raise ValueError(
-                f"{what}: they cannot be told apart, as the torch passes neighbours within "
-                f"{gap:.2g} s and those of one within {spread:.2g} s; hold it nearer to the array, "
-                "move it straight and evenly, and well beyond both edges"
+                f"{name}: they cannot be separated: the torch passes neighbouring ones within "
+                f"{gap:.2g} s, and the detectors of a single one within {spread:.2g} s; hold it "
+                "nearer to the array, move it straight and evenly, and well beyond both edges"
             )
         places = np.empty(side * side, dtype=np.intp)
         places[order] = np.repeat(np.arange(side), side)
@@ -145,18 +145,10 @@ class TorchSweeps:
 
 
 def description(wiring: Sequence[int], side: int) -> str:
-    """Say in words what a wiring does to the image that is sent.
-
-    Parameters
-    ----------
-    wiring
-        As `ArraySettings` has it.
-    side
-        Detectors in a row.
-    """
-    found, own = np.reshape(wiring, (side, side)), np.arange(side * side).reshape(side, side)
+    """Say in words how a wiring, as in `ArraySettings`, changes the image that is sent."""
+    places, own = np.reshape(wiring, (side, side)), np.arange(side * side).reshape(side, side)
     known = {
-        "as it should be": own,
+        "in reading order": own,
         "mirrored, port with starboard": own[:, ::-1],
         "mirrored, top with bottom": own[::-1],
         "turned by half a turn": own[::-1, ::-1],
@@ -165,7 +157,7 @@ def description(wiring: Sequence[int], side: int) -> str:
         "transposed": own.T,
         "transposed about the other diagonal": own[::-1, ::-1].T,
     }
-    for words, places in known.items():
-        if np.array_equal(found, places):
+    for words, order in known.items():
+        if np.array_equal(places, order):
             return words
-    return f"{np.count_nonzero(found != own)} of {own.size} readings are of other detectors"
+    return f"{np.count_nonzero(places != own)} of {own.size} readings are of other detectors"

@@ -149,7 +149,7 @@ def report(found: Calibration, recording: Recording, bag: Path, start: str) -> s
     if pairs:
         lines.append(f"strongest correlation: {max(pairs)[1]}")
     lines.append(
-        f"mean squared residual {found.misfit:.3f} of {int(found.fair.sum())} readings "
+        f"mean squared residual {found.misfit:.3f} of {int(found.uncensored.sum())} readings "
         "(1: the model explains them)"
     )
     if found.outliers or found.outlying_images:
@@ -237,7 +237,7 @@ def run(args: argparse.Namespace) -> int:
             recording.rolls,
             _seconds(recording),
             picture,
-            f"Calibration from {bag.name}: residuals of {int(found.fair.sum())} readings",
+            f"Calibration from {bag.name}: residuals of {int(found.uncensored.sum())} readings",
         )
         if not args.json:
             print(f"picture: {picture}")

@@ -22,8 +22,8 @@ DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 
 def _against(axes: Axes, across: Array, found: Calibration, label: str, log: bool = False) -> None:
     """Draw residuals against something, and the mean of each bin with its standard error."""
-    fair, residuals = found.fair, found.residuals
-    x, y = across[fair], residuals[fair]
+    uncensored, residuals = found.uncensored, found.residuals
+    x, y = across[uncensored], residuals[uncensored]
     order = np.argsort(x)
     some = order[:: max(1, len(x) // DOTS)]  # as dense along the axis as all of them are
     axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
@@ -43,7 +43,7 @@ def _against(axes: Axes, across: Array, found: Calibration, label: str, log: boo
             middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
             label="mean of a twentieth\nof them, 2 std errors",
         )  # fmt: skip
-        every_x = across[fair | out]
+        every_x = across[uncensored | out]
         if log:
             axes.set_xlim(every_x.min() / 1.1, every_x.max() * 1.1)
     axes.axhline(0, color="k", lw=0.8)
@@ -53,7 +53,7 @@ def _against(axes: Axes, across: Array, found: Calibration, label: str, log: boo
 
 def _histogram(axes: Axes, found: Calibration) -> None:
     """Draw the distribution of the residuals beside the normal one."""
-    residuals = found.residuals[found.fair]
+    residuals = found.residuals[found.uncensored]
     edges = np.linspace(-EDGE, EDGE, 61).tolist()
     axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
     x = np.linspace(-EDGE, EDGE, 241)

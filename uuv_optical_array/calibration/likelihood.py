@@ -1,9 +1,9 @@
-"""The likelihood of images at known poses, by what a calibration fits (`parameters`).
+"""The likelihood of images at known poses as a function of the parameters of a calibration.
 
 A reading's mean is ``g L``, with its gain g and the light L of the scene's forward model. Where the
-poses are known within a standard deviation only, each image has five shifts of its own; they are
-eliminated by the Schur complement, as bundle adjustment does (B. Triggs et al., 2000), so that the
-work grows with the number of images and no faster.
+poses have errors, each image has five shifts of its own; they are eliminated by the Schur
+complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows linearly with the
+number of images.
 """
 
 import dataclasses
@@ -26,44 +26,35 @@ BLOCK_READINGS = 100_000
 SIGMA_STEP = 1e-6
 
 
-class Place(NamedTuple):
-    """Where the likelihood is looked at.
-
-    Parameters
-    ----------
-    parameters
-        Shape ``(p,)``.
-    shifts
-        Of each image's pose, m and rad, shape ``(m, 5)``.
-    """
+class Unknowns(NamedTuple):
+    """The parameters, shape ``(p,)``, and the shift of each image's pose, shape ``(m, 5)``."""
 
     parameters: Array
     shifts: Array
 
 
 class CalibrationState(NamedTuple):
-    """The likelihood at one place, and what a step from there needs.
+    """The likelihood at some unknowns, and what a step from there needs.
 
     Parameters
     ----------
     cost
         Negative log-likelihood, with the log-prior of the shifts, without constants.
     at
-        The place.
+        The unknowns.
     gradient, information
-        Of the opposite of the cost, by the parameters, shifts eliminated, shapes ``(p,)`` and
-        ``(p, p)``.
+        Of the log-likelihood by the parameters, shifts eliminated, shapes ``(p,)``, ``(p, p)``.
     mean, variance
         Of every reading, counts and counts^2, shape ``(m, n)``.
     shift_step, shift_by_parameters
-        The shifts' own step, and how it moves with the parameters', shapes ``(m, 5)`` and
+        Step of the shifts at fixed parameters, and its slope by them, shapes ``(m, 5)`` and
         ``(m, 5, p)``; empty where poses are exact.
     shift_decrement
-        How far the shifts' own step lowers the cost, by its model of second order.
+        How much `shift_step` lowers the cost, to second order.
     """
 
     cost: float
-    at: Place
+    at: Unknowns
     gradient: Array
     information: Array
     mean: Array
@@ -100,9 +91,9 @@ class CalibrationLikelihood:
         effects = settings["effects"]
         side = scene.array.detectors_per_side
         gains = np.ones(side * side)
-        if drawn := effects.pop("responsivity", None):
-            drawn = {key: value for key, value in drawn.items() if key != "drift_per_c"}
-            gains = detector_gains(side, **drawn).ravel()
+        if responsivity := effects.pop("responsivity", None):
+            responsivity.pop("drift_per_c")
+            gains = detector_gains(side, **responsivity).ravel()
         faults = effects.pop("detector_faults", {})
         self.faulty: NDArray[np.bool_] = np.zeros((side, side), dtype=bool)
         for row, column in (*faults.get("dead", ()), *faults.get("stuck", ())):
@@ -118,10 +109,10 @@ class CalibrationLikelihood:
         self.poses, self.rolls = poses, rolls
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
-        # Gains are fitted, so that none is unknown.
+        # Without the prior's spread of the gains, which are fitted.
         self.noise = ForwardModel(self.scene).noise._replace(square=0.0)
 
-    def of(self, scene: Scene) -> "CalibrationLikelihood":
+    def with_scene(self, scene: Scene) -> "CalibrationLikelihood":
         """Return the likelihood of the same images in another scene."""
         images = self.readings.reshape(-1, *(scene.array.detectors_per_side,) * 2)
         return CalibrationLikelihood(scene, images, self.poses, self.rolls, self.pose_std)
@@ -142,35 +133,24 @@ class CalibrationLikelihood:
         )
 
     def _model(self, log_sigma: float) -> ForwardModel:
-        """Return the forward model with another beam; its power is its own."""
+        """Return the forward model with another width of the beam."""
         lamp = dataclasses.replace(self.scene.lamp, beam_sigma_deg=float(np.exp(log_sigma)))
         return ForwardModel(dataclasses.replace(self.scene, lamp=lamp))
 
     def _offsets(self, model: ForwardModel, parameters: Array, count: int) -> Mapping[str, Array]:
         scene = model.scene.effects
-        off = {
+        offsets = {
             "lamp.power": parameters[POWER] - np.log(model.power),
             "attenuation.k_per_m": parameters[K] - scene["attenuation"]["k_per_m"],
             "ambient.level_counts": parameters[BACKGROUND] - scene["ambient"]["level_counts"],
         }
-        return {name: np.full(count, value) for name, value in off.items()}
+        return {name: np.full(count, value) for name, value in offsets.items()}
 
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
-        """Light before the gains.
+        """Return the light before the gains, and its slopes.
 
-        Parameters
-        ----------
-        parameters
-            Shape ``(p,)``.
-        poses, rolls
-            Shapes ``(m, 5)`` and ``(m,)``.
-
-        Returns
-        -------
-        light : Array
-            Counts, shape ``(m, n)``.
-        derivatives : Array
-            By pose (5), log power, log sigma, K and background, shape ``(m, n, 9)``.
+        These are by pose (5), log power, log sigma, K and background, shapes ``(m, n)`` and
+        ``(m, n, 9)``.
         """
         model = self._model(parameters[SIGMA])
         light, jacobian = model.linearised(
@@ -185,16 +165,8 @@ class CalibrationLikelihood:
         return light, derivatives
 
     @np.errstate(under="ignore")
-    def evaluate(self, at: Place, expected: bool = False) -> CalibrationState:
-        """Evaluate the likelihood.
-
-        Parameters
-        ----------
-        at
-            The place.
-        expected
-            Whether the information is Fisher's, for standard errors, instead of Gauss-Newton's.
-        """
+    def evaluate(self, at: Unknowns, expected: bool = False) -> CalibrationState:
+        """Return the likelihood, with Fisher's `expected` information or that of Gauss-Newton."""
         parameters, shifts = at
         count, pixels = self.readings.shape
         size = GAINS + pixels
@@ -205,7 +177,7 @@ class CalibrationLikelihood:
         shift_step = np.empty((count, 5 if free else 0))
         by_parameters = np.empty((count, 5 if free else 0, size))
         block = max(1, BLOCK_READINGS // pixels)
-        each = np.arange(pixels)
+        diagonal = GAINS + np.arange(pixels)
         for start in range(0, count, block):
             part = slice(start, start + block)
             light, slopes = self.light(
@@ -227,7 +199,7 @@ class CalibrationLikelihood:
             gradient[GAINS:] += (score * own).sum(axis=0)
             joint[:GAINS, :GAINS] += np.einsum("mni,mnj->ij", weighted, lamp)
             joint[:GAINS, GAINS:] += np.einsum("mni,mn->in", weighted, own)
-            joint[GAINS + each, GAINS + each] += (weight * own**2).sum(axis=0)
+            joint[diagonal, diagonal] += (weight * own**2).sum(axis=0)
             if self.pose_std is not None:
                 precision = self.pose_std**-2.0
                 inner, cross, pull = _shift_equations(slopes, own, score, weight)
@@ -238,7 +210,6 @@ class CalibrationLikelihood:
                 shift_decrement += 0.5 * float((pull * shift_step[part]).sum())
                 by_parameters[part] = -inverse @ np.swapaxes(cross, 1, 2)
                 gradient -= np.einsum("mpi,mi->p", cross, shift_step[part])
-                # One product of two flat matrices.
                 flat = np.swapaxes(cross, 0, 1).reshape(size, -1)
                 joint += flat @ by_parameters[part].reshape(-1, size)
         joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
@@ -255,42 +226,24 @@ class CalibrationLikelihood:
         )
 
     def residuals(self, state: CalibrationState) -> Array:
-        """Return readings less their mean, in standard deviations, shape ``(m, n)``.
-
-        A censored reading counts by how far its mean is from where it would not be censored.
-        """
+        """Return readings less their mean, clipped to the limits, in standard deviations."""
         clipped = np.clip(state.mean, self.noise.low, self.noise.high)
         return (self.readings - clipped) / np.sqrt(state.variance)
 
-    def inside(self, state: CalibrationState, reach: float = 3.0) -> NDArray[np.bool_]:
-        """Say which readings could hardly be censored, by their mean, shape ``(m, n)``."""
-        room = reach * np.sqrt(state.variance)
-        above = state.mean - room > self.noise.low
-        return above & (state.mean + room < self.noise.high)
+    def uncensored(self, state: CalibrationState, reach: float = 3.0) -> NDArray[np.bool_]:
+        """Say whose mean is `reach` standard deviations off both limits, shape ``(m, n)``."""
+        margin = reach * np.sqrt(state.variance)
+        above = state.mean - margin > self.noise.low
+        return above & (state.mean + margin < self.noise.high)
 
 
 def _shift_equations(
     slopes: Array, own: Array, score: Array, weight: Array
 ) -> tuple[Array, Array, Array]:
-    """Return what m images say of the shifts of their poses.
+    """Return the normal equations of the shifts of m poses, and their cross terms.
 
-    Parameters
-    ----------
-    slopes
-        Of the readings, as `CalibrationLikelihood.light` has them, shape ``(m, n, 9)``.
-    own
-        Of each reading by its own gain's logarithm, shape ``(m, n)``.
-    score, weight
-        Of each reading, 1/counts and 1/counts^2, shape ``(m, n)``.
-
-    Returns
-    -------
-    inner
-        Information of the shifts, shape ``(m, 5, 5)``.
-    cross
-        That of parameters with shifts, shape ``(m, p, 5)``.
-    pull
-        Gradient by the shifts, shape ``(m, 5)``.
+    They are the information of the shifts, shape ``(m, 5, 5)``, that of parameters with shifts,
+    shape ``(m, p, 5)``, and the gradient by the shifts, shape ``(m, 5)``.
     """
     by_pose, lamp = slopes[..., :5], slopes[..., 5:]
     weighted = by_pose * weight[..., None]

@@ -11,25 +11,25 @@ from uuv_optical_array.calibration.parameters import (
     POWER,
     SIGMA,
     K,
-    directions,
+    free_directions,
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import PRIORS
 
-# A standard error beyond these is no knowledge: a water type, or a look at the array in the dark,
-# tells as much. Of the logarithms, 1/m, and of the full scale.
-LARGEST = {POWER: 0.15, SIGMA: 0.15, K: 0.02, BACKGROUND: 0.02, GAINS: 0.15}
-# What is not told may put this much into a gain, relative; where it puts more, all gains are held:
-# they would take up an error of the beam as a pattern that a pose is read from.
-MOST_IN_GAINS = 0.005
-# What is held first where several mix: the power takes up what the others leave.
-FIRST = (K, SIGMA, BACKGROUND, GAINS, POWER)
+# A larger standard error counts as undetermined: a water type, or a look at the array in the dark,
+# tells as much. Of the logarithms, in 1/m, and relative to full scale.
+LARGEST_STD = {POWER: 0.15, SIGMA: 0.15, K: 0.02, BACKGROUND: 0.02, GAINS: 0.15}
+# Undetermined parameters that are held may shift a gain by this much, relative. Beyond it all gains
+# are held: they would absorb an error of the beam as a pattern from which poses are read.
+MAX_GAIN_SHIFT = 0.005
+# Which of several correlated parameters is held first; the power absorbs what the others leave.
+HOLD_ORDER = (K, SIGMA, BACKGROUND, GAINS, POWER)
 
 
-def largest_errors(size: int, full_scale_counts: float) -> Array:
+def largest_stds(size: int, full_scale_counts: float) -> Array:
     """Return the standard error beyond which each parameter is undetermined, shape ``(size,)``."""
-    largest = np.full(size, LARGEST[GAINS])
-    largest[:GAINS] = [LARGEST[i] for i in range(GAINS)]
+    largest = np.full(size, LARGEST_STD[GAINS])
+    largest[:GAINS] = [LARGEST_STD[i] for i in range(GAINS)]
     largest[BACKGROUND] *= full_scale_counts
     return largest
 
@@ -44,14 +44,14 @@ def covariance(information: Array, held: Collection[int], units: Array) -> Array
     held
         Parameters that do not move.
     units
-        In which rounding is judged alike for all, such as `largest_errors`, shape ``(p,)``.
+        Scales in which rounding errors of all parameters compare, shape ``(p,)``.
 
     Returns
     -------
     Array
         Shape ``(p, p)``; 0 where held, huge where undetermined.
     """
-    basis = directions(held, len(information))
+    basis = free_directions(held, len(information))
     reduced = basis.T @ information @ basis
     if not len(reduced):
         return np.zeros(information.shape)
@@ -62,10 +62,10 @@ def covariance(information: Array, held: Collection[int], units: Array) -> Array
     return (vectors * inverse) @ vectors.T
 
 
-def carried(
+def held_shifts(
     information: Array, covariances: Array, unknown: Collection[int], largest: Array
 ) -> Array:
-    """Return how the fitted parameters move with each that is held because it is not known.
+    """Return how far the fitted parameters move with each that is held but unknown.
 
     Parameters
     ----------
@@ -74,27 +74,27 @@ def carried(
     covariances
         Of the fitted parameters, 0 where held, shape ``(p, p)``.
     unknown
-        The q parameters that are held and not known, taken to be off by `largest`, a gain by what
-        it is of a rig as bought.
+        The q parameters that are held and unknown. Their standard deviation is `largest`, that of a
+        gain what it is of a rig as bought.
     largest
-        As `largest_errors` returns it.
+        As `largest_stds` returns it.
 
     Returns
     -------
     Array
-        Shape ``(p, q)``: the most probable values, given the held one, follow it linearly.
+        Shape ``(p, q)``: the most probable values follow a held one linearly.
     """
     held: NDArray[np.intp] = np.array(sorted(unknown), dtype=np.intp)
-    moves = -covariances @ information[:, held]
-    moves[held, np.arange(len(held))] += 1.0
-    off = np.where(held < GAINS, largest[held], PRIORS["as_bought"]["gain_std"])
-    return np.asarray(moves * off)
+    shifts = -covariances @ information[:, held]
+    shifts[held, np.arange(len(held))] += 1.0
+    stds = np.where(held < GAINS, largest[held], PRIORS["as_bought"]["gain_std"])
+    return np.asarray(shifts * stds)
 
 
 def undetermined(
     information: Array, given: frozenset[int], largest: Array, misfit: float = 1.0
 ) -> tuple[frozenset[int], dict[int, int]]:
-    """Find what the images do not tell, so that the rest is known once it is held.
+    """Find the parameters to hold so that the images determine all others.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def undetermined(
     given
         Parameters that are held anyway.
     largest
-        As `largest_errors` returns it.
+        As `largest_stds` returns it.
     misfit
         Factor of the variances.
 
@@ -111,46 +111,48 @@ def undetermined(
     -------
     unknown
         Undetermined parameters.
-    mixed
-        Parameters that are known only as long as another, the value, is held, or held with it.
+    correlated
+        Parameters that are determined only while another, the value, is held, or that are held
+        with it.
     """
-    mixed: dict[int, int] = {}
+    correlated: dict[int, int] = {}
     unknown: set[int] = set()
     own = np.diag(information) * largest**2
     while True:
         covariances = covariance(information, given | unknown, largest)
         over = np.flatnonzero(misfit * np.diag(covariances) > largest**2).tolist()
         if not over:
-            more = _taken_up(carried(information, covariances, unknown, largest), unknown, largest)
+            shifts = held_shifts(information, covariances, unknown, largest)
+            more = _shifted_too_far(shifts, unknown, largest)
             if more.keys() <= unknown | given:
-                return frozenset(unknown), mixed
-            mixed |= more
+                return frozenset(unknown), correlated
+            correlated |= more
             unknown |= more.keys() - given
             continue
-        # Detectors without light come before what mixes with all of them.
+        # Detectors without light come before what correlates with all of them.
         chosen = [i for i in over if i >= GAINS and own[i] < misfit]
         if not chosen:
-            first = next(i for i in FIRST if i in (min(j, GAINS) for j in over))
+            first = next(i for i in HOLD_ORDER if i in (min(j, GAINS) for j in over))
             chosen = [i for i in over if min(i, GAINS) == first]
             for i in over:
-                mixed.setdefault(i, first)
+                correlated.setdefault(i, first)
         unknown.update(chosen)
         for i in chosen:
-            mixed.pop(i, None)
+            correlated.pop(i, None)
 
 
-def _taken_up(moves: Array, unknown: Collection[int], largest: Array) -> dict[int, int]:
-    """Return what takes up too much of one that is held because it is not known, and of which.
+def _shifted_too_far(shifts: Array, unknown: Collection[int], largest: Array) -> dict[int, int]:
+    """Return the parameters that held ones shift too far, and by which one the most.
 
-    The power may: something has to take up what the others leave.
+    The power may be shifted: something has to absorb what the others leave.
     """
     if not unknown:
         return {}
-    size = np.sqrt((moves**2).sum(axis=1))
+    size = np.sqrt((shifts**2).sum(axis=1))
     size[sorted(unknown)] = 0.0
-    chief = np.array(sorted(unknown))[np.abs(moves).argmax(axis=1)].tolist()
+    causes = np.array(sorted(unknown))[np.abs(shifts).argmax(axis=1)].tolist()
     over = [i for i in (SIGMA, K, BACKGROUND) if size[i] > largest[i]]
-    if size[GAINS:].max() > MOST_IN_GAINS:
+    if size[GAINS:].max() > MAX_GAIN_SHIFT:
         over += range(GAINS, len(size))
-        chief[GAINS:] = [chief[GAINS + int(size[GAINS:].argmax())]] * (len(size) - GAINS)
-    return {i: chief[i] for i in over}
+        causes[GAINS:] = [causes[GAINS + int(size[GAINS:].argmax())]] * (len(size) - GAINS)
+    return {i: causes[i] for i in over}

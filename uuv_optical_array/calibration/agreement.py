@@ -1,0 +1,112 @@
+"""How well the fit of a calibration agrees with its images."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from uuv_optical_array.calibration.likelihood import (
+    CalibrationLikelihood,
+    CalibrationState,
+)
+from uuv_optical_array.core.geometry import Array
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Residuals of m images of n detectors, and their statistics.
+
+    Parameters
+    ----------
+    residuals
+        In standard deviations, shape ``(m, n)``.
+    variance
+        Of the readings, counts^2, shape ``(m, n)``.
+    uncensored
+        Readings that are used and far from both limits, shape ``(m, n)``.
+    misfit
+        Mean squared residual of these, 1 where the model explains the images.
+    freedoms
+        Degrees of freedom of these: readings less what was fitted to them, 0 or more.
+    """
+
+    residuals: Array
+    variance: Array
+    uncensored: NDArray[np.bool_]
+    misfit: float
+    freedoms: int
+
+    def inflation(self) -> float:
+        """Return the mean square of the images' mean residuals and tilts; 1 if independent.
+
+        An image's tilts are its residuals' moments about the middle column and the middle row.
+        """
+        side = math.isqrt(self.uncensored.shape[1])
+        across, down = np.meshgrid(*[np.arange(side) - (side - 1) / 2] * 2)
+        modes = np.array([np.ones(side * side), across.ravel(), down.ravel()])
+        return self._over_independent(modes)
+
+    def pattern(self) -> float:
+        """Return the mean square of the detectors' mean residuals; 1 if independent.
+
+        It is below 1 where the gain of a detector was fitted.
+        """
+        transposed = dataclasses.replace(
+            self, residuals=self.residuals.T, uncensored=self.uncensored.T
+        )
+        return transposed._over_independent(np.ones((1, len(self.uncensored))))
+
+    def _over_independent(self, modes: Array) -> float:
+        """Return the mean squared sum of each row weighted by modes, over that of independent ones.
+
+        The modes have shape ``(k, n)``.
+        """
+        expected = self.uncensored @ (modes**2).T
+        lit = expected > 0
+        if not lit.any():
+            return 1.0
+        total = np.where(self.uncensored, self.residuals, 0.0) @ modes.T
+        return float(np.mean(total[lit] ** 2 / expected[lit]) / max(self.misfit, 1e-12))
+
+    def noise(self, sigma_counts: float) -> tuple[float, float]:
+        """Return the sensor noise for which the misfit is 1, and its standard error, counts.
+
+        It starts from that of the scene; ValueError where every reading may be censored.
+        """
+        variance = self.variance[self.uncensored]
+        if not len(variance):
+            raise ValueError("noise: every reading is dark or saturated; record more light")
+        square = self.residuals[self.uncensored] ** 2 * variance
+        absorbed = self.misfit / float((square / variance).mean())  # by the degrees of freedom
+
+        def excess(added: float) -> float:
+            return float((absorbed * square / np.maximum(variance + added, 1e-9)).mean()) - 1
+
+        lowest = -(sigma_counts**2)
+        added = lowest
+        if excess(lowest) > 0:
+            added = float(brentq(excess, lowest, absorbed * float(square.max()) + 1))
+        sigma = float(np.sqrt(sigma_counts**2 + added))
+        error = np.sqrt(2 / float((np.maximum(variance + added, 1e-9) ** -2.0).sum()))
+        return sigma, float(error / (2 * max(sigma, 1e-9)))
+
+
+def agreement_of(
+    likelihood: CalibrationLikelihood, state: CalibrationState, freedoms: int
+) -> Agreement:
+    """Compare a fit of `freedoms` numbers, besides the shifts of the poses, with the readings."""
+    residuals = likelihood.residuals(state)
+    uncensored = likelihood.used & likelihood.uncensored(state)
+    number = int(uncensored.sum())
+    share = number / max(1, int(likelihood.used.sum()))
+    remaining = number - share * freedoms
+    total = float((residuals[uncensored] ** 2).sum())
+    if likelihood.pose_std is not None:
+        # Shifts are residuals too, of poses that were recorded with this error.
+        images = uncensored.any(axis=1)
+        total += float(((state.at.shifts[images] / likelihood.pose_std) ** 2).sum())
+    misfit = total / remaining if remaining > 0 else 1.0
+    return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)))

@@ -1,0 +1,190 @@
+"""The fit of a calibration: outliers are left out, and undetermined parameters are held."""
+
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uuv_optical_array.calibration.agreement import Agreement, agreement_of
+from uuv_optical_array.calibration.identifiability import (
+    covariance,
+    held_shifts,
+    largest_stds,
+    undetermined,
+)
+from uuv_optical_array.calibration.likelihood import (
+    CalibrationLikelihood,
+    CalibrationState,
+    Unknowns,
+)
+from uuv_optical_array.calibration.parameters import (
+    BACKGROUND,
+    GAINS,
+    POWER,
+    SIGMA,
+    free_directions,
+)
+from uuv_optical_array.calibration.solver import CalibrationProblem, outward, refine
+from uuv_optical_array.core.geometry import Array
+
+OUTLIER = 5.0  # standard deviations; noise alone exceeds it once in two million readings
+OUTLYING_IMAGE = 0.25  # share of outliers among an image's readings from which none is used
+OUTLIER_ROUNDS = 10
+IDENTIFIABILITY_ROUNDS = 6
+POOR_MISFIT = 2.0  # mean squared residual from which held parameters are released once
+CONSTANT_IMAGES = 10  # a reading that is the same in so many images is a fault,
+EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
+
+
+class CalibrationFit:
+    """The most probable parameters, and which of them the images determine.
+
+    Parameters
+    ----------
+    likelihood
+        Of the images; its faulty detectors and used readings are updated.
+    known
+        Parameters that are held where they start.
+    on_step
+        Called at every step, to show progress.
+
+    Attributes
+    ----------
+    start
+        Parameters of the scene, shape ``(p,)``.
+    state
+        The fit, with Fisher's information.
+    known, unknown
+        Parameters that are held: those given, and those that the images do not determine.
+    correlated
+        Parameters that are determined only while another, the value, is held.
+    at_bound
+        Parameters whose likelihood grows beyond a bound.
+    dead
+        Detectors whose reading never changes.
+    outlying_images
+        Images of which no reading is used.
+    agreement
+        Of the fit with the readings.
+    """
+
+    agreement: Agreement
+    at_bound: frozenset[int]
+
+    def __init__(
+        self,
+        likelihood: CalibrationLikelihood,
+        known: Collection[int],
+        on_step: Callable[[], object],
+    ) -> None:
+        self.likelihood, self._on_step = likelihood, on_step
+        self.start = likelihood.start()
+        size = len(self.start)
+        self._largest = largest_stds(size, likelihood.scene.full_scale_counts)
+        self.known, self.unknown = frozenset(known), frozenset[int]()
+        self.correlated: dict[int, int] = {}
+        self.outlying_images: tuple[int, ...] = ()
+        start = Unknowns(self.start, np.zeros(likelihood.poses.shape))
+        self.state = likelihood.evaluate(start, expected=True)
+        self.dead = self._exclude_dead_detectors()
+        # From a lamp that starts far too dim or too bright nothing would seem to be determined.
+        self.unknown = frozenset(range(size)) - self._given() - {POWER, SIGMA, BACKGROUND}
+        self.state = likelihood.evaluate(self._refined(start).at, expected=True)
+        self.unknown = self._undetermined()
+        self._fit_determined()
+
+    def _fit_determined(self) -> None:
+        """Fit until the parameters determined at the fit are those that were fitted."""
+        released = False
+        for _ in range(IDENTIFIABILITY_ROUNDS):
+            self._fit()
+            # Without the misfit, which is large while a parameter is held at a wrong value.
+            before, self.unknown = self.unknown, self._undetermined()
+            if self.unknown == before:
+                if released or not before or self.agreement.misfit < POOR_MISFIT:
+                    break
+                self.unknown, released = frozenset(), True
+        if more := self._undetermined(max(1.0, self.agreement.misfit)) - self.unknown:
+            self.unknown |= more
+            self._fit()
+
+    def _exclude_dead_detectors(self) -> tuple[int, ...]:
+        """Exclude detectors whose reading never changes though it should."""
+        likelihood = self.likelihood
+        constant = np.ptp(likelihood.readings, axis=0) == 0
+        expected = np.clip(self.state.mean, likelihood.noise.low, likelihood.noise.high)
+        dead = constant & (np.ptp(expected, axis=0) > EXPECTED_CHANGE_COUNTS) & ~likelihood.faulty
+        if len(likelihood.readings) < CONSTANT_IMAGES or constant.all():
+            dead[:] = False
+        likelihood.faulty |= dead
+        likelihood.used[:, likelihood.faulty] = False
+        return tuple(np.flatnonzero(dead).tolist())
+
+    def _given(self) -> frozenset[int]:
+        """Return the parameters that need no fit: those known, and gains of faulty detectors."""
+        return self.known | frozenset((GAINS + np.flatnonzero(self.likelihood.faulty)).tolist())
+
+    def held(self) -> frozenset[int]:
+        """Return the parameters that do not move."""
+        return self._given() | self.unknown
+
+    def covariance(self, misfit: float = 1.0) -> Array:
+        """Return the covariance of the parameters, shape ``(p, p)``.
+
+        It is the inverse information times the misfit, plus the effect of the errors of those
+        parameters that are held because the images do not determine them.
+        """
+        own = covariance(self.state.information, self.held(), self._largest)
+        shifts = held_shifts(self.state.information, own, self.unknown, self._largest)
+        return misfit * own + shifts @ shifts.T
+
+    def _undetermined(self, misfit: float = 1.0) -> frozenset[int]:
+        """Return what the images do not determine, and note what correlates with it."""
+        unknown, self.correlated = undetermined(
+            self.state.information, self._given(), self._largest, misfit
+        )
+        return unknown
+
+    def _refined(self, at: Unknowns) -> CalibrationState:
+        """Return the state of the largest likelihood nearby."""
+        problem = CalibrationProblem(self.likelihood, self.held(), self._on_step)
+        state: CalibrationState = refine(problem, at)
+        return state
+
+    def _fit(self) -> None:
+        """Fit and leave out outliers until the same ones stay out."""
+        likelihood, held = self.likelihood, list(self.held())
+        parameters = self.state.at.parameters.copy()
+        parameters[held] = self.start[held]
+        at = Unknowns(parameters, np.zeros(likelihood.poses.shape))
+        for _ in range(OUTLIER_ROUNDS):
+            state = self._refined(at)
+            at = state.at
+            good, bad_images = self._without_outliers(state)
+            if not good.any():
+                break
+            self.outlying_images = tuple(np.flatnonzero(bad_images).tolist())
+            if (good == likelihood.used).all():
+                break
+            likelihood.used = good
+        self.state = likelihood.evaluate(at, expected=True)
+        self.at_bound = outward(self.state) - self.held()
+        freedoms = free_directions(self.held(), len(parameters)).shape[1]
+        self.agreement = agreement_of(likelihood, self.state, freedoms)
+
+    def _without_outliers(
+        self, state: CalibrationState
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which readings are no outliers, ``(m, n)``, and which images are, ``(m,)``."""
+        likelihood = self.likelihood
+        works = np.broadcast_to(~likelihood.faulty, likelihood.used.shape)
+        residuals = likelihood.residuals(state)
+        uncensored = likelihood.uncensored(state) & works
+        # Where the model is poor, outliers are judged by the actual spread of the residuals.
+        spread = 1.4826 * np.median(np.abs(residuals[uncensored])) if uncensored.any() else 1.0
+        good = works & (np.abs(residuals) <= OUTLIER * max(1.0, spread))
+        bad_images = (works & ~good).sum(axis=1) > OUTLYING_IMAGE * works.sum(axis=1)
+        if likelihood.pose_std is not None:
+            bad_images |= (np.abs(state.at.shifts) > OUTLIER * likelihood.pose_std).any(axis=1)
+        good[bad_images] = False
+        return good, bad_images

@@ -1,1 +1,0 @@
-"""The most probable parameters of a calibration, how sure they are, and how well they agree."""

@@ -6,8 +6,6 @@ complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows
 number of images.
 """
 
-import dataclasses
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +20,6 @@ from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 BLOCK_READINGS = 100_000
-# Of the logarithm of sigma; a one-sided difference is then good to 1e-5 four sigmas off the axis.
-SIGMA_STEP = 1e-6
 
 
 class Unknowns(NamedTuple):
@@ -103,6 +99,7 @@ class CalibrationLikelihood:
         effects.setdefault("ambient", {"level_counts": 0.0})
         settings.pop("prior")
         self.scene = scene_from_settings(settings, scene.name)
+        self.model = ForwardModel(self.scene)
         self.power = ForwardModel(scene).power
         self.start_gains = gains
         self.readings: Array = images.reshape(len(images), -1)
@@ -110,7 +107,7 @@ class CalibrationLikelihood:
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
         # Without the prior's spread of the gains, which are fitted.
-        self.noise = ForwardModel(self.scene).noise._replace(square=0.0)
+        self.noise = self.model.noise._replace(square=0.0)
 
     def with_scene(self, scene: Scene) -> "CalibrationLikelihood":
         """Return the likelihood of the same images in another scene."""
@@ -132,37 +129,25 @@ class CalibrationLikelihood:
             ]
         )
 
-    def _model(self, log_sigma: float) -> ForwardModel:
-        """Return the forward model with another width of the beam."""
-        lamp = dataclasses.replace(self.scene.lamp, beam_sigma_deg=float(np.exp(log_sigma)))
-        return ForwardModel(dataclasses.replace(self.scene, lamp=lamp))
-
-    def _offsets(self, model: ForwardModel, parameters: Array, count: int) -> Mapping[str, Array]:
-        scene = model.scene.effects
-        offsets = {
-            "lamp.power": parameters[POWER] - np.log(model.power),
-            "attenuation.k_per_m": parameters[K] - scene["attenuation"]["k_per_m"],
-            "ambient.level_counts": parameters[BACKGROUND] - scene["ambient"]["level_counts"],
-        }
-        return {name: np.full(count, value) for name, value in offsets.items()}
-
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
         """Return the light before the gains, and its slopes.
 
         These are by pose (5), log power, log sigma, K and background, shapes ``(m, n)`` and
         ``(m, n, 9)``.
         """
-        model = self._model(parameters[SIGMA])
-        light, jacobian = model.linearised(
-            poses, rolls, self._offsets(model, parameters, len(poses))
+        scene, sigma_deg = self.scene, float(np.exp(parameters[SIGMA]))
+        offsets = {
+            "lamp.power": parameters[POWER] - np.log(self.model.power),
+            "lamp.beam_sigma_deg": sigma_deg - scene.lamp.beam_sigma_deg,
+            "attenuation.k_per_m": parameters[K] - scene.effects["attenuation"]["k_per_m"],
+            "ambient.level_counts": parameters[BACKGROUND]
+            - scene.effects["ambient"]["level_counts"],
+        }
+        light, slopes = self.model.linearised(
+            poses, rolls, {name: np.full(len(poses), value) for name, value in offsets.items()}
         )
-        wider = self._model(parameters[SIGMA] + SIGMA_STEP)
-        spread = wider.light(poses, rolls, self._offsets(wider, parameters, len(poses)))
-        by_sigma = (spread.reshape(light.shape) - light) / SIGMA_STEP
-        derivatives = np.concatenate(
-            [jacobian[..., :6], by_sigma[..., None], jacobian[..., 6:]], axis=-1
-        )
-        return light, derivatives
+        slopes[..., 5 + SIGMA] *= sigma_deg
+        return light, slopes
 
     @np.errstate(under="ignore")
     def evaluate(self, at: Unknowns, expected: bool = False) -> CalibrationState:

@@ -13,6 +13,8 @@ COMMON = {
     "closed_loop",
     "errors",
     "docking_smoother",
+    "paper_choices",
+    "paper_statements",
     "pareto",
     "published",
     "results",

@@ -11,21 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Annotation
 from measured import row
 
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
-from uuv_optical_array.plots.studies import bound_map, design, eren2016, eren2017, tradeoff
+from uuv_optical_array.plots.studies import bound_map, design, eren2017, tradeoff
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
-from uuv_optical_array.studies.eren2016.figures import STEPS
 from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
 from uuv_optical_array.studies.limits.bound_map import bound_map as bounds_of
-from uuv_optical_array.studies.separation import Conditions
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -166,31 +164,6 @@ def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors(drawn):
     for axis in whole:
         ticks = axis.get_majorticklocs()
         np.testing.assert_array_equal(ticks, np.round(ticks))
-
-
-def test_what_the_paper_states_stands_beside_the_curves(drawn):
-    """Curves that fill the lower left triangle of each panel, as the true ones do."""
-    curves = []
-    for panel in ("4a", "4b", "5a", "5b", *(f"6{x}" for x in "abcdef")):
-        motion = "shift" if panel in ("4a", "5a", "6a", "6b", "6c") else "yaw"
-        steps = np.asarray(STEPS[motion])
-        share = steps / steps[-1]
-        for shape, slope in (("planar", 45.0), ("curved", 60.0)):
-            curves.append((panel, Conditions(shape, 5, 4.0, motion), slope * share))
-    figure = drawn(eren2016, eren2016.draw_paper, curves, "eren2016")
-    told = 0
-    for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines")):
-        for note in axes.texts:
-            if ">" not in note.get_text() and "<" not in note.get_text():
-                continue
-            told += 1
-            box = Text.get_window_extent(note)  # without its line
-            for line in [line for line in axes.get_lines() if len(line.get_xdata()) > 5]:
-                x = np.linspace(*axes.get_xlim(), 500)
-                y = np.interp(x, line.get_xdata(), line.get_ydata())
-                inside = axes.transData.transform(np.stack([x, y], axis=1))
-                assert not any(box.contains(*point) for point in inside), note.get_text()
-    assert told == 6
 
 
 def test_numbers_of_designs_lie_apart_and_few_are_named(drawn):

@@ -1,23 +1,40 @@
 """Eren et al. (2016) again: published numbers, and a second implementation in the paper's axes."""
 
+import contextlib
 import functools
+import io
+import json
+import re
+from pathlib import Path
 
+import command_line
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from scipy import stats
 from second_paper import OPTIONS, second_angle, second_features, second_image
 
-from uuv_optical_array.commands.studies import paper as command
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies import separation
-from uuv_optical_array.studies.eren2016 import choices as paper_choices
-from uuv_optical_array.studies.eren2016 import figures as paper
-from uuv_optical_array.studies.eren2016.figures import STATEMENTS
-from uuv_optical_array.studies.eren2016.reproduction import Reproduction, as_object
-from uuv_optical_array.studies.separation import RECONSTRUCTION, Conditions, angles_deg
+from uuv_optical_array.studies.paper import Reproduction, as_object, draw, report
+from uuv_optical_array.studies.paper_choices import alternatives, noisy
+from uuv_optical_array.studies.paper_statements import (
+    SIDES,
+    STATEMENTS,
+    STEPS,
+    best_gain,
+    least_detected,
+    panels,
+)
+from uuv_optical_array.studies.separation import (
+    RECONSTRUCTION,
+    Conditions,
+    angles_deg,
+    from_paper_axes,
+    paper_signature,
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,16 +43,6 @@ def scene():
 
 
 # --- The reconstruction. ---
-
-
-@pytest.mark.parametrize(
-    ("shape", "at_5_deg", "at_10_deg"), [("planar", 5.9, 12.1), ("curved", 11.3, 23.1)]
-)
-def test_the_reconstruction_has_its_recorded_angles_at_5_and_10_deg(
-    scene, shape, at_5_deg, at_10_deg
-):
-    found = angles_deg(scene, Conditions(shape, 21, 4.0, "yaw"), [5, 10])
-    np.testing.assert_allclose(found, [at_5_deg, at_10_deg], atol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -94,19 +101,17 @@ def test_the_widest_gap_between_the_shapes_is_that_of_the_second_implementation(
 
 
 @pytest.mark.parametrize(("motion", "step"), [("shift", 0.2), ("yaw", 10.0)])
-def test_the_best_gain_is_that_of_the_second_implementation(scene, monkeypatch, motion, step):
-    sides = (3, 5, 7, 9, 11, 21)
-    monkeypatch.setattr(paper, "SIDES", sides)
-    statement = next(s for s in STATEMENTS if "gain" in s.text and motion in s.text)
-    angles = {side: second_angle("curved", side, 4.0, motion, step) for side in sides}
+def test_the_best_gain_is_that_of_the_second_implementation(scene, motion, step):
+    angles = {side: second_angle("curved", side, 4.0, motion, step) for side in (7, 9, 11, 21)}
     expected = max(angles[side] - angles[7] for side in (9, 11, 21))
+    statement = best_gain(motion, step, (3, 5, 7, 9, 11, 21))
     found = statement.ours(functools.partial(angles_deg, scene))
     assert found == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("text", OPTIONS)
 def test_every_other_choice_is_what_it_says(scene, text):
-    choice = next(c for c in paper_choices.alternatives(None) if c.text == text)
+    choice = next(c for c in alternatives(None) if c.text == text)
     for case in [
         ("curved", 21, 4.0, "shift", 0.3),
         ("planar", 21, 4.0, "yaw", 10.0),
@@ -126,10 +131,9 @@ def test_every_other_choice_is_what_it_says(scene, text):
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.03])
-def test_the_choice_with_noise_is_the_mean_over_noisy_rounded_readings(scene, monkeypatch, shift):
-    monkeypatch.setattr(paper_choices, "NOISE_DRAWS", 500)
-    noisy = paper_choices.noisy(np.random.default_rng(1))
-    found = angles_deg(scene, Conditions("curved", 5, 8.0, "shift"), [shift], noisy)
+def test_the_choice_with_noise_is_the_mean_over_noisy_rounded_readings(scene, shift):
+    choice = noisy(np.random.default_rng(1), draws=500)
+    found = angles_deg(scene, Conditions("curved", 5, 8.0, "shift"), [shift], choice)
     rng = np.random.default_rng(2)
     counts = 1000 / second_image("curved", 5, [-4.0, 0, 0], 0).max()
     images = [counts * second_image("curved", 5, [-8.0, y, 0], 0) for y in (0, shift)]
@@ -149,22 +153,22 @@ def test_every_choice_suits_every_scene():
     settings = load_scene("follow").settings()
     settings["effects"] = {"shot_noise": {"electrons_per_count": 50.0}, "adc": {"bits": 12}}
     other = scene_from_settings(settings, "other")
-    for choice in paper_choices.alternatives(np.random.default_rng(1)):
+    for choice in alternatives(np.random.default_rng(1)):
         assert angles_deg(other, Conditions("planar", 7, 5.0, "yaw"), [20.0], choice) > 1
 
 
 def test_what_has_no_number_is_flat_and_met_by_nobody():
     above = next(s for s in STATEMENTS if s.relation == "above")
     assert above.met(np.nan) is False
-    assert command.number(np.nan) == "flat"
+    assert report(Reproduction([np.nan])).splitlines()[1].endswith("2    flat")
     (point,) = as_object(Reproduction([np.nan]))["figures"]["4a"]["points"]
     assert point["ours_deg"] is None
     stated = next(s for s in STATEMENTS if s.relation == "is")
-    assert command.verdict(stated, np.nan) == ""
+    assert stated.verdict(np.nan) == ""
 
 
 def test_every_choice_is_checked_above():
-    names = [choice.text for choice in paper_choices.alternatives(np.random.default_rng(1))]
+    names = [choice.text for choice in alternatives(np.random.default_rng(1))]
     assert names == [*OPTIONS, "10 bits, noise of 1 count"]
     assert RECONSTRUCTION.text == names[0]
 
@@ -182,14 +186,14 @@ def test_every_choice_is_checked_above():
     ],
 )
 def test_a_move_in_the_papers_axes_is_seen_where_it_should_be(scene, move, feature, sign):
-    pose = separation.from_paper_axes(np.array([4.0, 0, 0, 0, 0]) + move)
+    pose = from_paper_axes(np.array([4.0, 0, 0, 0, 0]) + move)
     found = key_parameters(ForwardModel(scene).expected(pose), 1023, "detector")
     assert sign * found[feature] >= 2
     assert found[3 - feature] == 0
 
 
 def test_the_papers_axes_count_the_range_positive():
-    pose = separation.from_paper_axes([4.0, 0, 0, 0, 0])
+    pose = from_paper_axes([4.0, 0, 0, 0, 0])
     np.testing.assert_array_equal(pose, [-4.0, 0, 0, 0, 0])
     assert not np.signbit(pose[1:]).any()
 
@@ -197,7 +201,7 @@ def test_the_papers_axes_count_the_range_positive():
 def test_the_papers_signature_counts_from_one_at_the_port_and_top_edge():
     image = np.random.default_rng(3).uniform(0, 500, (2, 5, 5))
     image[0, 0, 3], image[1, 4, 0] = 800, 600
-    found = separation.paper_signature(image, 1000)
+    found = paper_signature(image, 1000)
     np.testing.assert_allclose(found[:, :3], [[0.8, 4 / 5, 1 / 5], [0.6, 1 / 5, 5 / 5]])
     for vector, (row, column), frame in zip(found, [(0, 3), (4, 0)], image, strict=True):
         skews = [stats.skew(np.gradient(profile)) for profile in (frame[row], frame[:, column])]
@@ -210,18 +214,18 @@ def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligne
     assert near[0] > 5 * far[0]
     # Skewnesses of symmetric profiles are 0 but for rounding, which a weak peak magnifies.
     assert spectral_angle(near, far) < 1e-13
-    own_top = [separation.paper_signature(image, image.max()) for image in images]
+    own_top = [paper_signature(image, image.max()) for image in images]
     assert spectral_angle(*own_top) < 1e-13
     # A peak over one full scale beside positions that count from the edge is another matter.
-    one_top = [separation.paper_signature(image, 1023.0) for image in images]
+    one_top = [paper_signature(image, 1023.0) for image in images]
     expected = [np.arctan2(11 / 21 * np.sqrt(2), image.max() / 1023) for image in images]
     assert spectral_angle(*one_top) == pytest.approx(expected[1] - expected[0], abs=1e-12)
 
 
 def test_the_least_step_is_the_first_that_reaches_15_deg():
     steps = np.array([0.0, 0.1, 0.2, 0.3])
-    assert paper.least_detected(steps, np.array([0, 14.999, 15.0, 3.0])) == 0.2
-    assert paper.least_detected(steps, np.array([0, 1.0, 2.0, 14.999])) is None
+    assert least_detected(steps, np.array([0, 14.999, 15.0, 3.0])) == 0.2
+    assert least_detected(steps, np.array([0, 1.0, 2.0, 14.999])) is None
 
 
 def test_the_scene_is_the_papers(scene):
@@ -235,13 +239,193 @@ def test_the_scene_is_the_papers(scene):
 
 
 def test_panels_are_the_papers():
-    panels = paper.panels()
-    assert list(panels) == ["4a", "4b", "5a", "5b", "6a", "6b", "6c", "6d", "6e", "6f"]
-    assert {c.shape for c in panels["4b"]} == {"planar", "curved"}
-    assert [panels["5a"][i].side for i in (0, -1)] == [3, 101]
+    curves = panels()
+    assert list(curves) == ["4a", "4b", "5a", "5b", "6a", "6b", "6c", "6d", "6e", "6f"]
+    assert {c.shape for c in curves["4b"]} == {"planar", "curved"}
+    assert [curves["5a"][i].side for i in (0, -1)] == [3, 101]
     for panel, side, motion in (("6a", 3, "shift"), ("6e", 5, "yaw"), ("6f", 101, "yaw")):
-        assert [c.range_m for c in panels[panel]] == [4, 5, 6, 7, 8]
-        assert {(c.side, c.motion, c.shape) for c in panels[panel]} == {(side, motion, "curved")}
-    np.testing.assert_allclose(np.diff(paper.STEPS["shift"]), 0.03)
-    assert paper.STEPS["shift"][-1] == pytest.approx(0.9)
-    np.testing.assert_array_equal(paper.STEPS["yaw"], range(31))
+        assert [c.range_m for c in curves[panel]] == [4, 5, 6, 7, 8]
+        assert {(c.side, c.motion, c.shape) for c in curves[panel]} == {(side, motion, "curved")}
+    np.testing.assert_allclose(np.diff(STEPS["shift"]), 0.03)
+    assert STEPS["shift"][-1] == pytest.approx(0.9)
+    np.testing.assert_array_equal(STEPS["yaw"], range(31))
+
+
+# --- The command. ---
+
+run = functools.partial(command_line.run, "study", "paper")
+
+
+def assert_picture(path):
+    command_line.assert_picture(path, least_height=1000)
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The JSON of a whole run, as plain values."""
+    picture = tmp_path_factory.mktemp("whole") / "p.png"
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        run("--json", "--output", picture)
+    assert "point" in error.getvalue()
+    assert "curve" in error.getvalue()
+    return json.loads(out.getvalue())
+
+
+def points_of(result):
+    return [(name, p) for name, figure in result["figures"].items() for p in figure["points"]]
+
+
+def test_json_holds_every_point_and_curve(whole):
+    assert (whole["scene"], whole["seed"], whole["complete"]) == ("eren2016", 1, True)
+    assert_picture(Path(whole["picture"]))
+    points = points_of(whole)
+    assert len(points) == len(STATEMENTS)
+    stated = {(name, p["paper_deg"], p["relation"]) for name, p in points if p["paper_deg"]}
+    assert stated == {
+        ("4a", 2.0, "is"),
+        *(("4b", angle, "is") for angle in (5.0, 11.0, 12.0, 22.0)),
+        *((panel, 15.0, side) for panel in ("5a", "5b") for side in ("below", "above")),
+        ("6b", 6.0, "above"),
+        ("6e", 10.0, "above"),
+    }
+    for _, point in points:
+        conditions = point["conditions"]
+        if conditions["array"] != "curved" or "compared_with_detectors_per_side" in conditions:
+            continue
+        motion = "shift" if "shift_m" in conditions else "yaw"
+        step = conditions["shift_m" if motion == "shift" else "yaw_deg"]
+        expected = second_angle(
+            "curved", conditions["detectors_per_side"], conditions["range_m"], motion, step
+        )
+        assert point["ours_deg"] == pytest.approx(expected, abs=1e-6)
+        assert point["met"] in (True, None)
+    curves = [len(figure["curves"]) for figure in whole["figures"].values()]
+    assert curves == [2, 2, len(SIDES), len(SIDES), 5, 5, 5, 5, 5, 5]
+    by_range = whole["figures"]["6b"]["curves"][4]
+    assert (by_range["range_m"], by_range["detectors_per_side"]) == (8, 5)
+    assert by_range["shift_m"][7] == pytest.approx(0.21)
+    expected = second_angle("curved", 5, 8.0, "shift", 0.21)
+    assert by_range["angle_deg"][7] == pytest.approx(expected, abs=1e-6)
+
+
+def test_json_holds_every_size(whole):
+    assert [row["detectors_per_side"] for row in whole["sizes"]] == list(SIDES)
+    five = whole["sizes"][1]
+    assert five["angle_deg_at_0_2_m"] == pytest.approx(second_angle("curved", 5, 4.0, "shift", 0.2))
+    assert five["angle_deg_at_10_deg"] == pytest.approx(second_angle("curved", 5, 4.0, "yaw", 10.0))
+    assert second_angle("curved", 5, 4.0, "shift", five["least_shift_m"] - 0.03) < 15
+    assert second_angle("curved", 5, 4.0, "shift", five["least_shift_m"]) >= 15
+    assert whole["sizes"][0]["least_yaw_deg"] is None
+    # More detectors, more places for the peak of one and the same pose.
+    noise = [row["noise_deg_at_8_m"] for row in whole["sizes"]]
+    assert noise[0] < 1 < noise[1] < noise[6] < noise[8]
+    assert all(row["noise_deg_at_4_m"] < row["noise_deg_at_8_m"] for row in whole["sizes"])
+
+
+def test_json_holds_every_choice(whole):
+    points, choices = points_of(whole), whole["choices"]
+    assert [row["choice"] for row in choices] == [*OPTIONS, "10 bits, noise of 1 count"]
+    first = choices[0]["ours_deg"]
+    assert [first[f"{name} {p['point']}"] for name, p in points] == [
+        p["ours_deg"] for _, p in points
+    ]
+    off = [p["ours_deg"] - p["paper_deg"] for _, p in points if p["relation"] == "is"]
+    assert choices[0]["rms_deg"] == pytest.approx(np.linalg.norm(off) / np.sqrt(5))
+    sides = [(name, p) for name, p in points if p["relation"] in ("above", "below")]
+    for row in choices:
+        met = 0
+        for name, p in sides:
+            ours, stated = row["ours_deg"][f"{name} {p['point']}"], p["paper_deg"]
+            if ours is not None:
+                met += ours > stated if p["relation"] == "above" else ours < stated
+        assert row["met"] == met
+    assert choices[11]["choice"] == "blur of 11 detectors always"
+    flat = {name for name, ours in choices[11]["ours_deg"].items() if ours is None}
+    assert len(flat) == 4
+    assert all("curved 5 x 5" in name for name in flat)
+
+
+def test_the_statements_stand_beside_the_curves():
+    """Curves that fill the lower left triangle of each panel, as the true ones do."""
+    curves = [
+        (panel, Conditions(shape, 5, 4.0, of_panel[0].motion), slope * np.linspace(0, 1, 31))
+        for panel, of_panel in panels().items()
+        for shape, slope in (("planar", 45.0), ("curved", 60.0))
+    ]
+    figure = draw(curves, "eren2016")
+    figure.draw_without_rendering()
+    statements = 0
+    for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines")):
+        for note in axes.texts:
+            if ">" not in note.get_text() and "<" not in note.get_text():
+                continue
+            statements += 1
+            box = Text.get_window_extent(note)  # without its line
+            for line in [line for line in axes.get_lines() if len(line.get_xdata()) > 5]:
+                x = np.linspace(*axes.get_xlim(), 500)
+                y = np.interp(x, line.get_xdata(), line.get_ydata())
+                inside = axes.transData.transform(np.stack([x, y], axis=1))
+                assert not any(box.contains(*point) for point in inside), note.get_text()
+    assert statements == 6
+
+
+def test_ctrl_c_reports_what_is_complete(tmp_path):
+    program = [*command_line.PROGRAM, "study", "paper", "--output", tmp_path / "p.png"]
+    code, *streams = command_line.interrupted(program, rb"\b[1-9]\d*/\d+ .*point")
+    out, error = (text.decode() for text in streams)
+    assert code == 130, out + error
+    assert "Traceback" not in error
+    assert "interrupted" in out
+    assert "no picture" in out
+    assert re.search(r"^1 +4a +.* 2 .* \+", out, re.M)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_keeps_the_results_before_it(scene):
+    def progress(rounds, name):
+        for i, item in enumerate(rounds):
+            if (name, i) == ("size", 2):
+                raise KeyboardInterrupt
+            yield item
+
+    result = Reproduction()
+    with pytest.raises(KeyboardInterrupt):
+        result.compute(scene, 1, progress)
+    assert (len(result.points), len(result.sizes), result.curves) == (len(STATEMENTS), 2, [])
+    assert not result.has_all_curves
+    assert not result.complete
+    text = report(result)
+    assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", text, re.M)
+    assert re.search(r"^8 .* > 15 +28\.6 +met$", text, re.M)
+    assert re.search(r"^5 x 5 +28\.6 +23\.9 +0\.12 +6 ", text, re.M)
+    assert "as reconstructed" not in text
+    result.choices.append(("as reconstructed", result.points))
+    assert re.search(r"^as reconstructed .* 6 +1\.0$", report(result), re.M)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--seed", "-1"), ("--seed", "-1", "from 0")),
+        (("--scene", "atlantis"), ("atlantis", "eren2016")),
+        (("--output", "deep/p.png"), ("--output", "no folder deep")),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, named):
+    monkeypatch.chdir(tmp_path)
+    error = run(*words, code=1)
+    assert error.startswith("uuv_array study paper: ")
+    for word in named:
+        assert word in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_explains_every_option_and_shows_examples(capsys):
+    run("--help")
+    text = capsys.readouterr().out
+    for option in ("--scene", "--seed", "--output", "--json"):
+        assert re.search(rf"{option}\b.*?\s\w+ \w+", text, re.DOTALL)
+    examples = text.partition("examples:")[2]
+    assert len(re.findall(r"^  uuv_array study paper\b", examples, re.M)) >= 3

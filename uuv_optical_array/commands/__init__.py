@@ -18,10 +18,10 @@ from uuv_optical_array.commands.studies import (
     design,
     drives,
     limits,
-    paper,
     robustness,
     tradeoff,
 )
+from uuv_optical_array.studies import paper
 
 COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
 STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)

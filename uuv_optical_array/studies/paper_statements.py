@@ -1,9 +1,6 @@
-"""Figs 4 to 6 of Eren et al. (2016): the curves, and what the text states of them.
+"""Figs 4 to 6 of Eren et al. (2016): their curves, and what the text states of them."""
 
-What the paper leaves open is a choice: the scene `eren2016` and `RECONSTRUCTION` hold ours,
-`choices` others.
-"""
-
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -14,16 +11,12 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.studies.separation import (
-    THRESHOLD_DEG,
-    UNITS,
-    Conditions,
-    Motion,
-)
+from uuv_optical_array.studies.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
 
 MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
 # The steps of the paper's curves, in their units.
 STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
+FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
 SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
 
 # Spectral angles of moves, once scene and choice are fixed.
@@ -32,7 +25,7 @@ Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
 
 @dataclass(frozen=True)
 class Statement:
-    """What the paper's text states of a figure, and the same number of ours.
+    """A statement of the paper's text about a figure, and the same number of ours.
 
     Parameters
     ----------
@@ -45,8 +38,8 @@ class Statement:
     paper
         The stated number, deg; ``None`` where the paper has words only.
     relation
-        Whether the paper's number is the angle, or the angle lies above or below it; or the
-        paper's words.
+        Whether the paper's number ``is`` the angle, or the angle lies ``above`` or ``below`` it; or
+        the paper's words.
     ours
         Computes our number, deg.
     """
@@ -75,6 +68,13 @@ class Statement:
             return None
         return ours > self.paper if self.relation == "above" else ours < self.paper
 
+    def verdict(self, ours: float) -> str:
+        """Return how our number compares with the paper's, in a word or as a difference."""
+        met = self.met(ours)
+        if met is not None:
+            return "met" if met else "missed"
+        return "" if self.paper is None or math.isnan(ours) else f"{ours - self.paper:+.1f}"
+
 
 def _at(figure: str, conditions: Conditions, step: float, relation: str, paper: float) -> Statement:
     side, unit = conditions.side, UNITS[conditions.motion]
@@ -99,22 +99,22 @@ def _largest_near(angles: Angles) -> float:
     return float(difference[np.abs(difference).argmax()])
 
 
-def _best_gain(motion: Motion, step: float) -> Statement:
-    def ours(angles: Angles) -> float:
-        at_7, *larger = (
-            float(angles(Conditions("curved", side, 4.0, motion), [step])[0])
-            for side in SIDES
-            if side >= 7
-        )
-        return max(larger) - at_7
+def best_gain(motion: Motion, step: float, sides: Sequence[int] = SIDES) -> Statement:
+    """Compare the best array of more than 7 x 7 detectors of `sides` with that of 7 x 7."""
+    larger = [side for side in sides if side > 7]
 
+    def ours(angles: Angles) -> float:
+        at_7, *others = (
+            float(angles(Conditions("curved", side, 4.0, motion), [step])[0])
+            for side in (7, *larger)
+        )
+        return max(others) - at_7
+
+    conditions = Conditions("curved", 7, 4.0, motion).as_object(step)
     return Statement(
         "5a" if motion == "shift" else "5b",
         f"best gain over 7 x 7, 4 m, {motion} {step:g} {UNITS[motion]}",
-        {
-            **Conditions("curved", 7, 4.0, motion).as_object(step),
-            "compared_with_detectors_per_side": [side for side in SIDES if side > 7],
-        },
+        {**conditions, "compared_with_detectors_per_side": larger},
         None,
         "not significant",
         ours,
@@ -122,7 +122,6 @@ def _best_gain(motion: Motion, step: float) -> Statement:
 
 
 _BOTH = {"array": "curved less planar", "detectors_per_side": 21, "range_m": 4.0}
-FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
 STATEMENTS = (
     Statement(
         "4a",
@@ -146,10 +145,10 @@ STATEMENTS = (
     _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
     _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
     _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
-    _best_gain("shift", 0.2),
+    best_gain("shift", 0.2),
     _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
     _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
-    _best_gain("yaw", 10.0),
+    best_gain("yaw", 10.0),
     _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
     _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
 )
@@ -161,14 +160,14 @@ def agreement(ours: Sequence[float]) -> tuple[int, float]:
     Parameters
     ----------
     ours
-        One a statement, deg.
+        One for each statement, deg.
 
     Returns
     -------
     met : int
-        On how many of the stated sides they lie.
+        How many of them lie on the stated side.
     rms_deg : float
-        Root mean square of what they are off the stated angles.
+        Root mean square of the differences from the stated angles.
     """
     pairs = list(zip(STATEMENTS, ours, strict=True))
     off = [value - s.paper for s, value in pairs if s.relation == "is" and s.paper is not None]
@@ -177,15 +176,15 @@ def agreement(ours: Sequence[float]) -> tuple[int, float]:
 
 def panels() -> dict[str, list[Conditions]]:
     """Return the curves of each panel of the paper's figures, by its number and letter."""
-    found: dict[str, list[Conditions]] = {}
+    curves: dict[str, list[Conditions]] = {}
     shapes: tuple[Shape, ...] = ("planar", "curved")
     for motion, letter in zip(MOTIONS, "ab", strict=True):
-        found[f"4{letter}"] = [Conditions(shape, 21, 4.0, motion) for shape in shapes]
-        found[f"5{letter}"] = [Conditions("curved", side, 4.0, motion) for side in SIDES]
+        curves[f"4{letter}"] = [Conditions(shape, 21, 4.0, motion) for shape in shapes]
+        curves[f"5{letter}"] = [Conditions("curved", side, 4.0, motion) for side in SIDES]
     for motion, letters in zip(MOTIONS, ("abc", "def"), strict=True):
         for side, letter in zip((3, 5, 101), letters, strict=True):
-            found[f"6{letter}"] = [Conditions("curved", side, m, motion) for m in RANGES_M]
-    return dict(sorted(found.items()))
+            curves[f"6{letter}"] = [Conditions("curved", side, m, motion) for m in RANGES_M]
+    return dict(sorted(curves.items()))
 
 
 def least_detected(steps: Array, angles: Array) -> float | None:

@@ -19,11 +19,9 @@ from uuv_optical_array.studies.separation import (
     scene_signature,
 )
 
-NOISE_DRAWS = 25
-
 
 def alternatives(rng: np.random.Generator) -> list[Choice]:
-    """Return the reconstruction and, one at a time, other choices.
+    """Return the reconstruction, which is the first, and other choices.
 
     Parameters
     ----------
@@ -33,7 +31,7 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
     Returns
     -------
     list of Choice
-        The reconstruction first.
+        Each differs from the reconstruction in one thing.
     """
     return [
         RECONSTRUCTION,
@@ -63,21 +61,22 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
     ]
 
 
-def noisy(rng: np.random.Generator) -> Choice:
-    """Return the choice with noise: 10 bits, 1 count, the mean of `NOISE_DRAWS` pairs of images."""
+def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
+    """Return the choice with noise: 10 bits, 1 count, the mean of `draws` pairs of images."""
 
     def read(model: ForwardModel, poses: Array) -> Array:
-        return model.expose(np.broadcast_to(poses, (NOISE_DRAWS, *poses.shape)), rng)
+        return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
 
-    return Choice("10 bits, noise of 1 count", _ten_bits_and_noise, images=read)
+    def change(scene: Scene) -> Scene:
+        return _with_effects(sensor_noise={"sigma_counts": 1.0})(_ten_bits(scene))
+
+    return Choice("10 bits, noise of 1 count", change, images=read)
 
 
 def _with_sigma(sigma_deg: float) -> Callable[[Scene], Scene]:
-    def change(scene: Scene) -> Scene:
-        lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
-        return dataclasses.replace(scene, lamp=lamp)
-
-    return change
+    return lambda scene: dataclasses.replace(
+        scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
+    )
 
 
 def _with_effects(**changed: dict[str, Any]) -> Callable[[Scene], Scene]:
@@ -87,19 +86,13 @@ def _with_effects(**changed: dict[str, Any]) -> Callable[[Scene], Scene]:
 
 
 def _without(*names: str) -> Callable[[Scene], Scene]:
-    def change(scene: Scene) -> Scene:
-        kept = {name: values for name, values in scene.effects.items() if name not in names}
-        return dataclasses.replace(scene, effects=kept)
-
-    return change
+    return lambda scene: dataclasses.replace(
+        scene, effects={name: v for name, v in scene.effects.items() if name not in names}
+    )
 
 
 def _ten_bits(scene: Scene) -> Scene:
     return _with_effects(adc={"bits": 10})(_without("sensor_noise", "shot_noise")(scene))
-
-
-def _ten_bits_and_noise(scene: Scene) -> Scene:
-    return _with_effects(sensor_noise={"sigma_counts": 1.0})(_ten_bits(scene))
 
 
 def _blur_of_11_detectors(scene: Scene) -> Scene:
@@ -166,8 +159,8 @@ def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Arra
 def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
     """Take differences of neighbours, one fewer than detectors, for the gradient."""
     vectors = scene_signature(images, on_axis_counts, scene)
-    at = key_parameters(images, on_axis_counts, "detector")[..., 1:3] + (images.shape[-1] - 1) / 2
-    column, row = np.moveaxis(at.round().astype(int), -1, 0)
+    peak = key_parameters(images, on_axis_counts, "detector")[..., 1:3]
+    column, row = np.moveaxis((peak + (images.shape[-1] - 1) / 2).round().astype(int), -1, 0)
     horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
     vertical = np.take_along_axis(images, column[..., None, None], axis=-1)[..., 0]
     vectors[..., 3] = skewness(np.diff(horizontal))

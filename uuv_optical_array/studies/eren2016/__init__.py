@@ -1,1 +1,0 @@
-"""The figures of Eren et al. (2016), computed again."""

@@ -1,0 +1,372 @@
+"""``uuv_array study paper``: Figs 4 to 6 of Eren et al. (2016), and what their text states of them.
+
+What the paper leaves open is a choice: ours are the scene `eren2016` and `paper_signature`, others
+are in `paper_choices`.
+"""
+
+import argparse
+import functools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage.formats import json_text
+from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.studies.paper_choices import alternatives, noisy
+from uuv_optical_array.studies.paper_statements import (
+    FAR,
+    MOTIONS,
+    SIDES,
+    STATEMENTS,
+    STEPS,
+    agreement,
+    least_detected,
+    panels,
+)
+from uuv_optical_array.studies.separation import (
+    THRESHOLD_DEG,
+    UNITS,
+    WANTED,
+    Choice,
+    Conditions,
+    Motion,
+    angles_deg,
+)
+
+DESCRIPTION = """\
+Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
+aligned array and of one that is shifted to starboard or turned, for planar and curved arrays of
+3 x 3 to 101 x 101 detectors, 4 to 8 m behind the lamp. Every number that the paper's text states of
+these figures is printed beside ours, and again for other choices where the paper leaves one open:
+the beam's width, the blur, the scaling of the five key parameters, the noise."""
+
+EPILOG = """\
+examples:
+  uuv_array study paper                        the tables, and the figures into paper.png
+  uuv_array study paper --output eren2016.png  the picture where you want it
+  uuv_array study paper --json                 one JSON object, including the curves
+  uuv_array study paper --scene sea.yaml       your own lamp, water and sphere
+Ctrl-C ends it early and reports what is complete. docs/results/paper.md explains every figure."""
+
+NUMBERS = {"seed": options.Number(options.SEED, 1)}
+NOISE_RANGES_M = (4.0, 8.0)
+
+
+def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
+    """Return the angles of a curved array at 4 m, the least detected moves and the noise."""
+    row: dict[str, Any] = {"detectors_per_side": side}
+    for motion in MOTIONS:
+        steps = np.append(STEPS[motion], WANTED[motion])
+        angles = angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
+        name = f"{WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
+        row[f"angle_deg_at_{name}"] = float(angles[-1])
+        row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
+    for range_m in NOISE_RANGES_M:
+        still = angles_deg(scene, Conditions("curved", side, range_m, "shift"), [0.0], noise)
+        row[f"noise_deg_at_{range_m:g}_m"] = float(still[0])
+    return row
+
+
+@dataclass
+class Reproduction:
+    """The results so far.
+
+    Parameters
+    ----------
+    points
+        Our number of each of `STATEMENTS`, deg.
+    sizes
+        A `size_row` for each of `SIDES`.
+    curves
+        Panel, conditions and angles in deg at `STEPS`.
+    choices
+        Name of each choice, and its numbers of `STATEMENTS`, deg.
+    has_all_curves, complete
+        Whether no curve, and whether nothing, is missing.
+    """
+
+    points: list[float] = field(default_factory=list)
+    sizes: list[dict[str, Any]] = field(default_factory=list)
+    curves: list[tuple[str, Conditions, Array]] = field(default_factory=list)
+    choices: list[tuple[str, list[float]]] = field(default_factory=list)
+    has_all_curves: bool = False
+    complete: bool = False
+
+    def compute(
+        self, scene: Scene, seed: int, progress: Callable[[Iterable[Any], str], Iterable[Any]]
+    ) -> None:
+        """Compute all, the most important first; an interrupt leaves the results so far.
+
+        Parameters
+        ----------
+        scene
+            Lamp, water and sphere.
+        seed
+            Of the noise.
+        progress
+            Wraps each loop; its second argument names what a round is.
+        """
+        rng = np.random.default_rng(seed)
+        angles = functools.partial(angles_deg, scene)
+        for statement in progress(STATEMENTS, "point"):
+            self.points.append(statement.ours(angles))
+        for side in progress(SIDES, "size"):
+            self.sizes.append(size_row(scene, side, noisy(rng)))
+        curves = [(panel, conditions) for panel, those in panels().items() for conditions in those]
+        for panel, conditions in progress(curves, "curve"):
+            self.curves.append((panel, conditions, angles(conditions, STEPS[conditions.motion])))
+        self.has_all_curves = True
+        for choice in progress(alternatives(rng), "choice"):
+            chosen = functools.partial(angles_deg, scene, choice=choice)
+            self.choices.append((choice.text, [s.ours(chosen) for s in STATEMENTS]))
+        self.complete = True
+
+
+def as_object(result: Reproduction) -> dict[str, Any]:
+    """Return the results as plain values, by figure; nan is None."""
+
+    def finite(ours: float) -> float | None:
+        return None if math.isnan(ours) else ours
+
+    figures: dict[str, dict[str, list[Any]]] = {
+        panel: {"points": [], "curves": []} for panel in panels()
+    }
+    for statement, ours in zip(STATEMENTS, result.points, strict=False):
+        figures[statement.figure]["points"].append(
+            {
+                "point": statement.text,
+                "conditions": dict(statement.conditions),
+                "relation": statement.relation,
+                "paper_deg": statement.paper,
+                "ours_deg": finite(ours),
+                "met": statement.met(ours),
+            }
+        )
+    for panel, conditions, angles in result.curves:
+        steps = conditions.as_object(STEPS[conditions.motion])
+        curve = {**steps, "angle_deg": [*map(finite, angles.tolist())]}
+        figures[panel]["curves"].append(curve)
+    names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
+    return {
+        "complete": result.complete,
+        "figures": figures,
+        "sizes": result.sizes,
+        "choices": [
+            {
+                "choice": text,
+                "ours_deg": dict(zip(names, map(finite, points), strict=True)),
+                "met": agreement(points)[0],
+                "rms_deg": finite(agreement(points)[1]),
+            }
+            for text, points in result.choices
+        ],
+    }
+
+
+def _number(ours: float) -> str:
+    return "flat" if math.isnan(ours) else f"{ours:.1f}"
+
+
+def report(result: Reproduction) -> str:
+    """Return the tables, as far as they are complete."""
+    line = "{:<4}{:<4}{:<44}{:>16}{:>8}  {}"
+    lines = [line.format("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
+    for i, (statement, ours) in enumerate(zip(STATEMENTS, result.points, strict=False), 1):
+        values = (statement.label, _number(ours), statement.verdict(ours))
+        lines.append(line.format(i, statement.figure, statement.text, *values))
+    if result.sizes:
+        lines += [
+            "",
+            f"Curved arrays: angles at 4 m; the least move that shows {THRESHOLD_DEG:g} deg there;",
+            "and the angle between two readings of one pose, with 10 bits and 1 count of noise.",
+        ]
+        row = "{:<12}" + 6 * "{:>11}"
+        heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
+        lines.append(row.format("detectors", *heads))
+        for size in result.sizes:
+            side, at_shift, shift, at_yaw, yaw, *noise = size.values()
+            least = ["none" if step is None else f"{step:g}" for step in (shift, yaw)]
+            cells = (_number(at_shift), _number(at_yaw), *least, *map(_number, noise))
+            lines.append(row.format(f"{side} x {side}", *cells))
+    if result.choices:
+        lines += [
+            "",
+            "Other choices, one at a time, by no. of the first table. met: how many of < and >;",
+            "rms: of the differences from the stated angles; flat: the aligned image has no peak.",
+        ]
+        row = "{:<30}" + len(STATEMENTS) * "{:>6}" + "{:>5}{:>6}"
+        lines.append(row.format("", *range(1, len(STATEMENTS) + 1), "met", "rms"))
+        stated = [s.label.replace(" ", "") if s.paper is not None else "" for s in STATEMENTS]
+        lines.append(row.format("the paper", *stated, "", ""))
+        for text, points in result.choices:
+            met, rms_deg = agreement(points)
+            lines.append(row.format(text, *map(_number, points), met, _number(rms_deg)))
+    return "\n".join(line.rstrip() for line in lines)
+
+
+# Free areas of the panels for the statements, in fractions of the axes.
+FREE = {
+    ("5a", "above"): (0.02, 0.52),
+    ("5a", "below"): (0.6, 0.1),
+    ("5b", "above"): (0.02, 0.72),
+    ("5b", "below"): (0.6, 0.08),
+    ("6b", "above"): (0.6, 0.08),
+    ("6e", "above"): (0.6, 0.08),
+}
+AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
+
+
+def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> Any:
+    """Draw the three figures, panel by panel as in the paper, with the statements of its text.
+
+    Parameters
+    ----------
+    curves
+        Panel, conditions and angles in deg at `STEPS`.
+    scene_name
+        For the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.5, 12.8), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])
+    fourth, fifth = upper.subfigures(1, 2)
+    by_panel: dict[str, Any] = {}
+    for part, letters, number in ((fourth, "ab", "4"), (fifth, "ab", "5"), (lower, "abcdef", "6")):
+        grid = part.subplots(2, len(letters) // 2, sharey="row", squeeze=False)
+        by_panel |= {f"{number}{x}": axes for x, axes in zip(letters, grid.flat, strict=True)}
+        for axes in grid[:, 0]:
+            axes.set_ylabel("spectral angle (deg)")
+    fourth.suptitle("Fig. 4: planar and curved, 21 x 21, 4 m")
+    fifth.suptitle("Fig. 5: curved arrays by detectors in a row, 4 m")
+    lower.suptitle("Fig. 6: curved arrays by range, coloured as in (a)")
+    for panel, axes in by_panel.items():
+        own = [(conditions, angles) for name, conditions, angles in curves if name == panel]
+        motion, side = own[0][0].motion, own[0][0].side
+        for (_, angles), (name, colour) in zip(own, _styles(panel, own), strict=True):
+            axes.plot(STEPS[motion], angles, color=colour, lw=1.8, label=name)
+        _draw_statements(axes, panel, motion)
+        title = f"({panel[1]})" + (f" {side} x {side}" if panel[0] == "6" else "")
+        axes.set_title(title, loc="left", fontsize=11)
+        axes.set(xlabel=AXES[motion], xlim=(0, STEPS[motion][-1]))
+        axes.set_ylim(0, 80 if motion == "shift" else 60)
+        axes.grid(alpha=0.3)
+    for panel in ("4a", "4b", "5a", "6a"):
+        by_panel[panel].legend(loc="upper left", fontsize=9, ncols=2 if panel == "5a" else 1)
+    figure.suptitle(
+        f"Eren et al. (2016), Figs 4 to 6: our curves (scene {scene_name}); in black, what the "
+        "text states",
+        fontsize=13,
+    )
+    return figure
+
+
+def _styles(panel: str, own: Sequence[tuple[Conditions, Array]]) -> list[tuple[str, Any]]:
+    """Return label and colour of each curve of a panel."""
+    from matplotlib import colormaps
+
+    from uuv_optical_array.plots.style import SHAPE_COLOURS
+
+    if panel[0] == "4":
+        return [(conditions.shape, SHAPE_COLOURS[conditions.shape]) for conditions, _ in own]
+    colours = colormaps["turbo" if panel[0] == "5" else "plasma"](np.linspace(0.05, 0.9, len(own)))
+    return [
+        (f"{c.side} x {c.side}" if panel[0] == "5" else f"{c.range_m:g} m", colour)
+        for (c, _), colour in zip(own, colours, strict=True)
+    ]
+
+
+def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
+    """Mark the paper's statements about a panel."""
+    if panel == "4a":
+        axes.axvspan(FAR[0], FAR[-1], color="0.9", zorder=0)
+        axes.text(0.765, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
+        return
+    if panel[0] == "5":
+        axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
+    for statement in STATEMENTS:
+        if statement.figure != panel or statement.paper is None:
+            continue
+        step, angle = statement.conditions[f"{motion}_{UNITS[motion]}"], statement.paper
+        if statement.relation == "is":
+            axes.plot(step, angle, "o", color="k", ms=6, zorder=4)
+            # The curved array's angles are above the planar one's here.
+            above = statement.conditions["array"] == "curved"
+            place = {"xytext": (-9, 7) if above else (9, -9), "textcoords": "offset points"}
+            axes.annotate(
+                f"{angle:g}", (step, angle), ha="center", va="center", fontsize=9, **place
+            )
+            continue
+        up = statement.relation == "above"
+        # A bar with an arrowhead to the side on which the curve should be.
+        axes.plot(step, angle, "k_", ms=12, mew=2, zorder=4)
+        axes.plot(step, angle + (3 if up else -3), "^" if up else "v", color="k", ms=5, zorder=4)
+        side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
+        which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
+        axes.annotate(
+            f"{which}: {statement.label}",
+            (step, angle),
+            FREE[panel, statement.relation],
+            textcoords="axes fraction",
+            va="center",
+            fontsize=9,
+            zorder=5,
+            arrowprops={"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4},
+        )
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "paper",
+        run,
+        "repeat the figures of Eren et al. (2016), their numbers beside ours",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "eren2016")
+    options.add_numbers(parser, NUMBERS)
+    outputs.add_picture(parser, "paper.png")
+    options.add_json(parser)
+    options.add_report(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute, print and draw."""
+    (seed,) = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    result = Reproduction()
+    try:
+        result.compute(scene, seed, progress.over)
+    except KeyboardInterrupt:
+        if not result.points:
+            print("interrupted: nothing computed")
+            return options.INTERRUPTED
+    picture = None
+    if result.has_all_curves:
+        from uuv_optical_array.plots.style import save
+
+        picture = str(output)
+        save(draw(result.curves, scene.name), output)
+    if args.json:
+        origin = {"scene": scene.name, "seed": seed, "picture": picture}
+        print(json_text({**origin, **as_object(result)}))
+    else:
+        print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n")
+        print(f"picture: {picture}" if picture else "no picture")
+        if not result.complete:
+            print("interrupted: the tables end where the work ended")
+    return 0 if result.complete else options.INTERRUPTED

@@ -334,7 +334,7 @@ def test_what_cannot_be_used_is_left_out_and_counted(recorded, tmp_path):
     told = dict(found.refused)
     assert told.pop(f"{LEADER}: not finite") == 4
     assert told.pop(f"{IMAGE}: wrong encoding: 'mono8', not mono16") == 1
-    assert told.pop(f"{IMAGE}: its stamp was there before") == 1
+    assert told.pop(f"{IMAGE}: duplicate stamp") == 1
     # Three poses away: a gap of 0.8 s, with eight images; one away is interpolated.
     assert told.pop(f"{IMAGE}: no {LEADER} at its stamp: it falls in a gap") == 8
     assert not told

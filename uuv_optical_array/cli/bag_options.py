@@ -52,7 +52,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
 def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show how far it is."""
     (max_gap_s,) = options.numbers_of(args, NUMBERS)
-    given = [name for name in vars(Topics()) if f"{name}_topic" in options]
+    given = [name for name in vars(Topics()) if f"{name}_topic" in args]
     return read_recording(
         files.user_path(args.bag),
         scene.array,

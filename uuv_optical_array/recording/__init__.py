@@ -1,1 +1,1 @@
-"""Recorded bags: read, mended, written, and estimated anew; without ROS."""
+"""Recorded bags: read, repaired, written and replayed through the estimator, without ROS."""

@@ -9,11 +9,11 @@ from typing import Any
 
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.recording import mcap, sqlite
+from uuv_optical_array.recording.truncated import MCAP, SQLITE, is_truncated, repair
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
-RUN = {  # what is recorded of a run
+RUN = {  # topics of a run that are recorded
     "array/image": IMAGE,
     "array/features": "sensor_msgs/msg/PointCloud2",
     "relative_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -22,24 +22,20 @@ RUN = {  # what is recorded of a run
     "follower/odometry": ODOMETRY,
     "cmd_vel": TWIST,
 }
-STORAGE = {".mcap": mcap, ".db3": sqlite}
 
 
 def message_types() -> Any:
-    """Return the definitions of messages, for bags that hold none and for those we write.
-
-    They are Humble's; what we read and write has not changed since.
-    """
+    """Return Humble's message definitions; ours are the same in later distributions."""
     typesys = needs("bags", "rosbags.typesys")
     return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
-    """Open a bag; whatever is wrong with it ends in one line.
+    """Open a bag; whatever is wrong with it becomes an error of one line.
 
-    A folder without ``metadata.yaml`` is read by its files, and of a file that is cut off what is
-    whole.
+    A folder without ``metadata.yaml`` is read file by file. Of a truncated file all whole messages
+    are read.
 
     Parameters
     ----------
@@ -51,14 +47,14 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     reader
         A ``rosbags.highlevel.AnyReader``.
     lost
-        What is missing of it, a line each.
+        What is missing, a line each.
 
     Raises
     ------
     ValueError
-        For what is no bag, or a damaged one.
+        Where it is no bag, or a damaged one.
     FileNotFoundError
-        Where there is nothing.
+        Where it does not exist.
     """
     reading = needs("bags", "rosbags.highlevel.anyreader")
     if not path.exists():
@@ -77,37 +73,25 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
 
 
 def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
-    """Return what to open: the bag itself, or its files, those mended that are cut off."""
-    parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in STORAGE)
-    cut_off = [file for file in parts if file.suffix in STORAGE and _of(file).is_cut_off(file)]
-    if path.is_dir() and not cut_off:
+    """Return what to open, the bag itself or its files, with truncated ones repaired."""
+    suffixes = (MCAP, SQLITE)
+    parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in suffixes)
+    truncated = [file for file in parts if file.suffix in suffixes and is_truncated(file)]
+    if path.is_dir() and not truncated:
         if (path / "metadata.yaml").is_file():
             return [path], []
         if not parts:
             raise ValueError("no bag: it has neither metadata.yaml nor a file .mcap or .db3")
-    for file in cut_off:
-        _of(file).mend(file, scratch / file.name)
-    paths = [scratch / file.name if file in cut_off else file for file in parts]
-    return paths, [f"the end of {file.name}, which is cut off" for file in cut_off]
-
-
-def _of(file: Path) -> Any:
-    """Return the module of a file's storage."""
-    return STORAGE[file.suffix]
+    for file in truncated:
+        repair(file, scratch / file.name)
+    paths = [scratch / file.name if file in truncated else file for file in parts]
+    return paths, [f"the end of {file.name}, which is cut off" for file in truncated]
 
 
 class BagWriter:
-    """A bag that is written message by message: a folder with one MCAP file.
+    """A bag that is written message by message: a new folder with one MCAP file.
 
-    Parameters
-    ----------
-    path
-        The folder to make.
-
-    Raises
-    ------
-    ValueError
-        Where it exists, or the extra ``bags`` is not installed.
+    ValueError where the folder exists, or the extra ``bags`` is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -133,7 +117,7 @@ class BagWriter:
             self._bag.close()  # with its index, however the run ended
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
-        """Write a message.
+        """Write a message as DDS has it.
 
         Parameters
         ----------
@@ -142,7 +126,7 @@ class BagWriter:
         stamp_ns
             When it was received, ns.
         data
-            The message as DDS has it.
+            The serialised message.
 
         Raises
         ------

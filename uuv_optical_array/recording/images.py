@@ -1,8 +1,8 @@
-"""Images of a recorded bag, with the poses that its odometries tell, and the commands."""
+"""Images of a recorded bag with their true poses from its odometries, and the commands."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -22,12 +22,12 @@ from uuv_optical_array.core.messages import (
 from uuv_optical_array.recording.bag import IMAGE, ODOMETRY, TWIST, opened
 
 Axes: TypeAlias = Literal["flu", "frd"]
-SET_BACK_NS = 1_000_000_000  # messages are late by less; a clock that goes back farther was set
+CLOCK_RESET_NS = 1_000_000_000  # no message is so late: the clock was set back
 
 
 @dataclass(frozen=True)
 class Topics:
-    """Where the messages are; a leading slash does not matter."""
+    """Names of the topics; a leading slash does not matter."""
 
     image: str = "array/image"
     leader: str = "leader/odometry"
@@ -44,15 +44,15 @@ class Recording:
     images
         Counts, shape ``(m, side, side)``.
     poses, rolls
-        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan where they
-        are not known and need not be.
+        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan where not
+        known.
     stamps_ns
         Of the images, ns, shape ``(m,)``.
     refused
-        What was left out: how many messages by topic and reason.
+        Number of messages that were left out, by topic and reason.
     commands
-        Of the follower, ascending: stamp, ns, and linear and angular velocity in its own frame, m/s
-        and rad/s, shape ``(3,)`` each.
+        To the follower, by ascending stamp: ns, and linear and angular velocity in its own frame,
+        m/s and rad/s, shape ``(3,)`` each.
     """
 
     images: Array
@@ -65,7 +65,7 @@ class Recording:
 
 @dataclass
 class _Stream:
-    """The messages of one topic that can be used, by stamp."""
+    """The valid messages of one topic with their stamps."""
 
     topic: str
     samples: list[tuple[int, Any]] = field(default_factory=list)
@@ -73,7 +73,7 @@ class _Stream:
 
     def add(self, header: Any, value: Any) -> None:
         stamp = stamp_ns(header)
-        if self.samples and stamp < self.samples[-1][0] - SET_BACK_NS:
+        if self.samples and stamp < self.samples[-1][0] - CLOCK_RESET_NS:
             raise ValueError(
                 f"{self.topic}: stamps go back from {self.samples[-1][0] * 1e-9:.3f} to "
                 f"{stamp * 1e-9:.3f} s: the clock was set back; record each run in a bag of its own"
@@ -81,23 +81,26 @@ class _Stream:
         self.samples.append((stamp, value))
         self.frames.add(header.frame_id)
 
+    def by_stamp(self) -> list[tuple[int, Any]]:
+        return sorted(self.samples, key=lambda sample: sample[0])
+
     def span(self) -> str:
-        stamps = [stamp for stamp, _ in self.samples]
+        stamps = [stamp for stamp, _ in self.by_stamp()]
         if not stamps:
             return f"{self.topic} none"
-        return f"{self.topic} {min(stamps) * 1e-9:.3f} to {max(stamps) * 1e-9:.3f} s"
+        return f"{self.topic} {stamps[0] * 1e-9:.3f} to {stamps[-1] * 1e-9:.3f} s"
 
 
 class _Poses:
-    """The poses of a vehicle, asked for in the order of time."""
+    """The poses of a vehicle at ascending instants."""
 
     def __init__(self, stream: _Stream, max_gap_s: float) -> None:
         self._stream = stream
         self._trajectory = Trajectory(max_gap_s)
-        self._waiting = iter(sorted(stream.samples, key=lambda sample: sample[0]))
+        self._waiting = iter(stream.by_stamp())
 
     def at(self, stamp: int) -> tuple[Array, Array]:
-        """Return position and rotation, or refuse."""
+        """Return position and rotation; `Refused` where they are not known."""
         try:
             while True:
                 try:
@@ -106,23 +109,22 @@ class _Poses:
                     later, pose = next(self._waiting)
                     self._trajectory.add(later, *pose)
         except StopIteration:
-            none = not self._stream.samples
-            reason = "there is none" if none else "it is later than every pose on record"
+            recorded = bool(self._stream.samples)
+            reason = "it is later than every pose on record" if recorded else "there is none"
         except LookupError as error:
             reason = str(error)
-        # Gaps differ in length, but not in kind.
-        kind = reason.partition(" of ")[0]
+        kind = reason.partition(" of ")[0]  # without the length of a gap
         raise Refused(f"no {self._stream.topic} at its stamp: {kind}")
 
 
 def _connections(reader: Any, name: str, msgtype: str, option: str) -> list[Any]:
-    """Find the recordings of a topic."""
-    there = {connection.topic: connection.msgtype for connection in reader.connections}
-    if name not in there:
-        held = ", ".join(f"{known} ({kind})" for known, kind in sorted(there.items()))
+    """Return the connections of a topic of the given type."""
+    types = {connection.topic: connection.msgtype for connection in reader.connections}
+    if name not in types:
+        held = ", ".join(f"{known} ({kind})" for known, kind in sorted(types.items()))
         raise ValueError(f"no topic {name}; it holds {held or 'none'}; name it by {option}")
-    if there[name] != msgtype:
-        raise ValueError(f"{name} is {there[name]}, not {msgtype}; name another by {option}")
+    if types[name] != msgtype:
+        raise ValueError(f"{name} is {types[name]}, not {msgtype}; name another by {option}")
     return [connection for connection in reader.connections if connection.topic == name]
 
 
@@ -138,38 +140,38 @@ def read_recording(
 ) -> Recording:
     """Read the images of a bag and the poses that they were taken at.
 
-    Both odometries are interpolated at the image's stamp, and never extrapolated. A message that
-    cannot be used is left out and counted.
+    Both odometries are interpolated at the image's stamp, and never extrapolated. Invalid messages
+    are left out and counted.
 
     Parameters
     ----------
     path
         Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
     array
-        Which each image must be of.
+        The array that every image must be of.
     topics
-        Where images, odometries and commands are. Commands are read where there are such.
+        Of images, odometries and, if there are any, commands.
     beacon_position_m
         The lamp in the leader's ``base_link``, m.
     axes
-        Of both odometries, as `odometry_pose` has them.
+        Of both odometries, see `odometry_pose`.
     max_gap_s
         Longest gap in an odometry that is interpolated, s.
     progress
-        Wraps the messages, to show how far it is.
+        Wraps the messages, to show progress.
     poses_needed
-        Whether images without a known pose are left out; else odometries may be missing too.
+        Whether images without a known pose are left out; otherwise odometries may be missing.
 
     Returns
     -------
     Recording
-        One image at least.
+        At least one image.
 
     Raises
     ------
     ValueError
         For a bag that cannot be read, a topic that is missing or of another type, odometries in
-        two frames, a clock that was set back, or where not one image can be used.
+        two frames, a clock that was set back, or a bag without a valid image.
     FileNotFoundError
         Where there is no such bag.
     """
@@ -179,8 +181,7 @@ def read_recording(
         refused.update(lost)
         if not reader.message_count:
             raise ValueError("; ".join(["it is empty", *lost]))
-        streams = {}
-        chosen = []
+        streams, connections = {}, []
         for topic, msgtype, option in (
             (names.image, IMAGE, "--image-topic"),
             (names.leader, ODOMETRY, "--leader-topic"),
@@ -188,16 +189,17 @@ def read_recording(
         ):
             name = "/" + topic.strip("/")
             if poses_needed or msgtype == IMAGE or name in reader.topics:
-                chosen += _connections(reader, name, msgtype, option)
+                connections += _connections(reader, name, msgtype, option)
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
         image, leader, follower = streams.values()
         commands = _Stream("/" + names.commands.strip("/"))
-        told = [c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)]
-        if told:
-            chosen, streams[commands.topic] = chosen + told, commands
-        for connection, _, data in progress(reader.messages(chosen)):
+        streams.setdefault(commands.topic, commands)
+        connections += [
+            c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)
+        ]
+        for connection, _, data in progress(reader.messages(connections)):
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:
@@ -207,20 +209,19 @@ def read_recording(
                 else:
                     value = odometry_pose(message, axes)
             except Refused as reason:
-                # Their values differ, but not their kind; of images all the same is said.
+                # Counted by kind: the values of odometries and commands differ.
                 text = str(reason)
                 kind = text if connection.msgtype == IMAGE else text.partition(":")[0]
                 refused[f"{connection.topic}: {kind}"] += 1
                 continue
             streams[connection.topic].add(message.header, value)
-        recording = _joined(
-            image, leader, follower, np.array(beacon_position_m), max_gap_s, refused, poses_needed
-        )
-    twists = sorted(commands.samples, key=lambda sample: sample[0])
-    return replace(recording, commands=[(stamp, *twist) for stamp, twist in twists])
+        beacon = np.array(beacon_position_m)
+        recording = _with_poses(image, leader, follower, beacon, max_gap_s, refused, poses_needed)
+    recording.commands.extend((stamp, *twist) for stamp, twist in commands.by_stamp())
+    return recording
 
 
-def _joined(
+def _with_poses(
     image: _Stream,
     leader: _Stream,
     follower: _Stream,
@@ -229,7 +230,7 @@ def _joined(
     refused: Counter[str],
     poses_needed: bool,
 ) -> Recording:
-    """Give each image its pose."""
+    """Return the images with their poses."""
     if len(leader.frames | follower.frames) > 1:
         raise ValueError(
             f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "
@@ -238,9 +239,9 @@ def _joined(
     leads, follows = _Poses(leader, max_gap_s), _Poses(follower, max_gap_s)
     images, poses, rolls = [], [], []
     stamps: list[int] = []
-    for stamp, pixels in sorted(image.samples, key=lambda sample: sample[0]):
+    for stamp, pixels in image.by_stamp():
         if stamps and stamp == stamps[-1]:
-            refused[f"{image.topic}: its stamp was there before"] += 1
+            refused[f"{image.topic}: duplicate stamp"] += 1
             continue
         try:
             leader_position, leader_rotation = leads.at(stamp)
@@ -257,10 +258,10 @@ def _joined(
         rolls.append(roll)
         stamps.append(stamp)
     if not images:
-        told = "; ".join(f"{number} x {reason}" for reason, number in refused.most_common())
+        reasons = "; ".join(f"{number} x {reason}" for reason, number in refused.most_common())
         spans = ", ".join(stream.span() for stream in (image, leader, follower))
-        none = "no image with a known pose" if poses_needed else "no image"
-        raise ValueError(f"{none}: {told or 'no message at all'} ({spans})")
+        missing = "no image with a known pose" if poses_needed else "no image"
+        raise ValueError(f"{missing}: {reasons or 'no message at all'} ({spans})")
     return Recording(
         np.array(images), np.array(poses), np.array(rolls), np.array(stamps, np.int64), refused
     )

@@ -1,4 +1,4 @@
-"""What a replay found, as a bag, as CSV, and as trajectories in TUM's format."""
+"""Results of a replay as a bag, as CSV, and as trajectories in TUM's format."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,14 +21,14 @@ COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 
 
 def write_results(folder: Path, frames: Sequence[Frame], recording: Recording) -> list[str]:
-    """Write all that was found.
+    """Write all results.
 
     Parameters
     ----------
     folder
         An empty one.
     frames
-        What `replay.replay` yielded, of the first images of the recording or of all.
+        Results of `replay.replay`, of the first images of the recording or of all.
     recording
         Its poses, where it has any, are the truth.
 
@@ -56,30 +56,22 @@ def write_csv(path: Path, frames: Iterable[Frame]) -> None:
     columns = ["stamp_s", *COLUMNS, *(f"std_{name}" for name in COLUMNS), "misfit", "no_pose"]
     rows = []
     for frame in frames:
-        found = [""] * 11
+        results = [""] * 11
         if frame.estimate is not None:
             stds = np.sqrt(frame.estimate.covariance.diagonal())
             figures = [*frame.estimate.pose, *stds, frame.estimate.misfit]
-            found = ["" if math.isnan(value) else f"{value:.9g}" for value in figures]
-        cells = [_seconds(frame.stamp_ns), *found, frame.reason]
+            results = ["" if math.isnan(value) else f"{value:.9g}" for value in figures]
+        cells = [_seconds(frame.stamp_ns), *results, frame.reason]
         rows.append(dict(zip(columns, cells, strict=True)))
     files.write_text(path, csv_text(columns, rows))
 
 
 def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:
-    """Write a trajectory as TUM does: stamp, position and quaternion x y z w, a line each.
-
-    Parameters
-    ----------
-    path
-        The file.
-    poses
-        Stamp, ns, pose, shape ``(5,)``, and roll, rad; one at least.
-    """
+    """Write stamp, position and quaternion x y z w of each (stamp in ns, pose, roll)."""
     with path.open("w", encoding="utf-8") as file:
         stamps, states, rolls = zip(*poses, strict=True)
         for stamp, *numbers in zip(
-            stamps, *_placed(np.array(states), np.array(rolls)).T, strict=True
+            stamps, *_transforms(np.array(states), np.array(rolls)).T, strict=True
         ):
             file.write(f"{_seconds(stamp)} {' '.join(f'{value:.9f}' for value in numbers)}\n")
 
@@ -96,43 +88,45 @@ def write_bag(path: Path, frames: Iterable[Frame]) -> None:
 
 
 def _messages(types: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
-    """Yield the messages of a frame by topic, in what `message_types` defines."""
+    """Yield topic and message of a frame, of the types of `message_types`."""
 
     def make(kind: str, *values: Any) -> Any:
         return types[kind.replace("/", "/msg/")](*values)
 
-    def posed(pose: Array, covariance: Array) -> Any:
-        numbers = _placed(pose[None], np.zeros(1))[0].tolist()
-        place = make("geometry_msgs/Point", *numbers[:3])
+    def pose_message(pose: Array, covariance: Array) -> Any:
+        numbers = _transforms(pose[None], np.zeros(1))[0].tolist()
+        position = make("geometry_msgs/Point", *numbers[:3])
         attitude = make("geometry_msgs/Quaternion", *numbers[3:])
-        whole = make("geometry_msgs/Pose", place, attitude)
-        return make("geometry_msgs/PoseWithCovariance", whole, covariance.ravel())
+        return make(
+            "geometry_msgs/PoseWithCovariance",
+            make("geometry_msgs/Pose", position, attitude),
+            covariance.ravel(),
+        )
 
     stamp = make("builtin_interfaces/Time", *divmod(frame.stamp_ns, 10**9))
     header = make("std_msgs/Header", stamp, BEACON_FRAME)
-    found, track = frame.estimate, frame.track
-    if found is not None:
-        covariance = covariance_6x6(found.pose, found.covariance, ROLL_STD_RAD)
-        pose = posed(found.pose, covariance)
-        yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, pose)
-    if track is not None:
-        odometry = relative_odometry(track, 0.0, ROLL_STD_RAD)
+    if frame.estimate is not None:
+        pose, covariance = frame.estimate.pose, frame.estimate.covariance
+        message = pose_message(pose, covariance_6x6(pose, covariance, ROLL_STD_RAD))
+        yield "/relative_pose", make("geometry_msgs/PoseWithCovarianceStamped", header, message)
+    if frame.track is not None:
+        odometry = relative_odometry(frame.track, 0.0, ROLL_STD_RAD)
         linear, angular = (
             make("geometry_msgs/Vector3", *part.tolist()) for part in np.split(odometry.twist, 2)
         )
-        moving = make("geometry_msgs/Twist", linear, angular)
-        moves = make("geometry_msgs/TwistWithCovariance", moving, odometry.spread.ravel())
-        pose = posed(odometry.pose, odometry.covariance)
+        twist = make("geometry_msgs/Twist", linear, angular)
+        twist = make("geometry_msgs/TwistWithCovariance", twist, odometry.spread.ravel())
+        message = pose_message(odometry.pose, odometry.covariance)
         yield (
             "/relative_odometry",
-            make("nav_msgs/Odometry", header, FOLLOWER_FRAME, pose, moves),
+            make("nav_msgs/Odometry", header, FOLLOWER_FRAME, message, twist),
         )
 
 
-def _placed(poses: Array, rolls: Array) -> Array:
+def _transforms(poses: Array, rolls: Array) -> Array:
     """Return positions and quaternions x, y, z, w of poses and their rolls, shape ``(m, 7)``."""
-    turns = Rotation.from_euler("ZYX", np.stack([poses[:, 4], poses[:, 3], rolls], axis=1))
-    return np.concatenate([poses[:, :3], turns.as_quat()], axis=1)
+    attitudes = Rotation.from_euler("ZYX", np.stack([poses[:, 4], poses[:, 3], rolls], axis=1))
+    return np.concatenate([poses[:, :3], attitudes.as_quat()], axis=1)
 
 
 def _seconds(stamp_ns: int) -> str:

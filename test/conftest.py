@@ -443,9 +443,7 @@ def compiled_fit(scene):
     """The fit compiled in this process, where Numba is installed, so that no node waits for it."""
     from uuv_optical_array.estimation import fit_compiler
 
-    with contextlib.suppress(ValueError, OSError):
-        fit_compiler.compile_fit(scene)
-        fit_compiler.LOADED.add(fit_compiler.compiled_parts(scene))
+    fit_compiler.fit_compiler(scene).wait()
 
 
 @pytest.fixture

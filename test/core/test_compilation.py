@@ -18,10 +18,10 @@ WAIT_AND_COMPILE = """
 import sys
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
-function = compilation.compiled(quarter_turn)
+compilation.compiled(quarter_turn)
 print("ready", flush=True)
 sys.stdin.readline()
-compilation.prepare(function, 0.1, 0.2)
+function = compilation.prepare(quarter_turn, 0.1, 0.2)
 print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
 """
 FOLDER = (

@@ -267,7 +267,7 @@ def ordered(a, b):
 
 def test_the_larger_and_the_smaller_number():
     for given_numbers in ((1.0, 2.0), (2.0, 1.0)):
-        assert compilation.by_number(ordered)(*given_numbers) == (2.0, 1.0)
+        assert compilation.compiled(ordered)(*given_numbers) == (2.0, 1.0)
 
 
 def transmitted(law, rays, a, b, c, beam, row, differentiate):

@@ -92,7 +92,7 @@ def answer(estimator, parameters, image=None, roll=0.0):
 
 
 def answer_image(estimator, image, roll=0.0):
-    return answer(estimator, signature(estimator.table.scene, image), image, roll)
+    return answer(estimator, signature(estimator.scene, image), image, roll)
 
 
 def box(scene):
@@ -329,7 +329,7 @@ def test_light_on_one_detector_only_has_a_defined_answer(method, shape, number, 
 @pytest.mark.parametrize("range_m", [0.0, 0.3, 0.4, 0.72, 1.02, 30.0, 1e4, 1e150])
 def test_a_range_far_from_the_table_has_a_defined_answer(method, shape, number, range_m):
     estimator = estimator_of(method, shape, number)
-    model = ForwardModel(estimator.table.scene)
+    model = ForwardModel(estimator.scene)
     image = model.expose([-range_m, 0.0, 0.0, 0.0, 0.0], np.random.default_rng(5))
     found = answer_image(estimator, image)
     if image.max() == 0:
@@ -341,7 +341,7 @@ def test_a_range_far_from_the_table_has_a_defined_answer(method, shape, number, 
 def test_water_that_swallows_all_light_has_a_defined_answer(method, shape, number):
     changes = (("effects.attenuation.k_per_m", 10.0), ("table.x_m", (-5.0, -3.9, 5)))
     estimator = estimator_of(method, shape, number, changes)
-    model = ForwardModel(estimator.table.scene)
+    model = ForwardModel(estimator.scene)
     rng = np.random.default_rng(6)
     assert model.light([-80.0, 0, 0, 0, 0]).max() == 0.0
     assert answer_image(estimator, np.zeros((number, number))) == "no light"
@@ -365,7 +365,7 @@ def test_input_that_is_not_finite_is_refused_by_name(method, shape, number, bad)
         assert answer(estimator, parameters, None) == "no image"
         assert answer(estimator, parameters, image[:-1]) == "no image"
     with pytest.raises(ValueError, match="not finite"):
-        signature(estimator.table.scene, image)
+        signature(estimator.scene, image)
     for i in range(5):
         broken = parameters.copy()
         broken[i] = bad
@@ -489,7 +489,7 @@ def test_a_float32_table_answers_in_float64(method, shape, number):
 @each_array
 def test_readings_of_whole_numbers_and_of_floats_give_one_answer(method, shape, number):
     estimator = estimator_of(method, shape, number)
-    image = ForwardModel(estimator.table.scene).expose(
+    image = ForwardModel(estimator.scene).expose(
         estimator.table.poses[999], np.random.default_rng(8)
     )
     as_float, as_int = (

@@ -12,7 +12,6 @@ import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.cli.bag_options import add_bag, read_bag
-from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -72,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     )
     scene = load_scene(args.scene)
     recording = read_bag(args, scene, poses_needed=False)
-    estimator = Estimator(table_of(scene), args.method)
+    estimator = Estimator(scene, args.method).wait()
     tracker = None
     if args.track:
         tracker = Tracker(TrackerSettings(), constants=estimator.constants)

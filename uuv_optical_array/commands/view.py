@@ -6,10 +6,8 @@ from pathlib import Path
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.cli.bag_options import add_bag, read_bag
-from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.fit_compiler import ReadyEstimator
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.view import LOOPBACK, PORT
 
@@ -83,11 +81,9 @@ def run(args: argparse.Namespace) -> int:
             return picture is None or t_s < shown_s
 
         if recording is None:
-            estimators = ReadyEstimator(table_of(scene), args.method)
-            stack.callback(estimators.stop)
-            simulate(page, estimators, args.seed, goes_on)
+            simulate(page, Estimator(scene, args.method), args.seed, goes_on)
         else:
-            play(page, Estimator(table_of(scene), args.method), recording, goes_on)
+            play(page, Estimator(scene, args.method), recording, goes_on)
         if browser is not None:
             browser.until(f"document.body.innerText.includes('{seen_s:.1f} s')")
             browser.save(picture)

@@ -5,6 +5,7 @@
 - ``least_squares``: the nearest entries, each refined on the whole image, and the best kept.
 """
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,15 +24,18 @@ from uuv_optical_array.core.geometry import (
     turned_on_mount,
     wrapped,
 )
-from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
-from uuv_optical_array.estimation.table.disk import cached_table
-from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.table.signature_table import (
+    SignatureTable,
+    build_table,
+    grid_axes,
+)
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -113,16 +117,15 @@ class Estimate:
 class Estimator:
     """Estimate poses in a scene.
 
-    Its settings are fixed; another estimator on the same table takes milliseconds to make, because
-    the table keeps its index.
+    It answers at once, and faster from when the compiled fit is there.
 
     Parameters
     ----------
     source
-        The scene, whose signature table is then the one of the user's cache, built at the first
-        use; or a table, of at least two rows, which knows its scene.
+        The scene; or its signature table, of at least two rows, which the sam methods search and
+        otherwise build in memory in about a second.
     method
-        One of `METHODS`.
+        One of `METHODS`. ``least_squares`` needs no table.
     max_angle_rad
         A nearest signature farther away than this is no match; not asked by ``least_squares``,
         whose `misfit` tells more.
@@ -131,25 +134,22 @@ class Estimator:
         ``sam_interpolated``. On a 13^5 table 64 give a mean normalised squared error near its
         expectation of 5; fewer are overconfident.
     candidates
-        Rows near by angle from which ``least_squares`` starts; up to `MOST_STARTS` where these
+        Poses of like signature from which ``least_squares`` starts; up to `MOST_STARTS` where these
         leave doubt.
     max_misfit
         An image whose residuals are less probable than this, under scene and prior, is not of this
         scene and has no pose. Gains that the prior leaves unknown may be twice as large.
     compiled
-        Whether the fit runs as Numba compiles it, or as it stands; ``None``: where Numba is
-        installed. The other methods check their match by the fit, where they are given images.
-        Compiling takes a minute, once a machine.
-    quick
-        Whether ``least_squares`` fits from the nearest match alone and takes the spread of its
-        neighbours into the covariance, in place of integrating the posterior: the same error as a
-        rule, at a tenth of the time where nothing is compiled, and a covariance as wide as that of
-        ``sam_interpolated``.
+        Whether the fit runs as Numba compiles it, for which the first estimator on a machine waits
+        half a minute, or as it stands, with the same answers; ``None``: as it stands until it
+        has been compiled in the background, where Numba is installed. The other methods check their
+        match by the fit, where they are given images.
 
     Raises
     ------
     ValueError
-        For an unknown method, a table of fewer than two rows, or fewer than two neighbours.
+        For an unknown method, a table of fewer than two rows, fewer than two neighbours, a scene
+        without light, or where the fit is to be compiled without Numba.
     """
 
     def __init__(
@@ -161,38 +161,78 @@ class Estimator:
         candidates: int = EstimatorSettings.candidates,
         max_misfit: float = EstimatorSettings.max_misfit,
         compiled: bool | None = None,
-        quick: bool = False,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
-        table = cached_table(source) if isinstance(source, Scene) else source
-        if len(table.poses) < 2:
-            raise ValueError(f"table: {len(table.poses)} row; a match needs at least two")
+        if isinstance(source, SignatureTable) and len(source.poses) < 2:
+            raise ValueError(f"table: {len(source.poses)} row; a match needs at least two")
         if neighbours < 2:
             raise ValueError(f"neighbours: {neighbours}; the runner-up needs at least 2")
-        self.table = table
+        self._source, self._asked = source, compiled
+        self.scene = scene = source.scene if isinstance(source, SignatureTable) else source
         self.settings = EstimatorSettings(method, max_angle_rad, neighbours, candidates, max_misfit)
-        self._bounds = bounds(table.scene)
-        axes = grid_axes(table.scene.table)
+        self._bounds = bounds(scene)
+        axes = grid_axes(scene.table)
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
-        scene = table.scene
         self._model = ForwardModel(scene)
         self.constants = constants_of(self._model)
-        self._asked_to_compile = compiled
-        self.quick = quick and method == "least_squares"
+        self._compiler: FitCompiler | None = None
+        self._failure = ""
+        self._compiled = bool(compiled)
         # Made now, so that the first frame takes no longer than the next.
-        _ = self._fit if method == "least_squares" and not quick else table.index
+        _ = self.linear if method == "least_squares" else self.table.index
 
     @cached_property
-    def _fit(self) -> ImageFit:
+    def table(self) -> SignatureTable:
+        """The signature table that the sam methods search."""
+        return build_table(self._source) if isinstance(self._source, Scene) else self._source
+
+    @cached_property
+    def _own_fit(self) -> ImageFit:
         """The fit: made at once by its method, by the others at the first image."""
-        asked, s = self._asked_to_compile, self.settings
-        compiled = compilation.usable() if asked is None else asked  # late: it imports Numba
+        s = self.settings
+        if self._asked is None:
+            self._compiler = fit_compiler(self.scene)
         return ImageFit(
-            self.table, self._model, self.constants, s.candidates, s.max_misfit, compiled
+            self._model, self.constants, s.candidates, s.max_misfit, compiled=bool(self._asked)
         )
+
+    @property
+    def _fit(self) -> ImageFit:
+        """The fit, compiled from when that is done."""
+        fit = self._own_fit
+        if self._compiler is not None and self._compiler.done:
+            if not self._compiler.failure:
+                fit.run(compiled=True)
+                self._compiled = True
+            self._failure, self._compiler = self._compiler.failure, None
+        return fit
+
+    @property
+    def state_of_fit(self) -> str:
+        """How the fit runs: compiled, or as it stands and why, in words."""
+        _ = self._fit
+        if self._compiled:
+            return "compiled"
+        if self._compiler is not None:
+            return "as it stands, until it is compiled"
+        return f"as it stands: {self._failure or 'compiled is false'}"
+
+    def wait(self) -> "Estimator":
+        """Wait until the fit is compiled, where it is to be, and return the estimator itself.
+
+        A warning of the log says how long that takes, where it is not compiled already.
+        """
+        _ = self._fit
+        if self._compiler is not None:
+            logging.getLogger(__name__).warning(
+                "compiling the fit; this takes about half a minute, once on a machine"
+            )
+            self._compiler.wait()
+        _ = self._fit
+        return self
 
     @property
     def linear(self) -> bool:
@@ -233,7 +273,7 @@ class Estimator:
             for a signature or an image that belongs to no pose of the scene.
         """
         found = self._estimate(image, parameters, float(roll), expected)
-        if self.table.scene.prior.aim_std_deg == 0:
+        if self.scene.prior.aim_std_deg == 0:
             return found
         covariance = found.covariance + self.aim_covariance(found.pose, roll)
         return replace(found, covariance=covariance)
@@ -243,8 +283,8 @@ class Estimator:
 
         No image tells anything of the aim, and so it is the same in every frame.
         """
-        aim = math.radians(self.table.scene.prior.aim_std_deg)
-        slopes = aim * turned_on_mount(pose, roll, self.table.scene.array.bow_m)
+        aim = math.radians(self.scene.prior.aim_std_deg)
+        slopes = aim * turned_on_mount(pose, roll, self.scene.array.bow_m)
         return slopes @ slopes.T
 
     def _estimate(
@@ -254,14 +294,14 @@ class Estimator:
         roll: float,
         expected: Expected | None,
     ) -> Estimate:
-        fits = self.settings.method == "least_squares" and not self.quick
+        fits = self.settings.method == "least_squares"
         if parameters is None:
             readings = self._readings(image)
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._least_squares(None, readings, roll, expected)
-            scene = self.table.scene
+            scene = self.scene
             side = scene.array.detectors_per_side
             parameters = key_parameters(
                 readings.reshape(side, side), scene.full_scale_counts, scene.signature.peak
@@ -285,7 +325,7 @@ class Estimator:
         return self._verified(match, *near, parameters, self._readings(image), roll, expected)
 
     def _readings(self, image: ArrayLike | None) -> Array:
-        side = self.table.scene.array.detectors_per_side
+        side = self.scene.array.detectors_per_side
         readings = np.array(image, dtype=float, order="C")
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             seen = (
@@ -347,7 +387,7 @@ class Estimator:
         excess = float(off @ weighed_off) / 5
         covariance = max(excess, 1.0) * match.covariance + found.covariance
         return Estimate(
-            found.pose if self.quick else match.pose,
+            match.pose,
             0.5 * (covariance + covariance.T),
             match.angle_rad,
             match.runner_up_pose,

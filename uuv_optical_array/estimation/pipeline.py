@@ -67,7 +67,7 @@ class Pipeline:
     def __init__(self, estimator: Estimator, tracker: Tracker | None = None) -> None:
         self.estimator = estimator
         self._tracker = tracker or Tracker(TrackerSettings(), constants=estimator.constants)
-        self._frozen = FrozenFrames(ForwardModel(estimator.table.scene))
+        self._frozen = FrozenFrames(ForwardModel(estimator.scene))
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
         """Tell the track how the follower is commanded to move from a stamp on, as `tell` does."""
@@ -100,7 +100,7 @@ def shown(
     images: Array, estimator: Estimator, frozen: FrozenFrames
 ) -> Iterator[tuple[Array | None, str]]:
     """Yield the key parameters of each image, or why it shows no lamp."""
-    scene = estimator.table.scene
+    scene = estimator.scene
     lowest = FeatureSettings.min_peak_counts
     dark = [no_pattern(image, lowest) or "" for image in images]
     parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)

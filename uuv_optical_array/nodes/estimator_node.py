@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,14 +22,9 @@ from uuv_optical_array.estimation.estimator import (
     Method,
     NoPose,
 )
-from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_image
 from uuv_optical_array.estimation.table.disk import load_table
-from uuv_optical_array.estimation.table.signature_table import (
-    SignatureTable,
-    grid_axes,
-    widening,
-)
+from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracking.enter import enter, entered, tell
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
@@ -58,7 +53,6 @@ from uuv_optical_array.nodes.shared.messages import (
 )
 from uuv_optical_array.nodes.shared.node import (
     Afterwards,
-    from_thread,
     publish,
     run,
     subscribe,
@@ -74,12 +68,12 @@ from uuv_optical_array.nodes.shared.parameters import (
     Parameters,
     parameters_of,
 )
-from uuv_optical_array.nodes.shared.table_builder import TableBuilder
 
 PARAMETERS = {
     "scene": SCENE,
     "table": Parameter(
-        "", Quantity("folder of the signature table; empty: the cache, built at the first start")
+        "",
+        Quantity("folder of the signature table; empty: built in memory when it is needed"),
     ),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
@@ -128,7 +122,6 @@ PARAMETERS = {
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
 FIT: Method = "least_squares"
-WAITING = f"compiling {FIT}, once on a machine: until then a quick fit answers, less sure"
 
 
 class EstimatorNode(Node):
@@ -164,10 +157,6 @@ class EstimatorNode(Node):
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
         self.estimator: Estimator | None = None
-        self.compiler = FitCompiler(self.scene, from_thread(self, self.on_compiled))
-        self.context.on_shutdown(self.compiler.stop)
-        self.builder = TableBuilder(self.scene, from_thread(self, self.on_built))
-        self.context.on_shutdown(self.builder.stop)
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.tracks = publish(self, Odometry, "relative_odometry")
         self.leaders = publish(self, PoseStamped, "leader_pose")
@@ -182,8 +171,6 @@ class EstimatorNode(Node):
         if self.parameters["use_commands"]:
             subscribe(self, TwistStamped, "cmd_vel", self.on_command)
         # Last, as the middleware meanwhile finds who is at the other end of the topics.
-        if self.fits(self.parameters["method"]):
-            self.compiler.load()
         try:
             self.on_change({"table": self.parameters["table"]})
         except ValueError as reason:
@@ -229,64 +216,17 @@ class EstimatorNode(Node):
             tracker = self.tracker_for(self.parameters.settings(TrackerSettings, changes))
         if "table" in changes:
             path = changes["table"]
-            table = load_table(path, self.scene) if path else self.builder.table()
-        # After the table, which the first pose waits for: the two would share the processor.
-        if self.fits(settings.method):
-            self.compiler.start()
-        if table is not None and changes.keys() & OF_ESTIMATOR:
-            estimator = self.estimator_for(table, settings)
+            table = load_table(path, self.scene) if path else None
+        if changes.keys() & OF_ESTIMATOR:
+            estimator = Estimator(table or self.scene, **asdict(settings))
         # Nothing is refused from here on.
         self.tracker, self.table, self.estimator = tracker, table, estimator
-        if table is not None and "table" in changes:
+        if "table" in changes:
             self.diagnostics.fail("")
-            self.get_logger().info(f"{len(table.poses)} signatures of scene {self.scene.name}")
-        self.tell(settings)
-
-    def fits(self, method: str) -> bool:
-        """Say whether the fit is to be compiled.
-
-        The sam methods hold a match to its image by it, so frames handed over gain by it, too.
-        """
-        return method == FIT or self.hand_over is not None
 
     def tracker_for(self, settings: TrackerSettings) -> Tracker:
         """Return a tracker that knows nothing yet of the scene's unknown constants."""
         return Tracker(settings, constants=self.constants)
-
-    def estimator_for(self, table: SignatureTable, settings: EstimatorSettings) -> Estimator:
-        """Return an estimator with settings; until the fit is compiled, one that does without."""
-        # Between the rows of a coarse table an honest signature is farther from the nearest.
-        angle = settings.max_angle_rad * widening(table, self.scene)
-        settings = replace(settings, max_angle_rad=min(angle, math.pi))
-        return self.compiler.estimator(table, **asdict(settings))
-
-    def on_built(self) -> None:
-        """Let the table take over that was built in the background, or say why there is none."""
-        if self.builder.failure:
-            self.tell(self.parameters.settings(EstimatorSettings))
-        elif not self.parameters["table"]:
-            self.on_change({"table": ""})
-
-    def on_compiled(self) -> None:
-        """Let the fit take over; where it could not be compiled, the plain one."""
-        settings = self.parameters.settings(EstimatorSettings)
-        if self.table is not None:
-            self.estimator = self.estimator_for(self.table, settings)
-        self.tell(settings)
-        self.get_logger().info(f"{FIT}: {self.fit}")
-
-    @property
-    def fit(self) -> str:
-        """Whether the fit is compiled, and why not."""
-        if not self.compiler.done:
-            return "quick, until it is compiled"
-        return f"not compiled: {self.compiler.failure}" if self.compiler.failure else "compiled"
-
-    def tell(self, settings: EstimatorSettings) -> None:
-        """Warn while another method or table answers than the one that is asked for."""
-        waiting = settings.method == FIT and not self.compiler.done
-        reasons = self.builder.shortcoming(self.table), WAITING if waiting else ""
-        self.diagnostics.warn("; ".join(filter(None, reasons)))
 
     def on_features(self, message: PointCloud2) -> None:
         """Keep a signature for its image, or match it by itself."""
@@ -433,15 +373,16 @@ class EstimatorNode(Node):
             self.send_transform(header, child, pose.pose.pose)
         if track is not None:
             self.publish_track(track, header, roll)
-        method = estimator.settings.method
-        self.diagnostics.answer(stamp_ns(header), lambda: self.figures(method, estimate, track))
+        self.diagnostics.answer(stamp_ns(header), lambda: self.figures(estimator, estimate, track))
 
-    def figures(self, method: Method, estimate: Estimate, track: Track | None) -> dict[str, str]:
+    def figures(
+        self, estimator: Estimator, estimate: Estimate, track: Track | None
+    ) -> dict[str, str]:
         """Return what the diagnostics show of an answer."""
         return {
             "table_margin": self.margin(estimate.pose),
-            "method": method,
-            **({"fit": self.fit} if method == FIT else {}),
+            "method": estimator.settings.method,
+            **({"fit": estimator.state_of_fit} if estimator.settings.method == FIT else {}),
             **figures(estimate),
             **({} if track is None else self.learnt(track)),
         }

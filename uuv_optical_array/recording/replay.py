@@ -60,7 +60,7 @@ def replay(
                 told += 1
             yield frames.answer(int(stamp), image)
         return
-    frozen = FrozenFrames(ForwardModel(estimator.table.scene))
+    frozen = FrozenFrames(ForwardModel(estimator.scene))
     signatures = list(shown(images, estimator, frozen))
 
     def of_chunk(chunk: int) -> list[Estimate | str]:

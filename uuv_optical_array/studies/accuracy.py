@@ -10,9 +10,9 @@ from scipy.special import gammaincinv
 from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress, SignatureTable
+from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings
+from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,
@@ -63,11 +63,6 @@ class Accuracy(FrameErrors):
         return int((np.abs(self.errors) > limit * self.bounds).any(axis=1).sum())
 
 
-def with_prior(table: SignatureTable, prior: PriorSettings) -> SignatureTable:
-    """Return the table of the same scene with another prior: the signatures are the same."""
-    return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
-
-
 def measure(
     estimator: Estimator,
     poses: Array,
@@ -99,7 +94,7 @@ def measure(
     KeyboardInterrupt
         Before the first frame was done.
     """
-    scene = estimator.table.scene
+    scene = estimator.scene
     model = ForwardModel(scene)
     blocks = [poses[start : start + BLOCK_POSES] for start in range(0, len(poses), BLOCK_POSES)]
     bounds = np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
@@ -152,7 +147,7 @@ def exposed(
 
 
 def compare_known(
-    table: SignatureTable, count: int, seed: int, candidates: int, progress: Progress = iter
+    scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
 ) -> Iterator[tuple[Known, Accuracy]]:
     """Measure a scene in seas drawn from each of `PRIORS`: the price of what is not known.
 
@@ -160,8 +155,8 @@ def compare_known(
 
     Parameters
     ----------
-    table
-        Of the scene, whose own prior is not used.
+    scene
+        Its own prior is not used.
     count
         How many poses, >= 1, the same in every sea.
     seed
@@ -178,14 +173,14 @@ def compare_known(
     Accuracy
         The last one perhaps of fewer frames.
     """
-    poses = lit_poses(ForwardModel(table.scene), count, np.random.default_rng(seed))
+    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
     begun = False
     for known in get_args(Known):
-        believed = with_prior(table, PriorSettings(known, **PRIORS[known]))
-        model = ForwardModel(believed.scene)
+        believed = dataclasses.replace(scene, prior=PriorSettings(known, **PRIORS[known]))
+        model = ForwardModel(believed)
         # The same noise in every sea.
         images = exposed(model, poses, seed, True, False, np.random.default_rng((seed, 2)))
-        estimator = Estimator(believed, "least_squares", candidates=candidates)
+        estimator = Estimator(believed, "least_squares", candidates=candidates).wait()
         try:
             found = measure(estimator, poses, images, progress)
         except KeyboardInterrupt:

@@ -114,7 +114,7 @@ class ClosedLoop:
         self, estimator: Estimator, rng: np.random.Generator, conditions: Conditions | None = None
     ) -> None:
         self._rng = rng
-        self._scene = scene = estimator.table.scene
+        self._scene = scene = estimator.scene
         self.conditions = conditions or Conditions.of(scene)
         self.frames = Pipeline(estimator)
         self._controller = FormationController(FormationSettings())

@@ -91,7 +91,7 @@ def drive(
     rng
         Of the sea, the course and the noise.
     """
-    scene = estimator.table.scene
+    scene = estimator.scene
     model, known = ForwardModel(scene), scene.prior
     offsets = {name: std * rng.standard_normal() for name, std in known.nuisance_std().items()}
     gains = 1 + known.gain_std * rng.standard_normal((model.array.side, model.array.side))

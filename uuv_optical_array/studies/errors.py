@@ -99,7 +99,7 @@ class FrameErrors:
 
 def answer_of(estimator: Estimator) -> Answer:
     """Return an estimator's answer to an image."""
-    scene = estimator.table.scene
+    scene = estimator.scene
 
     def answer(image: Array) -> tuple[Array, Array]:
         parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)

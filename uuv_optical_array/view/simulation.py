@@ -63,7 +63,7 @@ def sight_of(moment: Moment, conditions: Conditions) -> Sight:
 
 def simulate(
     page: Page,
-    estimators: Callable[[], Estimator],
+    estimator: Estimator,
     seed: int | None = None,
     goes_on: Callable[[float], bool] = lambda t_s: True,
 ) -> None:
@@ -73,15 +73,14 @@ def simulate(
     ----------
     page
         Gets the sliders and is drawn on.
-    estimators
-        Returns the estimator to use, before each step; it believes its scene, whatever the sliders
-        say.
+    estimator
+        It believes its scene, whatever the sliders say.
     seed
         Of the noise; ``None``: another one in each run.
     goes_on
         Asked with the time, s, before each step.
     """
-    loop = ClosedLoop(estimators(), np.random.default_rng(seed))
+    loop = ClosedLoop(estimator, np.random.default_rng(seed))
     wanted, again = loop.conditions, False
 
     def change(values: list[float]) -> None:
@@ -97,12 +96,11 @@ def simulate(
     due = time.monotonic()
     while goes_on(loop.t_s):
         if again:
-            loop = ClosedLoop(estimators(), np.random.default_rng(seed), wanted)
+            loop = ClosedLoop(estimator, np.random.default_rng(seed), wanted)
             again = False
         # What is set by another thread acts between two steps.
         if wanted is not loop.conditions:
             loop.change(wanted)
-        loop.frames.estimator = estimators()
         page.show(sight_of(loop.step(STEP_S), loop.conditions))
         due += STEP_S
         late_s = time.monotonic() - due

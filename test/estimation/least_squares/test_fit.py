@@ -295,7 +295,7 @@ def is_same(state, best):
 
 
 def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
-    scene = estimator.table.scene
+    scene = estimator.scene
     model = ForwardModel(scene)
     fit, agreed = Fit(model), []
     for readings in drawn(model, 100, 13)[1]:

@@ -92,7 +92,7 @@ def chain_moments(estimator, readings, roll, steps):
 
 
 def estimator_rows(estimator, readings):
-    parameters = signature(estimator.table.scene, readings.reshape(5, 5))
+    parameters = signature(estimator.scene, readings.reshape(5, 5))
     return estimator.table.index.nearest(estimator.table.vectors(parameters), 4)[1]
 
 
@@ -119,9 +119,9 @@ PLAIN, BENT = (0.12, 0.1, 300), (0.35, 0.3, 900)
 def test_mean_and_covariance_are_those_of_long_chains(frame):
     pose, changes, array, roll = FRAMES[frame]
     estimator = Estimator(build_table(scene(changes, array=array)), "least_squares")
-    model = ForwardModel(estimator.table.scene)
+    model = ForwardModel(estimator.scene)
     image = model.expose(pose, np.random.default_rng(20), roll)
-    answer = estimator.estimate(image, signature(estimator.table.scene, image), roll)
+    answer = estimator.estimate(image, signature(estimator.scene, image), roll)
     # A tenth of a deviation is a hundredth of the mean squared error.
     shift, share, steps = BENT if frame == "planar and far" else PLAIN
     mean, covariance = chain_moments(estimator, image.ravel(), roll, steps)
@@ -158,7 +158,7 @@ def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
 
 def normalised_errors(estimator, count, seed):
     """Squared errors of frames of at least 20 counts; 4 to 8 m, 0.9 m and 20 deg."""
-    sea, rng = estimator.table.scene, np.random.default_rng(seed)
+    sea, rng = estimator.scene, np.random.default_rng(seed)
     model = ForwardModel(sea)
     high = np.array([-4.0, 0.9, 0.9, *np.radians([20.0, 20.0])])
     poses = rng.uniform([-8.0, *-high[1:]], high, (2 * count, 5))

@@ -64,7 +64,7 @@ def seen(model, slopes):
 
 
 def test_a_slope_that_is_known_changes_no_pose(estimator):
-    model = ForwardModel(estimator.table.scene)
+    model = ForwardModel(estimator.scene)
     without = estimator.estimate(seen(model, [0, 0]), expected=expected(estimator, [0, 0], 0.01))
     with_it = estimator.estimate(seen(model, [6, -9]), expected=expected(estimator, [6, -9], 0.01))
     assert with_it.pose == pytest.approx(without.pose, abs=2e-3)
@@ -76,7 +76,7 @@ def test_a_slope_that_is_known_changes_no_pose(estimator):
 
 
 def test_what_is_not_known_of_the_slope_widens_the_pose_as_fits_that_are_told_others(estimator):
-    model, std = ForwardModel(estimator.table.scene), 0.5
+    model, std = ForwardModel(estimator.scene), 0.5
     image = seen(model, [0, 0])
     sharp = estimator.estimate(image, expected=expected(estimator, [0, 0], 1e-6))
     wide = estimator.estimate(image, expected=expected(estimator, [0, 0], std))
@@ -97,7 +97,7 @@ def test_what_is_not_known_of_the_slope_widens_the_pose_as_fits_that_are_told_ot
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
-    model, rng = ForwardModel(estimator.table.scene), np.random.default_rng(seed)
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(seed)
     times_s = np.arange(240) / 4
     poses, pipeline = course(times_s, 60.0, rng), Pipeline(estimator)
     bearing = rng.uniform(0, 2 * np.pi)
@@ -116,7 +116,7 @@ def test_a_steady_slope_misleads_neither_poses_nor_the_track(estimator, seed):
 
 
 def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimator):
-    model, rng = ForwardModel(estimator.table.scene), np.random.default_rng(3)
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(3)
     dim = {POWER: np.array(-0.15), ATTENUATION: np.array(0.04)}
     poses, pipeline, squares = course(np.arange(160) / 2, 1200.0, rng), Pipeline(estimator), []
     for k, pose in enumerate(poses):
@@ -151,7 +151,7 @@ def test_a_track_takes_readings_where_the_array_shows_one_attitude(array, linear
 @pytest.mark.parametrize(("seed", "gap"), [(0, 1), (1, 1), (11, 5), (16, 5), (18, 5), (23, 5)])
 def test_commands_that_mean_nothing_take_no_frame_and_falsify_no_track(estimator, seed, gap):
     rng = np.random.default_rng((31, seed))
-    model, pipeline, said = ForwardModel(estimator.table.scene), Pipeline(estimator), []
+    model, pipeline, said = ForwardModel(estimator.scene), Pipeline(estimator), []
     pose, stamp = np.array([-3.5, *POSE[1:]]), 2_000_000_000
     for k in range(80):
         # In a gap, the command carries a follower past the lamp that in fact stays where it is.
@@ -169,7 +169,7 @@ def test_commands_that_mean_nothing_take_no_frame_and_falsify_no_track(estimator
 
 def long_drive(estimator, seed):
     """Return squared errors of poses and tracks, two frames a second, from 16 to 20 minutes."""
-    model, prior = ForwardModel(estimator.table.scene), estimator.table.scene.prior
+    model, prior = ForwardModel(estimator.scene), estimator.scene.prior
     rng, pipeline, squares = np.random.default_rng(seed), Pipeline(estimator), []
     offsets = {name: std * rng.standard_normal() for name, std in prior.nuisance_std().items()}
     gains = 1 + prior.gain_std * rng.standard_normal((5, 5))

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.formats import json_text
@@ -162,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         if args.known:
             picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-            cases = compare_known(table_of(scene), count, seed, candidates, progress.over)
+            cases = compare_known(scene, count, seed, candidates, progress.over)
             rows = [{"known": known, **as_object(found)} for known, found in cases]
             answer = {"poses": count, "known": rows, "picture": str(picture)}
             text = f"{comparison(rows)}\n\npicture: {picture}"
@@ -172,7 +171,7 @@ def run(args: argparse.Namespace) -> int:
 
             draw_known(rows, f"scene {scene.name}, {count} poses", picture)
         else:
-            estimator = Estimator(table_of(scene), args.method, candidates=candidates)
+            estimator = Estimator(scene, args.method, candidates=candidates).wait()
             rng, model = np.random.default_rng(seed), ForwardModel(scene)
             poses = lit_poses(model, count, rng)
             images = exposed(model, poses, seed, args.drawn, args.moving, rng)

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 from uuv_optical_array.cli import options, progress
-from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
@@ -83,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"--scene: {scene.name} has no prior to draw seas from; give it one")
     found: list[Drive] = []
     try:
-        estimator = Estimator(table_of(scene), args.method)
+        estimator = Estimator(scene, args.method).wait()
         over = partial(progress.over, unit="drive")
         for each in measure_drives(estimator, count, seconds, rate, seed, over):
             found.append(each)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.estimators import table_of
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator
@@ -101,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"--{error}") from None
     found: list[KindResult] = []
     try:
-        estimator = Estimator(table_of(scene), args.method)
+        estimator = Estimator(scene, args.method).wait()
         for result in measure_kinds(
             estimator, kinds, count, seed, lambda name, frames: progress.over(frames, "frame", name)
         ):

@@ -21,7 +21,6 @@ from pathlib import Path
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
-from uuv_optical_array.core.numerics import scalars
 from uuv_optical_array.core.storage import files
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -45,7 +44,7 @@ def usable() -> bool:
 
 
 @cache
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compiled(function: Callable[..., Any]) -> Any:
     """Return a function as Numba compiles it, when it is first called, and keeps it on disk.
 
     Parameters
@@ -61,36 +60,29 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _jit(_compiled_twin(function), keep=True)
 
 
-def prepare(function: Any, *arguments: Any) -> None:
-    """Call a compiled function, so that no later call with arguments of these types has to wait.
+def prepare(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    """Return a function compiled, or loaded from disk, for arguments of these types.
 
-    Of processes that do so at once one compiles, and the others find on disk what it left.
+    It is called with them once. Of processes that do so at the same time one compiles, and the
+    others load what it left on disk. From then on `loaded` returns the compiled function, too.
     """
-    folder = cache_folder()
-    if folder is None or function.signatures:
-        function(*arguments)
+    ready, folder = compiled(function), cache_folder()
+    if folder is None or ready.signatures:
+        ready(*arguments)
     else:
         with (folder / "turn").open("w") as turn:
             fcntl.flock(turn, fcntl.LOCK_EX)
-            function(*arguments)
-    _PREPARED[_name(function.py_func)] = function
+            ready(*arguments)
+    _LOADED[function] = ready
+    return ready
 
 
-_PREPARED: dict[tuple[str, str], Any] = {}  # compiled functions, by module and name
+_LOADED: dict[Callable[..., Any], Any] = {}
 
 
-def _name(function: Callable[..., Any]) -> tuple[str, str]:
-    return function.__module__, function.__qualname__
-
-
-def if_prepared(
-    function: Callable[..., Any], otherwise: Callable[..., Any] | None = None
-) -> Callable[..., Any]:
-    """Return a function as compiled where `prepare` was called for it in this process.
-
-    Elsewhere return another one, or the function as it stands: nobody waits for it to be compiled.
-    """
-    return _PREPARED.get(_name(function), otherwise or function)
+def loaded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function as compiled where `prepare` was called for it, else as it stands."""
+    return _LOADED.get(function, function)
 
 
 @cache
@@ -124,15 +116,6 @@ _CALLBACKS: list[Any] = []  # which must outlive their addresses
 def compiled_inside(function: Callable[..., Any]) -> Any:
     """Return a function compiled to be called from compiled code only."""
     return _jit(_compiled_twin(function), keep=False)
-
-
-@cache
-def by_number(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that runs as the compiled one does, number by number, in plain Python.
-
-    For an image or two it is faster than NumPy, whose every call takes as long as some ten sums.
-    """
-    return _twin(function, scalars.BY_NUMBER, by_number, {})
 
 
 def _numba() -> Any:

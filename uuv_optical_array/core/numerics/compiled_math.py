@@ -16,7 +16,7 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from scipy import special
 
-from uuv_optical_array.core.numerics import elementwise, scalars
+from uuv_optical_array.core.numerics import elementwise
 
 # sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
 SINE = (
@@ -139,6 +139,48 @@ def log_normal_distribution(u):
     if u > -1.0:
         return math.log1p(-0.5 * math.erfc(u * math.sqrt(0.5)))
     return -0.5 * u * u + math.log(0.5 * scaled_complementary_error(-u * math.sqrt(0.5)))
+
+
+@inlined
+def indices_where(condition, index):
+    """As `elementwise.indices_where`: the index itself, or nothing."""
+    return range(index, index + (1 if condition else 0))
+
+
+@inlined
+def choose(condition, one, other):
+    """As `elementwise.choose`, of numbers, and as `elementwise.choose_tuple`."""
+    return one if condition else other
+
+
+@inlined
+def same(value):
+    """As `elementwise.total` and `elementwise.any_of`, of one number or condition."""
+    return value
+
+
+@inlined
+def logical_not(condition):
+    """As `elementwise.logical_not`."""
+    return not condition
+
+
+@inlined
+def at_place(rows, place, index):
+    """As `elementwise.at_place`."""
+    return rows[int(place), index]
+
+
+@inlined
+def larger(a, b):
+    """As `numpy.maximum`, of numbers."""
+    return a if a > b else b
+
+
+@inlined
+def smaller(a, b):
+    """As `numpy.minimum`, of numbers."""
+    return a if a < b else b
 
 
 @inlined
@@ -309,16 +351,22 @@ def transmit(address, rays, a, b, c, beam, row, differentiate):
 
 
 REPLACED: dict[Any, Any] = {
-    helper: range if number is range else inlined(number)
-    for helper, number in scalars.BY_NUMBER.items()
-}
-REPLACED |= {
+    elementwise.indices: range,
+    elementwise.indices_where: indices_where,
+    elementwise.choose: choose,
+    elementwise.choose_tuple: choose,
+    elementwise.any_of: same,
+    elementwise.logical_not: logical_not,
+    elementwise.total: same,
+    elementwise.at_place: at_place,
     elementwise.workspace: workspace,
     elementwise.stack: stack,
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
     elementwise.unowned: unowned,
     elementwise.transmit: transmit,
+    np.maximum: larger,
+    np.minimum: smaller,
     np.exp: exponential,
     np.log: logarithm,
     np.sin: sine,

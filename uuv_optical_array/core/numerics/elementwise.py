@@ -72,7 +72,7 @@ def stack(*components: Any) -> Any:
 
 
 def zeros(rows: int, columns: int, component: Any) -> Any:
-    """Return a matrix of zeros for each pose of a component, not to be returned, as a `workspace`."""
+    """Return a matrix of zeros for each pose of a component; a `workspace`, too."""
     return np.zeros((rows, columns, *np.shape(component)))
 
 

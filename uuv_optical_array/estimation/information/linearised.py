@@ -95,11 +95,10 @@ class Lineariser:
         self._noise = model.noise._replace(square=0.0)
         self._write: Callable[..., None] = write_linear
         if compiled:
-            self._write = compilation.compiled(write_linear)
             count = model.array.side**2
             image, likelihood = np.empty((1 + self._size, count)), np.empty((3, count))
             arguments = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
-            compilation.prepare(self._write, *arguments, image, likelihood)
+            self._write = compilation.prepare(write_linear, *arguments, image, likelihood)
 
     @np.errstate(under="ignore")  # of light too dim for a float64
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:

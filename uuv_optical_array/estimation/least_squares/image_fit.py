@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -34,9 +34,9 @@ from uuv_optical_array.estimation.least_squares.saturated import (
     saturated_posterior,
 )
 from uuv_optical_array.estimation.signature import features
-from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
-from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.table.signature_table import grid_axes, no_light
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
 from uuv_optical_array.forward.model import ForwardModel
@@ -49,10 +49,11 @@ UNOBSERVABLE = 0.5
 # A scene is as good as linear where of so many images, from this share of its table's extent, less
 # than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
 LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
-# Rows of the table that fits start from: more make no fit more exact.
-START_ROWS = 1024
-# Beside them starts nearer than the table, and the share of a row's range that they go down to.
-NEAR_ROWS, NEAREST = 512, 0.2
+# Poses of the working volume from which fits may start: more make no fit more exact.
+STARTS = 1024
+# Beside them poses nearer than that, and the share of the range that they go down to.
+NEAR_STARTS, NEAREST = 512, 0.2
+LEAST_COUNTS = 1.0  # of its brightest reading, below which no fit starts from a pose
 # Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
 SURELY_CLEAR = 0.999
 
@@ -81,10 +82,10 @@ class ImageFit:
 
     Parameters
     ----------
-    table
-        Of the scene; its rows are the poses that fits start from.
-    model, constants
-        Of the same scene.
+    model
+        The scene's forward model; the extent of its table is where the lamp is looked for.
+    constants
+        What the scene leaves unknown.
     candidates, max_misfit, compiled
         As of `Estimator`.
 
@@ -96,15 +97,14 @@ class ImageFit:
 
     def __init__(
         self,
-        table: SignatureTable,
         model: ForwardModel,
         constants: Constants,
         candidates: int,
         max_misfit: float,
         compiled: bool,
     ) -> None:
-        scene = table.scene
-        self._table, self._model, self._constants = table, model, constants
+        scene = model.scene
+        self._model, self._constants = model, constants
         self._max_misfit = max_misfit
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
@@ -113,45 +113,56 @@ class ImageFit:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
         self._pose_precision = np.diag(1 / np.square(prior_std))
-        self._kinds = frame_kinds(model, self._prior, compiled)
-        self._linearise = Lineariser(model, constants.names, compiled)
-        poses, parameters = self._starts()
+        poses, parameters = self._starts(middle, half)
+        side = model.array.side
+        vectors = lifted(parameters, scene.signature, side)
         self.guide = Guide(
-            np.ascontiguousarray(unit_vectors(table.vectors(parameters)).T),
+            np.ascontiguousarray(unit_vectors(vectors).T),
             poses,
-            table.vectors(np.ones(5)),
+            lifted(np.ones(5), scene.signature, side),
             candidates,
             float(-ndtri(max_misfit)),
             False,
-            model.array.side,
+            side,
             float(scene.full_scale_counts),
             scene.signature.peak == "subdetector",
         )
-        self._frame: Callable[..., FrameResult] = estimate_frame
+        self.run(compiled)
+
+    def run(self, compiled: bool) -> None:
+        """Run as Numba compiles it from the next image on, or as it stands.
+
+        Raises
+        ------
+        ValueError
+            Where it is to be compiled and Numba is not installed, or not for this NumPy.
+        """
+        model, constants = self._model, self._constants
+        kinds = frame_kinds(model, self._prior, compiled)
+        lineariser = Lineariser(model, constants.names, compiled)
+        frame: Callable[..., FrameResult] = estimate_frame
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            self._frame = compilation.compiled(estimate_frame)
-            compilation.prepare(self._frame, self._kinds[0].problem, self.guide, np.ones((5, 1)))
+            example = kinds[0].problem, self.guide, np.ones((5, 1))
+            frame = compilation.prepare(estimate_frame, *example)
+        self._kinds, self._linearise, self._frame = kinds, lineariser, frame
 
-    def _starts(self) -> tuple[Array, Array]:
-        """Return poses that fits start from, and their key parameters: of the table, and nearer."""
-        table, scene = self._table, self._table.scene
+    def _starts(self, middle: Array, half: Array) -> tuple[Array, Array]:
+        """Return poses that fits may start from, and their key parameters."""
         rng = np.random.default_rng(0)  # the same in every run: an image has one answer
-        rows: Any = slice(None)
-        if len(table.poses) > START_ROWS:
-            rows = rng.choice(len(table.poses), START_ROWS, replace=False)
-            rows.sort()
-        poses = np.array(table.poses[rows], dtype=float)
-        # Nearer than the table the array saturates, and from afar no fit finds the way there.
-        near = poses[rng.permutation(len(poses))[:NEAR_ROWS]]
+        poses = rng.uniform(middle - half, middle + half, (STARTS, 5))
+        # Nearer than that the array saturates, and from afar no fit leads there.
+        near = poses[:NEAR_STARTS].copy()
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
-        images = self._model.converted(self._model.light(near))
-        lit = images.max(axis=(1, 2)) > 0
-        of_near = key_parameters(images[lit], scene.full_scale_counts, scene.signature.peak)
-        return (
-            np.concatenate([poses, near[lit]]),
-            np.concatenate([np.array(table.parameters[rows], dtype=float), of_near]),
+        poses = np.concatenate([poses, near])
+        images = self._model.converted(self._model.light(poses))
+        lit = images.max(axis=(1, 2)) >= LEAST_COUNTS
+        scene = self._model.scene
+        if not lit.any():
+            raise no_light(scene, LEAST_COUNTS)
+        return poses[lit], key_parameters(
+            images[lit], scene.full_scale_counts, scene.signature.peak
         )
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64

@@ -23,7 +23,6 @@ from uuv_optical_array.forward.scene import SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 LEAST = 1e-300  # scale of values that are next to nothing
-FEW_IMAGES = 8  # up to here one after the other is faster than all at once
 
 
 @dataclass(frozen=True)
@@ -219,9 +218,9 @@ def write_parameters(
 
 
 def prepare(side: int) -> None:
-    """Compile what `key_parameters` of a few images runs from then on in this process."""
-    write = compilation.compiled(write_parameters)
-    compilation.prepare(write, np.ones((side * side, 1)), side, 1.0, True, np.empty((5, 1)))
+    """Compile what `key_parameters` runs from then on in this process."""
+    readings, parameters = np.ones((side * side, 1)), np.empty((5, 1))
+    compilation.prepare(write_parameters, readings, side, 1.0, True, parameters)
 
 
 @np.errstate(under="ignore")  # the least of readings lose digits, no more
@@ -266,9 +265,7 @@ def key_parameters(
     readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
     count = readings.shape[1]
     parameters = np.empty((5, count))
-    write = write_parameters
-    if count <= FEW_IMAGES:
-        write = compilation.if_prepared(write, compilation.by_number(write))
+    write = compilation.loaded(write_parameters)
     write(readings, side, float(full_scale_counts), peak == "subdetector", parameters)
     return parameters.T.reshape(*images.shape[:-2], 5)
 

@@ -115,8 +115,8 @@ def prepare(constants: Constants) -> None:
     if constants.frame is None:
         return
     joint, at = Joint(constants.frame, -1, -1, -1), np.ones(5 + len(constants.names))
-    compilation.prepare(compilation.compiled(coordinates_of), joint, at)
-    compilation.prepare(compilation.compiled(write_place), joint, at, at.copy(), np.eye(len(at)))
+    compilation.prepare(coordinates_of, joint, at)
+    compilation.prepare(write_place, joint, at, at.copy(), np.eye(len(at)))
 
 
 class AsTheyAre:
@@ -162,12 +162,12 @@ class JointCoordinates(AsTheyAre):
 
     def of(self, at: Array) -> Array:
         """Return the coordinates of pose and constants."""
-        return np.asarray(compilation.if_prepared(coordinates_of)(self._joint, at))
+        return np.asarray(compilation.loaded(coordinates_of)(self._joint, at))
 
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants at coordinates, and their slopes by them."""
         at, slopes = coordinates.copy(), np.eye(len(coordinates))
-        compilation.if_prepared(write_place)(self._joint, coordinates, at, slopes)
+        compilation.loaded(write_place)(self._joint, coordinates, at, slopes)
         return at, slopes
 
     def difference(self, coordinates: Array, others: Array) -> Array:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import rclpy
@@ -143,16 +142,10 @@ def options_of(follower: Follower) -> dict[str, Any]:
     }
 
 
-def table_is_coming(estimator: EstimatorNode) -> bool:
-    """Return whether a coarse table answers until the whole one is built."""
-    builder = estimator.builder
-    return bool(builder.shortcoming(estimator.table)) and not builder.failure
-
-
 def follower_nodes(
     leader: str | None, options: dict[str, Any]
-) -> tuple[RecorderNode, EstimatorNode, FormationNode, list[Node]]:
-    """Return recorder, estimator and formation node of a follower, and all but its vehicle.
+) -> tuple[RecorderNode, FormationNode, list[Node]]:
+    """Return recorder and formation node of a follower, and all but its vehicle.
 
     `leader` is the topic of the leader's odometry where a fleet has one, else None.
     """
@@ -164,7 +157,6 @@ def follower_nodes(
     estimator = EstimatorNode(**options)
     return (
         recorder,
-        estimator,
         formation,
         [recorder, formation, simulator, FeatureNode(**options), estimator],
     )
@@ -215,18 +207,16 @@ def follow(
         options = [options_of(follower) for follower in fleet] or [{}]
         recorders = []
         for of_one in options:
-            recorder, estimator, formation, nodes = follower_nodes(leader, of_one)
+            recorder, formation, nodes = follower_nodes(leader, of_one)
             recorders.append(recorder)
             for node in nodes:
                 executor.add_node(node)
-            # The next one finds the table in the cache.
-            interrupted |= spin(executor, partial(table_is_coming, estimator))
         if fleet:
             alone = {"vehicles": "leader", "followers": len(fleet)}
             options.append(
                 {"parameter_overrides": [Parameter(name, value=alone[name]) for name in alone]}
             )
-        # Vehicles come last, so that none moves while others wait for a table.
+        # Vehicles come last, so that none moves before the nodes are there.
         for of_one in options:
             executor.add_node(VehiclesNode(**of_one))
         if bag is not None:

@@ -125,7 +125,7 @@ def simulate(
     sea = believed(scene, case, choices)
     model = ForwardModel(sea)
     moments = calibrate(model, rng)
-    estimator = Estimator(sea, "least_squares")
+    estimator = Estimator(sea, "least_squares").wait()
     batches: dict[str, list[Array]] = {method: [] for method in METHODS}
     try:
         for start in range(0, runs, BATCH):
@@ -157,7 +157,7 @@ def by_moments(calibration: MomentCalibration, images: Array) -> Array:
 
 def by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
     """Estimate all frames of all runs, each by itself and as a track."""
-    scene, runs = estimator.table.scene, len(images)
+    scene, runs = estimator.scene, len(images)
     single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
     parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
     for run in range(runs):

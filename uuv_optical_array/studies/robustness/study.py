@@ -145,7 +145,7 @@ def measure_kinds(
     KindResult
         Of each kind, the last one perhaps of fewer frames.
     """
-    model = ForwardModel(estimator.table.scene)
+    model = ForwardModel(estimator.scene)
     answers = {"estimator": answer_of(estimator)}
     begun = False
     for kind in kinds:

@@ -33,7 +33,7 @@ INDEX_S_PER_ROW = 1e-6
 def _ours(table: SignatureTable, methods: Iterable[str]) -> dict[str, Answer]:
     """Return the answers of an estimator, with the default parameters of its node."""
     return {
-        method: answer_of(Estimator(table, method))  # type: ignore[arg-type]  # of METHODS
+        method: answer_of(Estimator(table, method).wait())  # type: ignore[arg-type]  # of METHODS
         for method in methods
     }
 

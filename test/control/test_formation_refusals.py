@@ -1,4 +1,4 @@
-"""Nothing broken steers: no number that is none, no stray, no stream of strays."""
+"""Nothing broken steers: no number that is none, no stray, no stream of strays, nothing stale."""
 
 import contextlib
 
@@ -12,20 +12,23 @@ from uuv_optical_array.control.formation import FormationController, FormationSe
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
+STILL = np.zeros(5)
 FASTEST = np.array([1.0, 0.6, 0.6, 0.0, *np.radians([10, 10])])
 
 
-def told(controller: FormationController, now: float) -> Array:
+def command_at(controller: FormationController, now: float) -> Array:
     command = controller.command(now)
     assert command is not None
     return np.concatenate(command)
 
 
-def under_way() -> tuple[FormationController, float]:
-    controller = FormationController(FormationSettings())
+def under_way(**changes: float) -> tuple[FormationController, float]:
+    """Return a controller that surges, and the stamp of its last pose."""
+    controller = FormationController(FormationSettings(**changes))  # type: ignore[arg-type]
     for tick in range(40):
-        controller.update(tick * 0.1, off_station([-1.0, 0.1, -0.1, 0.05, 0.05]), PUBLISHED)
-        command = told(controller, tick * 0.1)
+        pose = off_station([-1.0, 0.1, -0.1, 0.05, 0.05])
+        controller.update(tick * 0.1, pose, PUBLISHED, STILL)
+        command = command_at(controller, tick * 0.1)
     assert command[0] > 0.3
     return controller, tick * 0.1
 
@@ -37,7 +40,12 @@ number = st.one_of(
 
 @given(
     st.lists(
-        st.tuples(st.floats(-0.2, 0.5), st.lists(number, min_size=5, max_size=5), number),
+        st.tuples(
+            st.floats(-0.2, 0.5),
+            st.lists(number, min_size=5, max_size=5),
+            number,
+            st.lists(number, min_size=5, max_size=5),
+        ),
         min_size=1,
         max_size=15,
     )
@@ -45,39 +53,127 @@ number = st.one_of(
 @settings(max_examples=60)
 @pytest.mark.filterwarnings("error")
 def test_no_numbers_whatever_make_a_command_that_is_none(
-    frames: list[tuple[float, list[float], float]],
+    frames: list[tuple[float, list[float], float, list[float]]],
 ) -> None:
     controller, now = FormationController(FormationSettings()), 0.0
-    controller.update(now, STATION, PUBLISHED)
-    for step, pose, scale in frames:
+    controller.update(now, STATION, PUBLISHED, STILL)
+    for step, pose, scale, rate in frames:
         now += step
         with contextlib.suppress(ValueError, Outlier), np.errstate(all="ignore"):
-            controller.update(now, pose, PUBLISHED * scale)
-        command = told(controller, now)
+            controller.update(now, pose, PUBLISHED * scale, rate)
+        command = command_at(controller, now)
         assert np.isfinite(command).all()
         assert (np.abs(command) <= FASTEST + 1e-12).all()
     for tick in range(1, 60):
         with contextlib.suppress(ValueError, Outlier):
-            controller.update(now + 0.1 * tick, off_station([-1, 0, 0, 0, 0]), PUBLISHED)
-        command = told(controller, now + 0.1 * tick)
+            pose = off_station([-1, 0, 0, 0, 0])
+            controller.update(now + 0.1 * tick, pose, PUBLISHED, STILL)
+        command = command_at(controller, now + 0.1 * tick)
     # Good poses steer again.
     assert command[0] > 0.05
 
 
-@pytest.mark.parametrize("std", [1e-10, 1e-3])
-def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std: float) -> None:
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused_by_name_and_changes_nothing(value: float) -> None:
     (controller, now), (without, _) = under_way(), under_way()
-    with pytest.raises(Outlier):
-        controller.update(now + 0.1, off_station([-4.0, 1, 0, 0, 0.3]), np.eye(5) * std**2)
-    assert told(controller, now + 0.2) == pytest.approx(told(without, now + 0.2), abs=1e-12)
+    for entry, name in enumerate(("stamp", "x", "y", "z", "pitch", "yaw")):
+        row = np.array([now + 0.1, *STATION])
+        row[entry] = value
+        with pytest.raises(ValueError, match=f"pose: {name} is {value:g}"):
+            controller.update(row[0], row[1:], PUBLISHED, STILL)
+    for entry in range(5):
+        rate = np.zeros(5)
+        rate[entry] = value
+        with pytest.raises(ValueError, match=r"rate: .*; give three within .* m/s and two"):
+            controller.update(now + 0.1, STATION, PUBLISHED, rate)
+    with pytest.raises(ValueError, match=rf"now_s is {value:g}, not finite"):
+        controller.command(value)
+    assert command_at(controller, now + 1.0) == pytest.approx(command_at(without, now + 1.0))
+
+
+@pytest.mark.parametrize("wrong", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
+def test_pose_and_rate_of_another_shape_are_refused(wrong: object) -> None:
+    controller = FormationController(FormationSettings())
+    with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
+        controller.update(0.0, wrong, PUBLISHED, STILL)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="rate: "):
+        controller.update(0.0, STATION, PUBLISHED, wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate", [10.1, -6.1])
+def test_a_rate_that_no_vehicle_has_is_refused(rate: float) -> None:
+    controller, now = under_way()
+    entry = 0 if rate > 0 else 4
+    with pytest.raises(ValueError, match=r"within \+-10 m/s and two within \+-6 rad/s"):
+        controller.update(now + 0.1, STATION, PUBLISHED, rate * np.eye(5)[entry])
 
 
 @pytest.mark.parametrize("stamp", [1e300, 9.1e9, -9.1e9])
 def test_a_stamp_beyond_any_clock_is_refused(stamp: float) -> None:
     controller, now = under_way()
     with pytest.raises(ValueError, match=r"pose: stamp is .* out of bounds; .*\+-9e\+09"):
-        controller.update(stamp, STATION, PUBLISHED)
-    assert told(controller, now)[0] > 0.3
+        controller.update(stamp, STATION, PUBLISHED, STILL)
+    assert command_at(controller, now)[0] > 0.3
+
+
+@pytest.mark.parametrize("back", [0.0, 0.05, 0.9])
+def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
+    (controller, now), (without, _) = under_way(), under_way()
+    with pytest.raises(ValueError, match=rf"stamp {now - back:.3f} s is not after {now:.3f} s"):
+        controller.update(now - back, STATION, PUBLISHED, STILL)
+    assert command_at(controller, now + 1.0) == pytest.approx(command_at(without, now + 1.0))
+
+
+@pytest.mark.parametrize("std", [1e-10, 1e-3])
+def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std: float) -> None:
+    (controller, now), (without, _) = under_way(), under_way()
+    far = off_station([-4.0, 1, 0, 0, 0.3])
+    with pytest.raises(Outlier):
+        controller.update(now + 0.1, far, np.eye(5) * std**2, STILL)
+    assert command_at(controller, now + 0.2) == pytest.approx(command_at(without, now + 0.2))
+
+
+def test_an_outlier_is_reported_and_steers_nothing() -> None:
+    (controller, now), (without, _) = under_way(), under_way()
+    far = off_station([4.0, 0, 0, 0, 0])
+    for later in (0.5, 0.6):
+        with pytest.raises(Outlier, match=r"^outlier: .* standard deviations off, more than 5\.07"):
+            controller.update(now + later, far, PUBLISHED, STILL)
+    # It has been taken all the same, so its stamp is not to come again.
+    with pytest.raises(ValueError, match=rf"is not after {now + 0.6:.3f} s"):
+        controller.update(now + 0.6, STATION, PUBLISHED, STILL)
+    for later in (1.0, 1.2, 3.0):
+        expected = command_at(without, now + later)
+        assert command_at(controller, now + later) == pytest.approx(expected, abs=1e-12)
+
+
+def test_outliers_that_agree_are_the_leader() -> None:
+    controller, refused = FormationController(FormationSettings()), []
+    for tick in range(70):
+        now, error = tick * 0.1, -1.0 if tick < 30 else 4.0
+        try:
+            controller.update(now, off_station([error, 0, 0, 0, 0]), PUBLISHED, STILL)
+        except Outlier:
+            refused.append(tick)
+        surge = command_at(controller, now)[0]
+        assert surge >= 0 or tick >= 34
+    assert refused == [30, 31, 32, 33]
+    assert surge < 0
+
+
+@pytest.mark.parametrize("gap", [1.001, 60.0])
+def test_a_pose_after_a_gap_begins_anew_though_no_command_came_between(gap: float) -> None:
+    controller, now = under_way()
+    controller.update(now + gap, off_station([9.0, 0, 0, 0, 0]), PUBLISHED, STILL)
+    with pytest.raises(Outlier):
+        controller.update(now + gap + 0.1, STATION, PUBLISHED, STILL)
+
+
+def test_what_happens_between_two_poses_of_a_gap_is_no_outlier() -> None:
+    # Within 0.9 s a leader at 0.5 m/s stops; both poses are known to a centimetre.
+    controller, exact = FormationController(FormationSettings()), np.eye(5) * 1e-4
+    controller.update(0.0, STATION, exact, [-0.5, 0, 0, 0, 0])
+    controller.update(0.9, off_station([-0.2, 0, 0, 0, 0]), exact, STILL)
 
 
 def strays(count: int) -> Array:
@@ -86,46 +182,38 @@ def strays(count: int) -> Array:
     return np.array([-40.0, 0, 0, 0, 0]) + rng.uniform(-30, 30, (count, 5)) * [1, 1, 1, 0, 0]
 
 
-def test_poses_that_the_gate_refuses_are_no_light() -> None:
+def test_after_refusals_it_stands_until_five_poses_agree() -> None:
     controller, now = under_way()
     refused = 0
     for stray in strays(60):
         now += 0.1
         try:
-            controller.update(now, stray, PUBLISHED / 100)
+            controller.update(now, stray, PUBLISHED / 100, STILL)
         except Outlier:
             refused += 1
-        command = told(controller, now)
+        command = command_at(controller, now)
     assert refused > 50
     # Timeout and stop time are over: it stands, and the next stray does not change that.
     assert (command == 0).all()
-
-
-def test_after_refusals_a_new_track_steers_once_five_poses_agree() -> None:
-    controller, now = under_way()
-    for stray in strays(60):
-        now += 0.1
-        with contextlib.suppress(Outlier):
-            controller.update(now, stray, PUBLISHED / 100)
-        told(controller, now)
-    now += 2.0  # the last stray is forgotten
+    now += 2.0  # the last stray is long ago
     moved = []
     for _ in range(10):
         now += 0.1
-        controller.update(now, off_station([-1.0, 0, 0, 0, 0]), PUBLISHED)
-        told(controller, now)
-        moved.append(bool(told(controller, now + 0.05).any()))
+        with contextlib.suppress(Outlier):
+            controller.update(now, off_station([-1.0, 0, 0, 0, 0]), PUBLISHED, STILL)
+        command_at(controller, now)
+        moved.append(bool(command_at(controller, now + 0.05).any()))
     assert moved == [False] * 4 + [True] * 6
 
 
-def test_a_near_pose_without_a_track_stops_the_follower_at_once() -> None:
+def test_a_near_pose_in_the_dark_stops_the_follower_at_once() -> None:
     controller, now = under_way()
     for tick in range(1, 12):  # two directions in turns agree with nothing
         stray = off_station([-20.0, 15.0 * (-1) ** tick, 0, 0, 0])
         with contextlib.suppress(Outlier):
-            controller.update(now + 0.1 * tick, stray, PUBLISHED / 100)
-        before = told(controller, now + 0.1 * tick)
+            controller.update(now + 0.1 * tick, stray, PUBLISHED / 100, STILL)
+        before = command_at(controller, now + 0.1 * tick)
     assert before[0] > 0.1  # on its way to a stop
     with contextlib.suppress(Outlier):
-        controller.update(now + 1.2, [-1.0, 0, 0, 0, 0], PUBLISHED / 100)
-    assert (told(controller, now + 1.2)[:3] == 0).all()
+        controller.update(now + 1.2, [-1.0, 0, 0, 0, 0], PUBLISHED / 100, STILL)
+    assert (command_at(controller, now + 1.2)[:3] == 0).all()

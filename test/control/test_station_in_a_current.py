@@ -1,17 +1,16 @@
 """Station behind a lamp that holds its place over ground, by a follower that a current carries."""
 
-import contextlib
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from followers import TrackedLaw
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.estimation.tracking.track import Outlier
 
 STD = np.array([0.1, 0.05, 0.05, np.radians(1.0), np.radians(1.0)])  # of the poses
 TICK_S = 0.1
@@ -21,20 +20,19 @@ Law = Callable[[float, Array | None], Array]  # the present and a pose to the wa
 
 def formation(settings: FormationSettings) -> Law:
     """Return the formation law; its turns are sent along with its velocity."""
-    controller = FormationController(settings)
+    law = TrackedLaw(settings)
 
     def command(now: float, pose: Array | None) -> Array:
         if pose is not None:
-            with contextlib.suppress(Outlier):  # as the node does
-                controller.update(now, pose, np.diag(STD**2))
-        answer = controller.command(now)
+            law.update(now, pose, np.diag(STD**2))
+        answer = law.command(now)
         return np.zeros(6) if answer is None else np.concatenate(answer)
 
     return command
 
 
 def proportional(_: float, pose: Array | None) -> Array:
-    """Return a command without the rate that the tracker finds missing."""
+    """Return a command without the leader's rate."""
     assert pose is not None
     return np.array([*0.4 * (np.array([-6.0, 0, 0]) - pose[:3]), 0, *-0.4 * pose[3:]])
 

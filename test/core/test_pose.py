@@ -12,6 +12,7 @@ from uuv_optical_array.core.geometry import (
     body_twist,
     covariance_5x5,
     covariance_6x6,
+    pose_rate,
     relative_pose,
     roll_pitch_yaw,
     rotation_matrix,
@@ -270,6 +271,7 @@ def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
     joint = root @ root.T
     twist, covariance = body_twist(pose, rate, joint, roll)
     np.testing.assert_allclose(twist, twist_by_differences(pose, rate, roll), atol=1e-8)
+    np.testing.assert_allclose(pose_rate(pose, twist, roll), rate, atol=1e-14)
     # Its errors are those of pose and rate by the slopes of that twist.
     ahead, behind = (
         [twist_by_differences(at[:5], at[5:], roll) for at in state + change * np.eye(10)]

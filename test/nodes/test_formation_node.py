@@ -9,18 +9,29 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.core.geometry import covariance_5x5
+from uuv_optical_array.core.geometry import body_twist, covariance_5x5
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.shared.messages import pose_to_message
+from uuv_optical_array.nodes.shared.messages import (
+    odometry_to_message,
+    pose_to_message,
+    rate_from_message,
+)
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 START = 100 * 10**9
 STEP = 10**8
 STATION = [-6.0, 0.0, 0.0, 0.0, 0.0]
+STILL = np.zeros(5)
 
 
 def time_of(nanoseconds):
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def odometry(pose, rate=STILL, roll=0.1, frame=""):
+    twist, covariance = body_twist(pose, rate, np.eye(10), roll)
+    where = pose_to_message(np.array(pose), np.eye(6), Header(frame_id=frame), roll)
+    return odometry_to_message(where, "base_link", twist, covariance)
 
 
 class Helm:
@@ -35,9 +46,9 @@ class Helm:
         lab.connect()
         lab.tick(self.now)
 
-    def see(self, pose, stamp=None):
-        """Tell the node a pose, of this instant unless a stamp is given."""
-        message = Odometry(pose=pose_to_message(pose, np.eye(6), Header()).pose)
+    def see(self, pose, stamp=None, rate=STILL):
+        """Tell the node a pose and its rate, of this instant unless a stamp is given."""
+        message = odometry(pose, rate)
         message.header.stamp = time_of(self.now if stamp is None else stamp)
         self.lab.deliver(self.node, self.poses, message)
 
@@ -74,8 +85,9 @@ def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers
         if i % 3 != 1:  # the light flickers
             pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
             taken = helm.now - 30_000_000  # when the image was; the pose took its time
-            helm.see(pose, taken)
-            controller.update(taken * 1e-9, pose, covariance_5x5(pose, np.eye(6)))
+            rate = rng.normal(0.0, [0.3, 0.2, 0.2, 0.1, 0.1])
+            helm.see(pose, taken, rate)
+            controller.update(taken * 1e-9, pose, covariance_5x5(pose, np.eye(6)), rate)
         found, expected = helm.command(), controller.command(helm.now * 1e-9)
         np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
     assert np.abs(found).max() > 0.01
@@ -117,6 +129,10 @@ def far_off(message):
     message.pose.pose.position.x = 40.0
 
 
+def too_fast(message):
+    message.twist.twist.linear.x = 11.0
+
+
 def not_unit(message):
     message.pose.pose.orientation.w = 3.0
 
@@ -125,21 +141,22 @@ def not_unit(message):
     ("spoil", "words"),
     [
         (not_finite, ("not finite", "nan")),
+        (too_fast, ("out of bounds", "twist")),
         (not_unit, ("bad attitude", "length")),
         (far_off, ("outlier", "standard deviations off")),
         (lambda message: setattr(message.header, "stamp", time_of(START)), ("100.0", "not after")),
     ],
-    ids=["not finite", "not unit", "outlier", "repeated stamp"],
+    ids=["not finite", "too fast", "not unit", "outlier", "repeated stamp"],
 )
 def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
     controller = FormationController(FormationSettings())
 
     def expect(pose):
-        controller.update(helm.now * 1e-9, pose, covariance_5x5(pose, np.eye(6)))
+        controller.update(helm.now * 1e-9, pose, covariance_5x5(pose, np.eye(6)), STILL)
         helm.see(pose)
 
     expect([-7.0, 0.0, 0.0, 0.0, 0.0])
-    message = Odometry(pose=pose_to_message([-4.0, 1.0, 1.0, 0.5, 0.5], np.eye(6), Header()).pose)
+    message = odometry([-4.0, 1.0, 1.0, 0.5, 0.5])
     message.header.stamp = time_of(helm.now + STEP // 2)
     spoil(message)
     helm.lab.deliver(helm.node, helm.poses, message)
@@ -149,6 +166,12 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
         np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
     expect([-7.0, 0.0, 0.0, 0.0, 0.0])
     helm.lab.report(helm.node, OK)
+
+
+@pytest.mark.parametrize("frame", ["leader/beacon", "leader/beacon_ned"])
+def test_the_rate_of_an_odometry_is_that_of_its_pose_in_any_axes(frame):
+    pose, rate = [-6.0, 0.4, -0.3, 0.2, -0.3], [0.3, -0.2, 0.1, 0.05, -0.08]
+    np.testing.assert_allclose(rate_from_message(odometry(pose, rate, 0.2, frame)), rate)
 
 
 @pytest.mark.parametrize(

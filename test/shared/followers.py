@@ -9,7 +9,10 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.tracking.enter import tell
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 
 STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 TICK_S = 0.05
@@ -61,6 +64,25 @@ def relative(leader: Vehicle, follower: Vehicle) -> Array:
     return np.array([*to_world.inv().apply(follower.position - leader.position), pitch, yaw])
 
 
+class TrackedLaw:
+    """The formation law behind the tracker that is told its commands, as nodes have them."""
+
+    def __init__(self, settings: FormationSettings) -> None:
+        self._tracker, self._law = Tracker(TrackerSettings()), FormationController(settings)
+
+    def update(self, now: float, pose: Array, covariance: Array, _: Array | None = None) -> None:
+        """Take a pose without its rate."""
+        with contextlib.suppress(Outlier):
+            track = self._tracker.update(round(now * 1e9), pose, covariance)
+            self._law.update(now, track.pose, track.covariance, track.rate)
+
+    def command(self, now: float) -> tuple[Array, Array] | None:
+        command = self._law.command(now)
+        if command is not None:
+            tell(self._tracker, round(now * 1e9), *command)
+        return command
+
+
 def follow(
     seconds: float,
     measure: Callable[[Array], Array] = exact,
@@ -69,25 +91,28 @@ def follow(
     published: Array = PUBLISHED,
     latency_ticks: int = 1,
     settings: FormationSettings | None = None,
+    tracked: bool = False,
 ) -> tuple[Array, Array]:
     """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
 
-    Returns the true errors of the pose and the commands (linear, angular), a row a tick.
+    Rates are true, or a tracker's. Returns the true errors of the pose and the commands (linear,
+    angular), a row a tick.
     """
     leader = Vehicle(np.zeros(3))
     settings = settings or FormationSettings()
     follower = start_behind(leader, settings.station_m, offset)
-    controller = FormationController(settings)
+    controller = TrackedLaw(settings) if tracked else FormationController(settings)
     errors, commands, images = [], [], []
+    before = relative(leader, follower)
     for tick in range(round(seconds / TICK_S)):
         now = tick * TICK_S
         pose = relative(leader, follower)
-        images.append((now, measure(pose) if tick % 2 == 0 else None))
+        images.append((now, measure(pose) if tick % 2 == 0 else None, (pose - before) / TICK_S))
+        before = pose
         if tick >= latency_ticks:
-            stamp, seen = images[tick - latency_ticks]
+            stamp, seen, rate = images[tick - latency_ticks]
             if seen is not None:
-                with contextlib.suppress(Outlier):  # as the node does
-                    controller.update(stamp, seen, published)
+                controller.update(stamp, seen, published, rate)
         linear, angular = controller.command(now) or (np.zeros(3), np.zeros(3))
         errors.append(pose - [*settings.station_m, 0, 0])
         commands.append([*linear, *angular])

@@ -1,22 +1,19 @@
 """The control law that keeps a follower on station behind the leader.
 
-A tracker that is told each command as it was limited estimates the relative pose and its rate. The
-command is changed by the rate that is missing: one proportional to the error, less the present
-one. So nothing lags at a steady speed or turn of the leader or in a steady current, which the
-tracker cannot tell from it, and there is no integral to wind up.
+It takes relative pose and rate as the tracker of the estimator has them, removes the follower's own
+command from the rate, and predicts the pose to the present by the leader's motion and its own
+commands. The commanded velocity is the leader's, plus one proportional to the error of the
+predicted pose. So nothing lags at a steady speed or turn of the leader or in a steady current,
+which looks like a motion of the leader, and there is no integral to wind up.
 
 The station is a place behind the lamp, on the beam's axis or beside it. It turns with the leader.
 
-A lateral offset and a turn of the follower move the light across the array alike, so one image
-hardly tells them apart: the errors of y and yaw, and of z and pitch, are all but proportional.
-The covariance says so, and the motion from image to image decides.
+The follower keeps a minimum distance to the lamp. Its nearest possible range is that of the
+predicted pose or that of the newest pose, whichever is less, less `RANGE_STDS` standard deviations
+of the newest pose. A pose that is refused counts as measured. For every command while the light is
+not lost:
 
-The follower keeps a minimum distance to the lamp. The nearest that it may be is the range of the
-track or that of the newest pose, whichever is less, less `RANGE_STDS` standard deviations of that
-pose: those of the track are smaller, but an error that all poses share does not average out. A
-pose that is refused counts as measured. For every command while there is a track:
-
-- where the nearest is at or below the minimum, nothing moves the follower towards the lamp,
+- where that range is at or below the minimum, nothing moves the follower towards the lamp,
   whatever the limits of acceleration say, and it backs off;
 - above it, the speed is such that the follower comes to rest before the minimum, should the
   leader stop dead, by braking at ``max_acceleration_m_per_s2``;
@@ -25,30 +22,27 @@ pose that is refused counts as measured. For every command while there is a trac
 So the follower does not go nearer than the minimum while the range errs by no more than
 `RANGE_STDS` of its published standard deviations and the leader does not come nearer by itself,
 but for the latency of the poses and of the vehicle. A range that errs by more than it says cannot
-be known to err. A command of zero is rest in the water: without light a current carries the
+be recognised. A command of zero is rest in the water: without light a current carries the
 follower along.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtri
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Place, Quantity
-from uuv_optical_array.estimation.tracking.motion import RandomMotion
+from uuv_optical_array.estimation.tracking.filter.frame import checked_pose
+from uuv_optical_array.estimation.tracking.motion import MOST, OwnMotion, in_beacon
 from uuv_optical_array.estimation.tracking.settings import GateProbability, TrackerSettings
-from uuv_optical_array.estimation.tracking.track import Outlier, StampRefused
-from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.tracking.track import Outlier
 
-# Random walk of the leader's twist per root second: a vehicle turns and speeds up, hardly drifts.
-LEADER_WALK = np.array([0.02, 0.008, 0.008, 0.012, 0.012])  # m/s, rad/s
-# What the command does not say about the follower's own motion, per root second.
-OWN_WALK = np.array([0.02, 0.012, 0.012, 0.003, 0.003])  # m, rad
-# Twist of a leader of which nothing is known yet.
-LEADER_STD = np.array([0.5, 0.1, 0.1, 0.03, 0.03])  # m/s, rad/s
+# By how much the leader's rate may differ from the last one known, one standard deviation.
+RATE_CHANGE = np.array([0.5, 0.2, 0.2, 0.1, 0.1])  # m/s, rad/s
 RANGE_STDS = 3.0  # how far a range may err, in standard deviations
 MAX_STAMP_S = 9e9  # what fits 64 bits in nanoseconds
 
@@ -93,6 +87,15 @@ class FormationSettings:
             )
 
 
+class _Odometry(NamedTuple):
+    """A checked pose, its covariance, and the rate of the pose that is not the follower's own."""
+
+    stamp_ns: int
+    pose: Array
+    covariance: Array
+    leader_rate: Array
+
+
 class FormationController:
     """Keep the station and the leader's attitude, in all 5 degrees of freedom.
 
@@ -103,20 +106,21 @@ class FormationController:
     """
 
     def __init__(self, settings: FormationSettings) -> None:
-        self._tracker = Tracker(TrackerSettings())
-        self._seen_ns: int | None = None  # stamp of the newest pose that steers
-        self._lit = False  # whether there is a track to steer by
-        self._doubted = False  # whether a pose was refused and the track not confirmed since
-        # Of the newest pose, refused or not: its stamp, and the nearest that it may be.
-        self._measured_ns, self._nearest_m = 0, math.inf
-        self._margin_m = 0.0  # by which the range of the newest pose in the track may err
+        self._own = OwnMotion()  # the commands
+        self._track: _Odometry | None = None  # the newest that steers; None: the light is lost
+        self._steered_ns: int | None = None  # stamp of the newest that steered
+        # The newest that was refused since, and how many of these in a row agree.
+        self._refused: tuple[_Odometry, int] | None = None
+        # Of the newest pose, refused or not: its stamp, and its nearest possible range.
+        self._newest_ns, self._nearest_m = 0, math.inf
+        self._margin_m = 0.0  # by which the range of the newest pose that steers may err
         self._commanded_ns: int | None = None
         self._rate: Array = np.zeros(5)  # commanded: surge, sway, heave, pitch rate, yaw rate
         self._cruise: Array = np.zeros(5)  # the last rate commanded in the light
         self.configure(settings)
 
     def configure(self, settings: FormationSettings) -> None:
-        """Use other settings from now on; what was learnt of the leader stays."""
+        """Use other settings from now on; what is known of the leader stays."""
         self._settings = s = settings
         turn, turn_acceleration = np.radians([s.max_turn_deg_per_s, s.max_acceleration_deg_per_s2])
         self._station = np.array([*s.station_m, 0.0, 0.0])
@@ -125,68 +129,82 @@ class FormationController:
             [s.max_surge_m_per_s, s.max_sway_m_per_s, s.max_sway_m_per_s, turn, turn]
         )
         self._max_slew = np.repeat([s.max_acceleration_m_per_s2, turn_acceleration], [3, 2])
-        # Poses come in order, and no covariance is published that a common error would widen.
-        self._tracker.configure(
-            TrackerSettings(
-                common_share=0.0,
-                gate_probability=s.gate_probability,
-                reset_after_s=s.light_timeout_s,
-                buffer_s=0.0,
-                command_timeout_s=60.0,  # each holds until the next
-            ),
-            _leader_motion(s.station_m),
-        )
+        self._gate = math.sqrt(chdtri(5, 1 - s.gate_probability))
+        self._timeout_ns = round(s.light_timeout_s * 1e9)
 
-    def update(self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike) -> None:
-        """Take a relative pose.
+    def update(
+        self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike, rate: ArrayLike
+    ) -> None:
+        """Take a relative pose and its rate.
 
         Parameters
         ----------
         stamp_s
             When its image was taken, s. One farther from the last than ``light_timeout_s``, on
             either side, begins anew: the light was lost, or the clock was reset. Where poses
-            were refused before, the new track steers once `TrackerSettings.reacquire_frames`
-            poses agree; until then there is no light.
+            were refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
         pose
             ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
         covariance
             Of `pose`, shape ``(5, 5)``, positive definite.
+        rate
+            Of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
 
         Raises
         ------
         Outlier
-            For a pose beyond the gate. It steers nothing unless others confirm it; nearer than
+            For a pose beyond the gate: too far from the last one as its rate and the commands
+            carry it on. It steers nothing unless others confirm it; nearer than
             ``min_distance_m`` it keeps the follower from closing in until the next pose.
         ValueError
-            For a pose or stamp that is not finite or out of bounds, a covariance that is not
+            For a pose, rate or stamp that is not finite or out of bounds, a covariance that is not
             positive definite, or a stamp that does not advance; the controller is left as it was.
         """
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
-        if self._commanded_ns is None:
-            self._tracker.command(stamp_ns, self._rate)
-        try:
-            track = self._tracker.update(stamp_ns, pose, covariance)
-        except StampRefused as reason:
-            newest_s = reason.newest_ns * 1e-9
-            raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s") from None
-        except Outlier:
-            range_m, _ = _polar(np.asarray(pose, dtype=float)[:3])
-            near = range_m < self._settings.min_distance_m
-            self._measured_ns, self._nearest_m = stamp_ns, range_m if near else math.inf
-            self._doubted = True
-            raise
-        range_m, away = _polar(np.asarray(pose, dtype=float)[:3])
-        variance = float(away @ np.asarray(covariance, dtype=float)[:3, :3] @ away)
-        self._margin_m = RANGE_STDS * math.sqrt(variance)
-        self._measured_ns, self._nearest_m = stamp_ns, range_m - self._margin_m
-        anew = track.frames == 1 or not self._lit
-        self._doubted &= track.frames < TrackerSettings.reacquire_frames
-        if self._doubted and anew:
-            self._lit = False
-            return
-        if anew:
+        pose, _ = checked_pose(pose, covariance)
+        rate = _checked_rate(rate)
+        if self._steered_ns is not None and 0 <= self._newest_ns - stamp_ns <= self._timeout_ns:
+            newest_s = self._newest_ns * 1e-9
+            raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
+        leader_rate = rate - in_beacon(pose, self._own.twist(stamp_ns))
+        new = _Odometry(stamp_ns, pose, np.array(covariance, dtype=float), leader_rate)
+        range_m, away = _polar(pose[:3])
+        distance = self._distance(self._track, new) if self._track else math.inf
+        lit = math.isfinite(distance)
+        self._newest_ns = stamp_ns
+        if distance > self._gate and (lit or self._refused):
+            agreeing = 1
+            if self._refused and self._distance(self._refused[0], new) <= self._gate:
+                agreeing += self._refused[1]
+            if agreeing < TrackerSettings.reacquire_frames:
+                self._refused = new, agreeing
+                near = range_m < self._settings.min_distance_m
+                self._nearest_m = range_m if near else math.inf
+                raise Outlier(
+                    f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
+                )
+        self._margin_m = RANGE_STDS * math.sqrt(away @ new.covariance[:3, :3] @ away)
+        self._nearest_m = range_m - self._margin_m
+        if not lit:
             self._cruise = self._rate
-        self._seen_ns, self._lit = track.stamp_ns, True
+        self._track, self._steered_ns, self._refused = new, stamp_ns, None
+
+    def _distance(self, before: _Odometry, new: _Odometry) -> float:
+        """Return how far a pose is from where one before leads to, in standard deviations.
+
+        It is infinite where these are farther apart in time than the light's timeout.
+        """
+        if not 0 < new.stamp_ns - before.stamp_ns <= self._timeout_ns:
+            return math.inf
+        off = wrapped(new.pose - self._predicted(before, new.stamp_ns))
+        step_s = (new.stamp_ns - before.stamp_ns) * 1e-9
+        spread = before.covariance + new.covariance + np.diag((step_s * RATE_CHANGE) ** 2)
+        return math.sqrt(off @ np.linalg.solve(spread, off))
+
+    def _predicted(self, track: _Odometry, stamp_ns: int) -> Array:
+        """Return the pose at a later stamp, by the leader's motion and the commands."""
+        moved = (stamp_ns - track.stamp_ns) * 1e-9 * track.leader_rate
+        return track.pose + moved + in_beacon(track.pose, self._own.way(track.stamp_ns, stamp_ns))
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command.
@@ -208,42 +226,45 @@ class FormationController:
         ValueError
             For a present that is not finite.
         """
-        if self._seen_ns is None:
+        now_ns = _nanoseconds("now_s", now_s)
+        if self._steered_ns is None:
             return None
-        s, now_ns = self._settings, _nanoseconds("now_s", now_s)
+        s = self._settings
         elapsed_s = 0.0 if self._commanded_ns is None else (now_ns - self._commanded_ns) * 1e-9
         self._commanded_ns = now_ns
         # A stamp far in the future is as stale as one long past: the clock was reset.
-        dark_s = abs(now_ns - self._seen_ns) * 1e-9 - s.light_timeout_s
+        dark_s = abs(now_ns - self._steered_ns) * 1e-9 - s.light_timeout_s
         if dark_s > 0:
-            if self._lit:
-                self._tracker.reset()
-                self._lit = False
-            measured_s = abs(now_ns - self._measured_ns) * 1e-9
+            self._track = None
             near = s.min_distance_m > 0 and self._nearest_m <= s.min_distance_m
-            if near and measured_s <= s.light_timeout_s:
-                # Unconfirmed as it is, it tells no direction to back off.
+            if near and abs(now_ns - self._newest_ns) <= self._timeout_ns:
+                # Unconfirmed as it is, it gives no direction to back off.
                 self._cruise = self._cruise * [0.0, 0.0, 0.0, 1.0, 1.0]
             self._rate = self._cruise * max(0.0, 1.0 - dark_s / s.stop_time_s)
-        elif self._lit:
-            # A stamp a little in the future is taken for the present.
-            track = self._tracker.predict(max(now_ns, self._seen_ns))
-            missing = self._gain * (self._station - track.pose) - track.rate
-            to_body = rotation_matrix(track.pose[PITCH], track.pose[YAW]).T
-            missing[:3] = to_body @ missing[:3]
-            wanted = np.clip(self._rate + missing, -self._max_rate, self._max_rate)
+        elif self._track:
             elapsed_s = min(max(elapsed_s, 0.0), s.light_timeout_s)
-            change = (wanted - self._rate) * min(elapsed_s / s.smoothing_s, 1.0)
-            slew = self._max_slew * elapsed_s
-            rate = self._rate + np.clip(change, -slew, slew)
-            place, drift = to_body @ track.pose[:3], to_body @ track.rate[:3] - self._rate[:3]
-            rate[:3] = self._kept_off(rate[:3], place, drift, float(slew[0]))
-            self._cruise = self._rate = rate
+            self._cruise = self._rate = self._steered(self._track, now_ns, elapsed_s)
         else:
             # The clock was set back in the dark: from here it slows down anew.
             self._cruise = self._rate
-        self._tracker.command(now_ns, self._rate)
+        self._own.command(now_ns, self._rate)
+        self._own.forget(now_ns - 2 * self._timeout_ns)
         return self._rate[:3].copy(), np.array([0.0, self._rate[PITCH], self._rate[YAW]])
+
+    def _steered(self, track: _Odometry, now_ns: int, elapsed_s: float) -> Array:
+        """Return the rate to command in the light, a time after the last command, s."""
+        # A stamp a little in the future is taken for the present.
+        pose = self._predicted(track, max(now_ns, track.stamp_ns))
+        to_body = rotation_matrix(pose[PITCH], pose[YAW]).T
+        wanted = self._gain * (self._station - pose) - track.leader_rate
+        wanted[:3] = to_body @ wanted[:3]
+        wanted = np.clip(wanted, -self._max_rate, self._max_rate)
+        change = (wanted - self._rate) * min(elapsed_s / self._settings.smoothing_s, 1.0)
+        slew = self._max_slew * elapsed_s
+        rate = self._rate + np.clip(change, -slew, slew)
+        place, drift = to_body @ pose[:3], to_body @ track.leader_rate[:3]
+        rate[:3] = self._kept_off(rate[:3], place, drift, float(slew[0]))
+        return rate
 
     def _kept_off(self, velocity: Array, place: Array, drift: Array, slew: float) -> Array:
         """Return a velocity that keeps the minimum distance, m/s, shape ``(3,)``.
@@ -292,9 +313,11 @@ def _nanoseconds(name: str, seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _leader_motion(station_m: Place) -> RandomMotion:
-    """Return the random motion of the station, carried by the leader's twist: v + w x station."""
-    carry = np.eye(5)
-    carry[:3, PITCH] = np.cross([0.0, 1.0, 0.0], station_m)
-    carry[:3, YAW] = np.cross([0.0, 0.0, 1.0], station_m)
-    return RandomMotion(carry * LEADER_STD, carry * LEADER_WALK, np.diag(OWN_WALK))
+def _checked_rate(rate: ArrayLike) -> Array:
+    values = np.array(rate, dtype=float)
+    if values.shape != (5,) or not (np.abs(values) <= MOST).all():
+        raise ValueError(
+            f"rate: {values.tolist()}; give three within +-{MOST[0]:g} m/s and two within "
+            f"+-{MOST[-1]:g} rad/s"
+        )
+    return values

@@ -295,6 +295,31 @@ def body_twist(
     return twist, (spread + spread.T) / 2
 
 
+def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
+    """Return the rate of a pose whose frame moves by a twist: the inverse of `body_twist`.
+
+    Parameters
+    ----------
+    pose
+        ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``; the pitch within (-pi/2, pi/2).
+    twist
+        Linear and angular velocity in the follower's frame, m/s and rad/s, shape ``(6,)``.
+    roll
+        Of the follower, rad; it is taken not to change.
+
+    Returns
+    -------
+    Array
+        Change of `pose`, m/s and rad/s, shape ``(5,)``.
+    """
+    _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
+    *linear, _, about_y, about_z = np.asarray(twist, dtype=float)
+    sin_r, cos_r = np.sin(roll), np.cos(roll)
+    pitch_rate = cos_r * about_y - sin_r * about_z
+    yaw_rate = (sin_r * about_y + cos_r * about_z) / np.cos(pitch)
+    return np.array([*rotation_matrix(pitch, yaw, roll) @ linear, pitch_rate, yaw_rate])
+
+
 def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
     """Return how a pose seems to move when the array is turned on its mount, to first order.
 

@@ -134,7 +134,12 @@ def signs(frame: str) -> Array:
 
 def twist_from_message(message: Any) -> tuple[Array, Array]:
     """Unpack linear, m/s, and angular velocity, rad/s, each of shape ``(3,)``."""
-    linear, angular = message.twist.linear, message.twist.angular
+    return checked_twist(message.twist, message.header.frame_id)
+
+
+def checked_twist(twist: Any, frame: str) -> tuple[Array, Array]:
+    """Unpack a ``geometry_msgs/Twist`` in the axes of a frame, as `twist_from_message` does."""
+    linear, angular = twist.linear, twist.angular
     values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
     if not np.isfinite(values).all():
         raise Refused(f"not finite: twist {values.tolist()}")
@@ -144,5 +149,5 @@ def twist_from_message(message: Any) -> tuple[Array, Array]:
             f"out of bounds: twist {values.tolist()}, not within +-{speed:g} m/s and "
             f"+-{turn:g} rad/s"
         )
-    values *= signs(message.header.frame_id)
+    values *= signs(frame)
     return values[:3], values[3:]

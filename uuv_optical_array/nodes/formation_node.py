@@ -16,6 +16,7 @@ from uuv_optical_array.nodes.shared.messages import (
     Refused,
     covariance_from_message,
     pose_from_message,
+    rate_from_message,
     stamp_ns,
     twist_to_message,
 )
@@ -62,11 +63,12 @@ class FormationNode(Node):
         self.controller.configure(self.parameters.settings(FormationSettings, changes))
 
     def on_track(self, message: Odometry) -> None:
-        """Tell the controller where the follower is."""
+        """Tell the controller where the follower is, and how it moves."""
         try:
             pose = pose_from_message(message)
             covariance = covariance_5x5(pose, covariance_from_message(message))
-            self.controller.update(stamp_ns(message.header) * 1e-9, pose, covariance)
+            rate = rate_from_message(message)
+            self.controller.update(stamp_ns(message.header) * 1e-9, pose, covariance, rate)
         except (Refused, NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return

@@ -162,7 +162,7 @@ class ClosedLoop:
         track = frame.track
         if track is not None:
             try:
-                self._controller.update(self.t_s, track.pose, track.covariance)
+                self._controller.update(self.t_s, track.pose, track.covariance, track.rate)
             except (NoPose, ValueError) as reason:
                 frame = frame._replace(reason=str(reason))
         command = self._controller.command(self.t_s)

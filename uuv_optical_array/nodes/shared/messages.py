@@ -23,9 +23,15 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, pose_rate, rotation_matrix
 from uuv_optical_array.core.geometry import roll_pitch_yaw as angles_of_matrix
-from uuv_optical_array.core.messages import FRD, NED, checked_pose, checked_quaternion
+from uuv_optical_array.core.messages import (
+    FRD,
+    NED,
+    checked_pose,
+    checked_quaternion,
+    checked_twist,
+)
 from uuv_optical_array.core.messages import Refused as Refused
 from uuv_optical_array.core.messages import image_from_message as image_from_message
 from uuv_optical_array.core.messages import odometry_pose as odometry_pose
@@ -262,6 +268,15 @@ def pose_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:
     _, pitch, yaw = roll_pitch_yaw(quaternion)
     sign = signs(message.header.frame_id)
     return np.array([*position, pitch, yaw]) * [*sign[:3], *sign[4:]]
+
+
+def rate_from_message(message: Odometry) -> Array:
+    """Unpack the rate of the pose that `pose_from_message` returns, m/s and rad/s."""
+    _, quaternion = checked_pose(message.pose.pose)
+    roll, _, _ = roll_pitch_yaw(quaternion)
+    twist = checked_twist(message.twist.twist, message.child_frame_id)
+    # The roll is about the x axis, which is the same in all conventions.
+    return pose_rate(pose_from_message(message), np.concatenate(twist), roll)
 
 
 def covariance_from_message(message: PoseWithCovarianceStamped | Odometry) -> Array:

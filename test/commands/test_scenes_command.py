@@ -14,7 +14,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import scene_file, sentence
-from uuv_optical_array.studies.limits.reach import RANGES_M, reach
+from uuv_optical_array.studies.limits import REACH_M, reach
 
 run = functools.partial(command_line.run, "scenes")
 
@@ -64,7 +64,7 @@ def test_reach_is_nowhere_in_the_dark_and_endless_without_noise():
     dark["lamp"]["reference_counts"] = 1.0
     assert reach(scene_from_settings(dark, "dark")) is None
     assert "reach nowhere" in command.figures(scene_from_settings(dark, "dark"))[1]
-    assert reach(load_scene("ideal"))[1] == RANGES_M[-1]
+    assert reach(load_scene("ideal"))[1] == REACH_M[-1]
 
 
 def test_a_scene_is_printed_as_a_file_that_makes_the_same_scene(told, tmp_path):

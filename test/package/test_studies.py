@@ -9,18 +9,6 @@ import uuv_optical_array
 
 STUDIES = Path(uuv_optical_array.__file__).parent / "studies"
 PREFIX = "uuv_optical_array.studies."
-COMMON = {
-    "closed_loop",
-    "errors",
-    "docking_smoother",
-    "paper_choices",
-    "paper_statements",
-    "pareto",
-    "published",
-    "results",
-    "separation",
-    "working_volume",
-}
 
 
 def study_of(path):
@@ -42,12 +30,19 @@ def studies_imported(source):
     return found
 
 
-MODULES = sorted(STUDIES.rglob("*.py"))
+SOURCES = {path: path.read_text(encoding="utf-8") for path in sorted(STUDIES.rglob("*.py"))}
+# A study has a command; other modules are what studies have in common.
+COMMANDS = {study_of(path) for path, text in SOURCES.items() if "def add_parser(" in text}
 
 
-@pytest.mark.parametrize("path", MODULES, ids=[str(path.relative_to(STUDIES)) for path in MODULES])
-def test_a_study_imports_itself_and_what_is_shared(path):
-    assert studies_imported(path.read_text(encoding="utf-8")) <= {study_of(path), *COMMON}
+@pytest.mark.parametrize("path", SOURCES, ids=[str(path.relative_to(STUDIES)) for path in SOURCES])
+def test_a_study_imports_no_other(path):
+    assert studies_imported(SOURCES[path]) & COMMANDS <= {study_of(path)}
+
+
+def test_the_guard_knows_the_studies():
+    assert {"accuracy", "drives", "limits"} <= COMMANDS
+    assert not COMMANDS & {"closed_loop", "errors", "results"}
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,11 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
-from uuv_optical_array.plots.studies import bound_map, design, eren2017, tradeoff
+from uuv_optical_array.plots.studies import design, eren2017, tradeoff
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
 from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
-from uuv_optical_array.studies.limits.bound_map import bound_map as bounds_of
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -103,18 +102,6 @@ def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(drawn, factor):
         ticks = [t for t in axes.get_xticklabels() if t.get_window_extent().width > 1]
         shown = [t.get_window_extent() for t in ticks if axes.bbox.x0 <= t.get_window_extent().x0]
         assert all(a.x1 < b.x0 for a, b in itertools.pairwise(shown))
-
-
-def test_contour_labels_lie_apart_and_off_the_axis_where_contours_meet(drawn):
-    exact = load_scene("reference")  # in which the contours of the planar array meet at y = 0
-    found = bounds_of(exact, np.linspace(4, 8, 7), np.linspace(-1, 1, 13))
-    figure = drawn(bound_map, bound_map.draw_bound_map, found, "reference")
-    maps = [axes for axes in figure.axes if axes.get_ylabel() == "y, port (m)"]
-    assert len(maps) == 6
-    labels = [label for axes in maps for label in axes.texts]
-    assert len(labels) > 8
-    assert_apart([(label, label.get_window_extent()) for label in labels])
-    assert min(abs(label.get_position()[1]) for label in labels) > 0.1
 
 
 def run_of(x_m=-6.0):

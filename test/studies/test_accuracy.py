@@ -11,36 +11,16 @@ import pytest
 import yaml
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES
+from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PriorSettings, load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import accuracy
+from uuv_optical_array.studies.errors import FrameErrors
 
 FRAMES = 2000
-
-
-class Fake:
-    """Answers frame after frame with the truth and an error, and the bound as its covariance.
-
-    The first frame is asked for twice, once to warm up.
-    """
-
-    def __init__(self, scene, poses, errors):
-        self.table = SimpleNamespace(scene=scene)
-        again = [0, *range(len(poses))]
-        self.answers = iter((poses + errors)[again])
-        self.covariances = iter(cramer_rao_bound(ForwardModel(scene), poses).covariance[again])
-
-    def estimate(self, image, parameters):
-        assert np.isfinite(parameters).all()
-        answer, covariance = next(self.answers), next(self.covariances)
-        if np.isnan(answer[0]):
-            raise NoPose("no fit: planted")
-        if np.isinf(answer[0]):
-            raise KeyboardInterrupt
-        return SimpleNamespace(pose=answer, covariance=covariance)
+run = functools.partial(command_line.run, "study", "accuracy")
 
 
 @pytest.fixture(scope="module")
@@ -54,85 +34,109 @@ def poses(model):
 
 
 @pytest.fixture(scope="module")
-def honest(model, poses):
+def bound(model, poses):
+    return cramer_rao_bound(model, poses)
+
+
+@pytest.fixture(scope="module")
+def honest(bound):
     """Errors that are Gaussian with the bound as covariance."""
-    roots = np.linalg.cholesky(cramer_rao_bound(model, poses).covariance)
+    roots = np.linalg.cholesky(bound.covariance)
     return (roots @ np.random.default_rng(6).standard_normal((FRAMES, 5, 1)))[..., 0]
 
 
-def fake_accuracy(model, poses, errors):
-    fake = Fake(model.scene, poses, errors)
-    return accuracy.measure(fake, poses, model.expose(poses, np.random.default_rng(7)))
+def figures(bound, errors, scale=1.0):
+    """Figures of errors whose covariances are those of the bound, times a factor."""
+    count = len(errors)
+    frames = FrameErrors(errors, scale * bound.covariance[:count], np.ones(count), np.ones(1))
+    return accuracy.figures(frames, bound.std[:count])
 
 
-run = functools.partial(command_line.run, "study", "accuracy")
+def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(bound, honest):
+    found = figures(bound, honest)
+    np.testing.assert_allclose(list(found["ratio_to_bound"].values()), 1, atol=0.06)
+    low, high = found["nees_band"]
+    assert low < found["nees_mean"] < high
+    assert found["nees_std_error"] == pytest.approx(np.sqrt(10 / FRAMES), rel=0.1)
+    assert found["beyond_6_sigma"] == found["beyond_6_bounds"] == found["without_pose"] == 0
 
 
-def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(model, poses, honest):
-    found = fake_accuracy(model, poses, honest)
-    np.testing.assert_allclose(found.errors, honest, atol=1e-12)
-    np.testing.assert_allclose(found.ratio_to_bound, 1, atol=0.06)
-    low, high = found.nees_band
-    assert low < found.nees.mean() < high
-    assert found.beyond_sigma(6).sum() == found.beyond_bound(6) == 0
-    assert found.beyond_sigma(2).sum() > 0.1 * FRAMES
-    assert found.posed.all()
-
-
-def test_errors_twice_as_large_have_twice_the_ratio_and_four_times_the_nees(model, poses, honest):
-    once, twice = (fake_accuracy(model, poses, scale * honest) for scale in (1, 2))
-    np.testing.assert_allclose(twice.ratio_to_bound, 2 * once.ratio_to_bound)
-    np.testing.assert_allclose(twice.nees, 4 * once.nees, rtol=1e-9)
-    assert twice.nees.mean() == pytest.approx(20, rel=0.05)
+def test_errors_twice_as_large_have_twice_the_ratio_and_four_times_the_nees(bound, honest):
+    once, twice = figures(bound, honest), figures(bound, 2 * honest)
+    for name, ratio in once["ratio_to_bound"].items():
+        assert twice["ratio_to_bound"][name] == pytest.approx(2 * ratio)
+    assert twice["nees_mean"] == pytest.approx(4 * once["nees_mean"])
 
 
 @pytest.mark.parametrize("dof", range(5))
-def test_one_frame_of_seven_sigma_is_counted_and_one_of_five_is_not(model, poses, dof):
-    poses = poses[:50]
+def test_one_frame_of_seven_sigma_is_counted_and_one_of_five_is_not(bound, dof):
     errors = np.zeros((50, 5))
-    std = cramer_rao_bound(model, poses).std
-    errors[17, dof], errors[30, dof] = -7 * std[17, dof], 5 * std[30, dof]
-    found = fake_accuracy(model, poses, errors)
-    assert np.flatnonzero(found.beyond_sigma(6)).tolist() == [17]
-    assert found.beyond_bound(6) == 1
-    assert found.rms_error[dof] == pytest.approx(np.sqrt(np.mean(errors[:, dof] ** 2)))
+    errors[17, dof], errors[30, dof] = -7 * bound.std[17, dof], 5 * bound.std[30, dof]
+    found = figures(bound, errors)
+    assert (found["beyond_6_sigma"], found["beyond_6_bounds"]) == (1, 1)
+    rms = np.sqrt(np.mean(errors[:, dof] ** 2)) * IN_DEGREES[dof]
+    assert list(found["rms_error"].values())[dof] == pytest.approx(rms)
+    # Seven of the bound's standard deviations are few of an estimate that is less sure.
+    unsure = figures(bound, errors, scale=4.0)
+    assert (unsure["beyond_6_sigma"], unsure["beyond_6_bounds"]) == (0, 1)
 
 
-def test_own_sigmas_and_the_bound_are_told_apart(model, poses):
-    found = fake_accuracy(model, poses[:5], np.zeros((5, 5)))
-    found.covariances[3] *= 100
-    found.errors[3, 0] = 10 * found.bounds[3, 0]
-    assert (found.beyond_sigma(6).sum(), found.beyond_bound(6)) == (0, 1)
-
-
-def test_frames_without_a_pose_are_left_out_of_every_mean(model, poses, honest):
+def test_frames_without_a_pose_are_left_out_of_every_mean(bound, honest):
     errors = honest[:40].copy()
     errors[::4] = np.nan
-    kept = ~np.isnan(errors[:, 0])
-    found = fake_accuracy(model, poses[:40], errors)
-    alone = fake_accuracy(model, poses[:40][kept], errors[kept])
-    np.testing.assert_array_equal(found.posed, kept)
-    np.testing.assert_allclose(found.ratio_to_bound, alone.ratio_to_bound)
-    assert found.nees_band == alone.nees_band
-    assert len(found.nees) == 30
-    with pytest.raises(ValueError, match="none of 40 frames got a pose"):
-        fake_accuracy(model, poses[:40], np.full((40, 5), np.nan))
-
-
-def test_an_interrupt_keeps_the_frames_before_it(model, poses):
-    errors = np.zeros((40, 5))
-    errors[10] = np.inf
-    found = fake_accuracy(model, poses[:40], errors)
-    assert len(found.errors) == len(found.bounds) == len(found.frame_s) == 10
-    with pytest.raises(KeyboardInterrupt):
-        fake_accuracy(model, poses[:40], np.full((40, 5), np.inf))
+    posed = np.flatnonzero(~np.isnan(errors[:, 0]))
+    covariances = bound.covariance[posed]
+    alone = accuracy.figures(
+        FrameErrors(errors[posed], covariances, np.ones(30), np.ones(1)), bound.std[posed]
+    )
+    found = figures(bound, errors)
+    assert (found.pop("poses"), found.pop("without_pose")) == (40, 10)
+    assert found.items() <= alone.items()
 
 
 @pytest.mark.parametrize(("count", "band"), [(1, (0.831, 12.833)), (FRAMES, (4.862, 5.140))])
-def test_the_band_is_the_chi_square_tables(model, poses, count, band):
+def test_the_band_is_the_chi_square_tables(bound, count, band):
     # Table of chi-square with 5 degrees of freedom; for many, 5 +- 1.96 sqrt(10 / n).
-    found = fake_accuracy(model, poses[:count], np.zeros((count, 5)))
-    np.testing.assert_allclose(found.nees_band, band, atol=2e-3)
+    found = figures(bound, np.zeros((count, 5)))
+    np.testing.assert_allclose(found["nees_band"], band, atol=2e-3)
+
+
+class Planted:
+    """An estimator that answers with the poses that it was given, nan for none."""
+
+    def __init__(self, scene, answers):
+        self.scene = scene
+        self.answers = iter(answers)
+
+    def estimate(self, image, parameters):
+        assert np.isfinite(parameters).all()
+        answer = next(self.answers)
+        if answer is KeyboardInterrupt:
+            raise KeyboardInterrupt
+        if np.isnan(answer[0]):
+            raise NoPose("no fit: planted")
+        return SimpleNamespace(pose=answer, covariance=np.eye(5))
+
+
+@pytest.mark.parametrize("frames", [0, 10])
+def test_an_interrupt_keeps_the_frames_before_it(model, poses, frames):
+    # The first frame is estimated twice, once to warm up.
+    answers = [poses[0], *(poses[:frames] + 0.1), KeyboardInterrupt]
+    images = model.expose(poses[:40], np.random.default_rng(7))
+    estimator = Planted(model.scene, answers)
+    if not frames:
+        with pytest.raises(KeyboardInterrupt):
+            accuracy.measure(estimator, poses[:40], images)
+        return
+    found = accuracy.measure(estimator, poses[:40], images)
+    assert found["poses"] == 10
+    assert found["rms_error"]["x_m"] == pytest.approx(0.1)
+
+
+def test_a_scene_in_which_no_frame_gets_a_pose_is_refused(model, poses):
+    images = model.expose(poses[:3], np.random.default_rng(7))
+    with pytest.raises(ValueError, match="none of 3 frames got a pose"):
+        accuracy.measure(Planted(model.scene, np.full((4, 5), np.nan)), poses[:3], images)
 
 
 def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
@@ -141,12 +145,6 @@ def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
     clear = ForwardModel(scene_from_settings(settings, "clear"))
     with pytest.raises(ValueError, match=r"attenuation\.k_per_m: no nuisance of scene clear"):
         clear.expose([-6.0, 0, 0, 0, 0], None, 0.0, {"attenuation.k_per_m": np.array(0.015)})
-
-
-def test_another_prior_keeps_the_signatures(table):
-    other = accuracy.with_prior(table, PriorSettings(lamp_power_std=0.05))
-    assert other.scene.prior.nuisance_std() == {"lamp.power": 0.05}
-    assert other.parameters is table.parameters
 
 
 def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
@@ -214,15 +212,11 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, t
         # Of 60 chi-square numbers with five degrees of freedom, five standard errors.
         assert abs(row["nees_mean"] - 5) < 5 * np.sqrt(10 / 60)
     assert matplotlib.image.imread(picture).shape[2] == 4
-
-
-@pytest.mark.usefixtures("sketched")
-def test_known_as_text_has_errors_and_bounds_of_each_sea(capsys, scene_file, tmp_path):
-    run("--scene", scene_file, "--known", "--poses", 3, "--output", tmp_path / "known.png")
-    lines = capsys.readouterr().out.splitlines()
-    for name in ("exactly", "calibrated", "as_bought"):
-        at = next(i for i, line in enumerate(lines) if line.startswith(name))
-        assert lines[at + 1].split()[0] == "bound"
+    lines = accuracy.comparison(rows).splitlines()[2:]
+    for row, error, bound in zip(rows, lines[::2], lines[1::2], strict=True):
+        for key, line in (("rms_error", error), ("rms_bound", bound)):
+            assert " ".join(f"{value:.4f}" for value in row[key].values()) in " ".join(line.split())
+        assert error.startswith(row["known"])
 
 
 def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(capsys, tmp_path):
@@ -263,16 +257,6 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
     assert 0.85 < drawn["ratio_to_bound"]["x"] < 1.15
 
 
-def test_an_interrupt_before_the_first_frame_measures_nothing(capsys, scene_file, monkeypatch):
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(accuracy, "frame_errors", interrupted)
-    for words in ((), ("--known",)):
-        run("--scene", scene_file, *words, code=130)
-        assert "interrupted" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -293,11 +277,3 @@ def test_what_is_no_study_is_refused_in_one_line(words, named):
     assert error.startswith("uuv_array study accuracy: ")
     for word in named:
         assert word in error
-
-
-@pytest.mark.parametrize("words", [("--method", "guess"), ("--poses", "many")])
-def test_a_word_that_is_no_option_is_refused_by_name(capsys, words):
-    run(*words, code=2)
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert words[0] in error
-    assert words[1] in error

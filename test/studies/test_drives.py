@@ -8,12 +8,10 @@ import command_line
 import numpy as np
 import pytest
 
-from uuv_optical_array.commands.studies import drives as command
-from uuv_optical_array.commands.studies.drives import report
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import drives
-from uuv_optical_array.studies.drives import LAST_S, Drive, as_object, course, drive
+from uuv_optical_array.studies.drives import LAST_S, Drive, course, drive, figures, report
 from uuv_optical_array.studies.errors import FrameErrors
 
 run = functools.partial(command_line.run, "study", "drives")
@@ -42,21 +40,21 @@ def test_figures_are_those_of_planted_errors():
     errors[1] = np.nan
     first = Drive(planted(errors, std), planted(3 * np.tile(std, (10, 1)), std))
     second = Drive(planted(2 * errors[2:], std), planted(3 * np.tile(std, (10, 1)), std))
-    told = as_object([first, second])
-    assert (told["drives"], told["frames"], told["refused"]) == (2, 78, 1)
-    assert told["beyond_6_sigma"] == 1
-    assert told["nees_mean"] == pytest.approx(((38 * 5 + 4 + 49) / 39 + 20) / 2)
+    found = figures([first, second])
+    assert (found["drives"], found["frames"], found["refused"]) == (2, 78, 1)
+    assert found["beyond_6_sigma"] == 1
+    assert found["nees_mean"] == pytest.approx(((38 * 5 + 4 + 49) / 39 + 20) / 2)
     # Of the last ten frames of both: once and twice the standard deviation, beside three times.
-    assert told["rms_tracked"]["y"] == pytest.approx(0.2 * np.sqrt(2.5))
-    assert told["rms_single"]["pitch"] == pytest.approx(np.degrees(0.03))
-    assert told["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
+    assert found["rms_tracked"]["y"] == pytest.approx(0.2 * np.sqrt(2.5))
+    assert found["rms_single"]["pitch"] == pytest.approx(np.degrees(0.03))
+    assert found["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
 
 
 class Blind:
     """Stands for pipeline and estimator: sees nothing."""
 
     def __init__(self, scene):
-        self.table = SimpleNamespace(scene=scene)
+        self.scene = scene
 
     def answer(self, stamp_ns, image):
         return SimpleNamespace(track=None)
@@ -85,31 +83,14 @@ def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):
     assert np.std(drawn, axis=0) == pytest.approx(list(stds.values()), rel=4 / np.sqrt(2 * 200))
 
 
-def test_the_command_tells_as_text_what_it_tells_as_json(capsys):
-    run("--drives", "2", "--seconds", "12", "--rate", "1", "--json")
-    told = json.loads(capsys.readouterr().out)
-    assert told["complete"]
-    assert told["frames"] == 24
-    text = report(told)
-    assert f"mean NEES: {told['nees_mean']:.2f}" in text
-    assert f"tracked over single: {told['range_ratio']:.2f}" in text
-
-
-@pytest.mark.parametrize("done", [0, 1])
-def test_an_interrupt_leaves_the_drives_that_are_complete(done, monkeypatch, capsys):
-    std = np.ones(5)
-
-    def interrupted(*words):
-        for _ in range(done):
-            yield Drive(planted(np.ones((4, 5)), std), planted(np.ones((2, 5)), std))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "measure_drives", interrupted)
-    monkeypatch.setattr(command, "Estimator", lambda table, method: None)
-    run("--drives", "3", code=130)
-    text = capsys.readouterr().out
-    assert ("1 drives" in text and "only the drives that were complete" in text) == bool(done)
-    assert ("interrupted: nothing measured" in text) == (not done)
+def test_the_command_prints_the_same_figures_as_text_and_as_json(capsys):
+    words = ("--drives", "2", "--seconds", "12", "--rate", "1")
+    run(*words, "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["complete"]
+    assert found["frames"] == 24
+    run(*words)
+    assert report(found) in capsys.readouterr().out
 
 
 def test_a_scene_without_a_prior_is_refused():

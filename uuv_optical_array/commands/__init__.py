@@ -11,17 +11,8 @@ from uuv_optical_array import __version__
 from uuv_optical_array.cli import options, report
 from uuv_optical_array.commands import calibrate, commission, estimate, follow, view
 from uuv_optical_array.commands.scene import render, scenes, table
-from uuv_optical_array.commands.studies import (
-    accuracy,
-    advise,
-    approach,
-    design,
-    drives,
-    limits,
-    robustness,
-    tradeoff,
-)
-from uuv_optical_array.studies import paper
+from uuv_optical_array.commands.studies import advise, approach, design, robustness, tradeoff
+from uuv_optical_array.studies import accuracy, drives, limits, paper
 
 COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
 STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)

@@ -1,18 +1,23 @@
-"""How far estimates of random frames are from the truth, and whether their covariances say so."""
+"""``uuv_array study accuracy``: errors of random frames, beside the bound and their covariances."""
 
+import argparse
 import dataclasses
-from collections.abc import Iterator
-from typing import Any, get_args
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.core.settings import Quantity, declared
+from uuv_optical_array.core.storage.formats import json_text
+from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress
+from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
+from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene, load_scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,
@@ -21,78 +26,49 @@ from uuv_optical_array.studies.errors import (
     by_column,
     frame_errors,
 )
+from uuv_optical_array.studies.results import until_interrupted
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DESCRIPTION = """\
+Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
+above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
+covariances of the estimates. --known measures what it costs to know less of the sea: seas are drawn
+from each of the priors exactly, calibrated and as_bought, and a picture shows the errors. --moving
+takes each image at a random time, so that flicker, drift and clouds act, which no estimator knows.
+--drawn draws what the scene's prior leaves uncertain, such as the lamp's power, for each image.
+docs/results/accuracy.md explains every figure."""
+
+EPILOG = """\
+examples:
+  uuv_array study accuracy                           20,000 poses of the reference scene
+  uuv_array study accuracy --scene follow --json     the default scene, as one JSON object
+  uuv_array study accuracy --method sam              the paper's method
+  uuv_array study accuracy --shape planar            the same scene with a planar array
+  uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
+  uuv_array study accuracy --scene harbour --drawn   K and the lamp's power drawn from the prior
+  uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
+Ctrl-C ends the study early and reports the frames it has."""
+
+CANDIDATES = declared(EstimatorSettings)["candidates"]
+NUMBERS = {
+    "poses": options.Number(Quantity("random poses; 4000 with --known", "", 1, 1e7), 20_000),
+    "seed": options.Number(options.SEED, 1),
+    "candidates": options.Number(CANDIDATES.quantity, CANDIDATES.default),
+}
+KNOWN_POSES = 4_000
 BAND = 0.95
-
-
-@dataclasses.dataclass(frozen=True)
-class Accuracy(FrameErrors):
-    """Errors of n frames beside their bound; every mean is over the frames that got a pose.
-
-    Parameters
-    ----------
-    errors, covariances, frame_s, model_s
-        As in `FrameErrors`.
-    bounds
-        Least standard deviation at each true pose, the Cramer-Rao bound, shape ``(n, 5)``.
-    """
-
-    bounds: Array
-
-    @property
-    def rms_bound(self) -> Array:
-        """Root of the mean variance of the bound, m and rad, shape ``(5,)``."""
-        return np.sqrt(np.mean(self.bounds[self.posed] ** 2, axis=0))
-
-    @property
-    def ratio_to_bound(self) -> Array:
-        """RMS error over RMS bound, shape ``(5,)``; 0 where the bound is infinite."""
-        return self.rms_error / self.rms_bound
-
-    @property
-    def nees_band(self) -> tuple[float, float]:
-        """Where the mean of as many chi-square(5) variables lies with probability `BAND`."""
-        count = int(self.posed.sum())
-        tails = np.array([(1 - BAND) / 2, (1 + BAND) / 2])
-        # The quantile of chi-square(k) is twice that of the gamma distribution of shape k / 2.
-        low, high = 2 * gammaincinv(5 * count / 2, tails) / count
-        return float(low), float(high)
-
-    def beyond_bound(self, limit: float) -> int:
-        """Count frames off by more than `limit` times the local bound in any DOF."""
-        return int((np.abs(self.errors) > limit * self.bounds).any(axis=1).sum())
+COLOURS = {"exactly": "#1f6fb4", "calibrated": "#2c9c5a", "as_bought": "#e08a00"}
+BAR = 0.26
 
 
 def measure(
-    estimator: Estimator,
-    poses: Array,
-    images: Array,
-    progress: Progress = iter,
-) -> Accuracy:
-    """Estimate frame after frame; an interrupt ends it with the frames it has.
+    estimator: Estimator, poses: Array, images: Array, progress: Progress = iter
+) -> dict[str, Any]:
+    """Return the `figures` of images at true poses ``(n, 5)``, m and rad, by a believed scene.
 
-    Parameters
-    ----------
-    estimator
-        The estimator, with the scene as it is believed to be.
-    poses
-        True poses, m and rad, shape ``(n, 5)``, n >= 1.
-    images
-        What the array read there, counts, shape ``(n, side, side)``.
-    progress
-        Wraps the loop over frames, such as ``tqdm.tqdm``.
-
-    Returns
-    -------
-    Accuracy
-        Of all frames, or of those before an interrupt; the bound is that of the believed scene.
-
-    Raises
-    ------
-    ValueError
-        Where no frame got a pose.
-    KeyboardInterrupt
-        Before the first frame was done.
+    Ctrl-C ends it with the frames it has. A ValueError says that no frame got a pose.
     """
     scene = estimator.scene
     model = ForwardModel(scene)
@@ -100,10 +76,41 @@ def measure(
     bounds = np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
     answers = {"estimator": answer_of(estimator)}
     frames = frame_errors(answers, model, poses, images, progress)["estimator"]
-    done = len(frames.errors)
     if not frames.posed.any():
-        raise ValueError(f"scene {scene.name}: none of {done} frames got a pose")
-    return Accuracy(**vars(frames), bounds=bounds[:done])
+        count = len(frames.errors)
+        raise ValueError(f"scene {scene.name}: none of {count} frames got a pose")
+    return figures(frames, bounds[: len(frames.errors)])
+
+
+def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
+    """Return plain values, errors in m and deg, times in ms; None where a bound is infinite.
+
+    `bounds` are the Cramer-Rao standard deviations at the true poses, m and rad, ``(n, 5)``. Means
+    are over the frames that got a pose; ``nees_band`` is where the mean of as many chi-square(5)
+    variables lies with probability `BAND`.
+    """
+    nees = frames.nees
+    rms_bound = np.sqrt(np.mean(bounds[frames.posed] ** 2, axis=0))
+    # The quantile of chi-square(k) is twice that of the gamma distribution of shape k / 2.
+    tails = np.array([(1 - BAND) / 2, (1 + BAND) / 2])
+    band = 2 * gammaincinv(5 * len(nees) / 2, tails) / len(nees)
+    median_ms, slow_ms = frames.frame_ms
+    return {
+        "poses": len(frames.errors),
+        "rms_error": by_column(frames.rms_error * IN_DEGREES),
+        "rms_bound": by_column(rms_bound * IN_DEGREES),
+        "ratio_to_bound": dict(
+            zip(DOF_NAMES, (frames.rms_error / rms_bound).tolist(), strict=True)
+        ),
+        "beyond_6_sigma": int(frames.beyond_sigma(SIGMAS).sum()),
+        "beyond_6_bounds": int((np.abs(frames.errors) > SIGMAS * bounds).any(axis=1).sum()),
+        "nees_mean": float(nees.mean()),
+        "nees_std_error": float(nees.std() / np.sqrt(len(nees))),
+        "nees_band": band.tolist(),
+        "without_pose": int((~frames.posed).sum()),
+        "frame_ms": {"median": median_ms, "99th_percentile": slow_ms},
+        "model_ms": frames.model_ms,
+    }
 
 
 def exposed(
@@ -114,33 +121,16 @@ def exposed(
     moving: bool,
     rng: np.random.Generator,
 ) -> Array:
-    """Expose images at poses, with a truth that the estimator does not know.
+    """Return images at poses ``(n, 5)``, m and rad, of a truth that the estimator does not know.
 
-    Parameters
-    ----------
-    model
-        Of the scene.
-    poses
-        m and rad, shape ``(n, 5)``.
-    seed
-        Of what is drawn of the truth.
-    drawn
-        Whether what the scene's prior leaves open is drawn from it, or is at its mean.
-    moving
-        Whether each image is of a random moment of a day, or of none.
-    rng
-        Of the noise, which does not depend on the other choices.
-
-    Returns
-    -------
-    Array
-        Counts, shape ``(n, side, side)``.
+    Where `drawn`, what the scene's prior leaves uncertain is drawn from it for each image; where
+    `moving`, each image is of a random time of a day. `rng` is of the noise alone.
     """
     truth = np.random.default_rng((seed, 1))
-    moments = truth.uniform(0, DAY_S, len(poses)) if moving else None
+    times_s = truth.uniform(0, DAY_S, len(poses)) if moving else None
     stds = model.scene.prior.nuisance_std() if drawn else {}
     offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
-    light = model.light(poses, 0.0, offsets, moments)
+    light = model.light(poses, 0.0, offsets, times_s)
     if drawn:
         light = light * (1 + model.scene.prior.gain_std * truth.standard_normal(light.shape))
     return model.read(light, rng)
@@ -148,66 +138,167 @@ def exposed(
 
 def compare_known(
     scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
-) -> Iterator[tuple[Known, Accuracy]]:
-    """Measure a scene in seas drawn from each of `PRIORS`: the price of what is not known.
+) -> Iterator[dict[str, Any]]:
+    """Yield the `figures` of a scene in seas drawn from each of `PRIORS`, as ``known``.
 
-    An interrupt ends it with what it has; before the first frame it passes on.
-
-    Parameters
-    ----------
-    scene
-        Its own prior is not used.
-    count
-        How many poses, >= 1, the same in every sea.
-    seed
-        Of poses, seas and noise.
-    candidates
-        As in `Estimator`.
-    progress
-        Wraps each loop over frames.
-
-    Yields
-    ------
-    Known
-        How well the scene is known.
-    Accuracy
-        The last one perhaps of fewer frames.
+    Poses and noise are the same in every sea. After Ctrl-C the last one is of fewer frames.
     """
     poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
-    begun = False
     for known in get_args(Known):
         believed = dataclasses.replace(scene, prior=PriorSettings(known, **PRIORS[known]))
-        model = ForwardModel(believed)
-        # The same noise in every sea.
-        images = exposed(model, poses, seed, True, False, np.random.default_rng((seed, 2)))
+        noise = np.random.default_rng((seed, 2))
+        images = exposed(ForwardModel(believed), poses, seed, True, False, noise)
         estimator = Estimator(believed, "least_squares", candidates=candidates).wait()
-        try:
-            found = measure(estimator, poses, images, progress)
-        except KeyboardInterrupt:
-            if not begun:
-                raise
-            return
-        begun = True
-        yield known, found
-        if len(found.errors) < count:
+        found = measure(estimator, poses, images, progress)
+        yield {"known": known, **found}
+        if found["poses"] < count:
             return
 
 
-def as_object(found: Accuracy) -> dict[str, Any]:
-    """Return plain values, errors in m and deg, times in ms; None is not known."""
-    nees = found.nees
-    median_ms, slow_ms = found.frame_ms
-    return {
-        "poses": len(found.errors),
-        "rms_error": by_column(found.rms_error * IN_DEGREES),
-        "rms_bound": by_column(found.rms_bound * IN_DEGREES),
-        "ratio_to_bound": dict(zip(DOF_NAMES, found.ratio_to_bound.tolist(), strict=True)),
-        "beyond_6_sigma": int(found.beyond_sigma(SIGMAS).sum()),
-        "beyond_6_bounds": found.beyond_bound(SIGMAS),
-        "nees_mean": float(nees.mean()),
-        "nees_std_error": float(nees.std() / np.sqrt(len(nees))),
-        "nees_band": list(found.nees_band),
-        "without_pose": int((~found.posed).sum()),
-        "frame_ms": {"median": median_ms, "99th_percentile": slow_ms},
-        "model_ms": found.model_ms,
-    }
+def _fixed(value: float | None) -> str:
+    return "inf" if value is None else f"{value:.4f}"
+
+
+def report(found: dict[str, Any]) -> str:
+    """Return the values of `figures` as text."""
+    line = "{:<8}{:>9}{:>12} {:<4}{:>7.3f}"
+    errors, bounds = ([*map(_fixed, found[key].values())] for key in ("rms_error", "rms_bound"))
+    rows = zip(DOF_NAMES, errors, bounds, DOF_UNITS, found["ratio_to_bound"].values(), strict=True)
+    table = "\n".join(line.format(*row) for row in rows)
+    of, (low, high) = f"of {found['poses']}", found["nees_band"]
+    median_ms, slow_ms = found["frame_ms"].values()
+    model_ms = found["model_ms"]
+    return f"""\
+{"":<8}RMS error   RMS bound       ratio
+{table}
+
+without a pose: {found["without_pose"]} {of}
+off by more than 6 of its own standard deviations: {found["beyond_6_sigma"]} {of}
+off by more than 6 of the bound at the truth: {found["beyond_6_bounds"]} {of}
+  (near the beam's axis this says little of one frame: the local bound on the range almost
+  vanishes there, while the angle off the axis stays uncertain)
+mean NEES: {found["nees_mean"]:.3f} +- {found["nees_std_error"]:.3f}, 95 % band of chi-square(5) \
+{low:.3f} to {high:.3f}
+one frame: median {median_ms:.2f} ms, 99th percentile {slow_ms:.2f} ms; the median is
+  {median_ms / model_ms:.1f} times a forward model with Jacobian for 4 poses, {model_ms:.2f} ms"""
+
+
+def comparison(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows of `compare_known` as text."""
+    line = "{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
+    heads = ("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")
+    lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "").rstrip()]
+    for row in rows:
+        errors, bounds = (map(_fixed, row[key].values()) for key in ("rms_error", "rms_bound"))
+        nees, beyond, without = row["nees_mean"], row["beyond_6_sigma"], row["without_pose"]
+        lines.append(line.format(row["known"], "error", *errors, f"{nees:.2f}", beyond, without))
+        lines.append(line.format("", "bound", *bounds, "", "", "").rstrip())
+    return "\n".join(lines)
+
+
+def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
+    """Draw the RMS errors of `compare_known` as bars, and each bound as a line across its bar."""
+    from matplotlib.figure import Figure
+
+    from uuv_optical_array.plots.style import mark
+
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    grid = figure.subplots(1, 2, width_ratios=(3, 2))
+    for axes, dofs, unit in zip(grid, (slice(0, 3), slice(3, 5)), ("m", "deg"), strict=True):
+        names = DOF_NAMES[dofs]
+        for i, row in enumerate(rows):
+            at = np.arange(len(names)) + (i - (len(rows) - 1) / 2) * BAR
+            errors, bounds = (list(row[key].values())[dofs] for key in ("rms_error", "rms_bound"))
+            bars = axes.bar(at, errors, 0.9 * BAR, color=COLOURS[row["known"]])
+            axes.bar_label(bars, [f"{error:.2g}" for error in errors], padding=3)
+            axes.hlines(bounds, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
+        axes.set_xticks(range(len(names)), names)
+        axes.set_ylabel(f"RMS error ({unit})")
+        axes.margins(y=0.12)
+        axes.spines[["top", "right"]].set_visible(False)
+    handles = [mark(row["known"], "s", color=COLOURS[row["known"]], ms=9) for row in rows]
+    handles.append(mark("Cramer-Rao bound", "_", color="k", ms=12))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.suptitle(f"Errors by how well the sea is known: {about}")
+    return figure
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "accuracy",
+        run,
+        "measure errors of estimates beside the bound and their covariances",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "reference")
+    options.add_shape(parser)
+    options.add_method(parser)
+    options.add_numbers(parser, NUMBERS)
+    parser.set_defaults(poses=None)
+    parser.add_argument(
+        "--known", action="store_true", help="compare the priors of a sea known well and less well"
+    )
+    outputs.add_picture(parser, "known.png", about="picture, with --known")
+    parser.add_argument(
+        "--drawn", action="store_true", help="draw the sea of each image from the scene's prior"
+    )
+    parser.add_argument(
+        "--moving", action="store_true", help="take images at random times, for what moves"
+    )
+    options.add_json(parser)
+    options.add_report(parser)
+
+
+def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
+    """Refuse what the scene cannot do with the truth, in one line."""
+    if args.known and args.method != "least_squares":
+        raise ValueError(f"--known: {args.method} estimates no constants; use least_squares")
+    if args.known and (args.moving or args.drawn):
+        option = "--moving" if args.moving else "--drawn"
+        raise ValueError(f"--known: takes no {option}; leave one of them out")
+    if args.moving and not MOVING & set(scene.effects):
+        names = ", ".join(sorted(MOVING))
+        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+    if args.drawn and not scene.prior.nuisance_std():
+        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study and print it."""
+    if args.poses is None:
+        args.poses = KNOWN_POSES if args.known else NUMBERS["poses"].default
+    count, seed, candidates = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    scene = scene.with_shape(args.shape or scene.array.shape)
+    _check_truth(args, scene)
+    found: dict[str, Any]
+    if args.known:
+        picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+        cases = compare_known(scene, count, seed, candidates, progress.over)
+        rows = until_interrupted(cases)
+        found = {"poses": count, "known": rows, "picture": str(picture)}
+        text = f"{comparison(rows)}\n\npicture: {picture}"
+        from uuv_optical_array.plots.style import save  # matplotlib takes a second
+
+        save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
+    else:
+        estimator = Estimator(scene, args.method, candidates=candidates).wait()
+        rng, model = np.random.default_rng(seed), ForwardModel(scene)
+        poses = lit_poses(model, count, rng)
+        images = exposed(model, poses, seed, args.drawn, args.moving, rng)
+        found = measure(estimator, poses, images, progress.over)
+        text = report(found)
+    if args.json:
+        keys = ("method", "seed", "drawn", "moving")
+        about = {"scene": scene.name, "shape": scene.array.shape}
+        print(json_text({**about, **{key: getattr(args, key) for key in keys}, **found}))
+        return 0
+    drawn = ", nuisances drawn" * args.drawn + ", at random times" * args.moving
+    print(
+        f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
+        f"{found['poses']} random poses, seed {seed}{drawn}\n\n{text}"
+    )
+    return 0

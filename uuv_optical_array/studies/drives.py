@@ -1,41 +1,55 @@
-"""Tracks of drives through seas that are drawn from the scene's prior, and stay as they are.
+"""``uuv_array study drives``: what a track learns of the sea while the vehicles move.
 
 A single frame cannot tell a weak lamp from a far one. While the range changes a track can, and
-learns what the scene leaves open.
+learns what the scene leaves uncertain.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+import argparse
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from uuv_optical_array.cli import options, progress
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array, X
-from uuv_optical_array.core.storage.formats import plain
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
-from uuv_optical_array.estimation.table.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.errors import SIGMAS, FrameErrors
+from uuv_optical_array.studies.results import until_interrupted
 
+DESCRIPTION = """\
+Drive from 8 to 4 m behind the lamp and back, swaying, each time through another sea: what the
+scene's prior leaves uncertain, such as the lamp's power, is drawn from it and stays for the drive.
+Each image goes through the stages of the nodes, and the track is compared with the truth. A
+consistent track has a mean NEES of 5. At the end, when the track has learnt most of the sea, it is
+compared with poses of single images, for which the sea is as uncertain as the prior says."""
+
+EPILOG = """\
+examples:
+  uuv_array study drives                        50 drives of a minute in the default scene
+  uuv_array study drives --scene harbour        in another one
+  uuv_array study drives --rate 20 --seconds 30
+Ctrl-C ends the study early and reports the drives it has."""
+
+NUMBERS = {
+    "drives": options.Number(Quantity("how many drives", "", 1, 1e5), 50),
+    "seconds": options.Number(Quantity("duration of a drive", "s", 10, 3600), 60.0),
+    "rate": options.Number(Quantity("rate of the images", "Hz", 0.5, 1000), 10.0),
+    "seed": options.Number(options.SEED, 1),
+}
 SWAY = 0.4  # of the working volume's half width, across and in angle
 SWAY_RAD_PER_S = (0.1, 0.25)
 LAST_S = 10.0  # at the end of a drive, when most was learnt
 
 
-@dataclass(frozen=True)
-class Drive:
-    """One drive.
-
-    Parameters
-    ----------
-    tracks
-        Of the track at each frame; nan where the frame is not in it.
-    singles
-        Of the last `LAST_S`, each frame by itself and without what was learnt.
-    """
+class Drive(NamedTuple):
+    """Errors of the track, nan where a frame is not in it, and of the last single images."""
 
     tracks: FrameErrors
     singles: FrameErrors
@@ -66,91 +80,47 @@ def course(times_s: Array, duration_s: float, rng: np.random.Generator) -> Array
     return poses
 
 
-def _errors(answers: list[tuple[Array, Array]], poses: Array) -> FrameErrors:
-    found = np.array([pose for pose, _ in answers]) - poses
-    nothing = np.empty(0)
-    return FrameErrors(found, np.array([spread for _, spread in answers]), nothing, nothing)
-
-
 def drive(
-    estimator: Estimator,
-    duration_s: float,
-    rate_hz: float,
-    rng: np.random.Generator,
+    estimator: Estimator, duration_s: float, rate_hz: float, rng: np.random.Generator
 ) -> Drive:
-    """Drive once through a sea drawn from the scene's prior; the aim of the array is the scene's.
-
-    Parameters
-    ----------
-    estimator
-        The estimator, with the scene as it is believed to be.
-    duration_s
-        How long, s.
-    rate_hz
-        Of the images, Hz.
-    rng
-        Of the sea, the course and the noise.
-    """
+    """Drive once through a sea drawn from the scene's prior, with an estimator of the scene."""
     scene = estimator.scene
-    model, known = ForwardModel(scene), scene.prior
-    offsets = {name: std * rng.standard_normal() for name, std in known.nuisance_std().items()}
-    gains = 1 + known.gain_std * rng.standard_normal((model.array.side, model.array.side))
+    model, prior = ForwardModel(scene), scene.prior
+    offsets = {
+        name: np.array(std * rng.standard_normal()) for name, std in prior.nuisance_std().items()
+    }
+    gains = 1 + prior.gain_std * rng.standard_normal((model.array.side, model.array.side))
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses = course(times_s, duration_s, rng)
     pipeline = Pipeline(estimator)
     nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
     tracks, singles = [], []
-    for i in range(len(times_s)):
-        light = model.light(poses[i], 0.0, {name: np.array(off) for name, off in offsets.items()})
-        image = model.read(gains * light, rng)
-        track = pipeline.answer(round((1 + times_s[i]) * 1e9), image).track
+    for time_s, pose in zip(times_s, poses, strict=True):
+        image = model.read(gains * model.light(pose, 0.0, offsets), rng)
+        track = pipeline.answer(round((1 + time_s) * 1e9), image).track
         tracks.append(nothing if track is None else (track.pose, track.covariance))
-        if times_s[i] >= duration_s - LAST_S:
+        if time_s >= duration_s - LAST_S:
             try:
                 estimate = estimator.estimate(image)
                 singles.append((estimate.pose, estimate.covariance))
             except NoPose:
                 singles.append(nothing)
-    return Drive(_errors(tracks, poses), _errors(singles, poses[-len(singles) :]))
+
+    def errors(answers: list[tuple[Array, Array]]) -> FrameErrors:
+        answered, covariances = map(np.array, zip(*answers, strict=True))
+        untimed = np.empty(0)
+        return FrameErrors(answered - poses[-len(answers) :], covariances, untimed, untimed)
+
+    return Drive(errors(tracks), errors(singles))
 
 
-def measure_drives(
-    estimator: Estimator,
-    count: int,
-    duration_s: float,
-    rate_hz: float,
-    seed: int,
-    progress: Progress = iter,
-) -> Iterator[Drive]:
-    """Drive through one sea after the other.
-
-    Parameters
-    ----------
-    estimator, duration_s, rate_hz
-        As `drive` has them.
-    count
-        Drives, >= 1.
-    seed
-        Of all random numbers.
-    progress
-        Wraps the loop over the drives.
-
-    Yields
-    ------
-    Drive
-        Through each sea.
-    """
-    for i in progress(range(count)):
-        yield drive(estimator, duration_s, rate_hz, np.random.default_rng((seed, i)))
-
-
-def as_object(drives: list[Drive]) -> dict[str, Any]:
+def figures(drives: Sequence[Drive]) -> dict[str, Any]:
     """Return plain values of all drives together, errors in m and deg."""
-    tracks = [each.tracks for each in drives]
-    posed = np.concatenate([each.posed for each in tracks])
-    means = np.array([each.nees.mean() for each in tracks if each.posed.any()])
-    singles = np.concatenate([each.singles.errors for each in drives])
-    last = np.concatenate([each.tracks.errors[-len(each.singles.errors) :] for each in drives])
+    tracks = [drive.tracks for drive in drives]
+    posed = np.concatenate([track.posed for track in tracks])
+    means = np.array([track.nees.mean() for track in tracks if track.posed.any()])
+    singles = np.concatenate([drive.singles.errors for drive in drives])
+    last = np.concatenate([track.errors[-len(single.errors) :] for track, single in drives])
     tracked, single = (
         np.sqrt(np.nanmean(np.square(errors), axis=0)) * IN_DEGREES for errors in (last, singles)
     )
@@ -159,12 +129,75 @@ def as_object(drives: list[Drive]) -> dict[str, Any]:
             "drives": len(drives),
             "frames": len(posed),
             "refused": int((~posed).sum()),
-            "beyond_6_sigma": sum(int(each.beyond_sigma(SIGMAS).sum()) for each in tracks),
-            "nees_mean": float(means.mean()),
-            "nees_of_drives": np.quantile(means, [0.05, 0.5, 0.95]).tolist(),
+            "beyond_6_sigma": sum(int(track.beyond_sigma(SIGMAS).sum()) for track in tracks),
+            "nees_mean": means.mean(),
+            "nees_of_drives": np.quantile(means, [0.05, 0.5, 0.95]),
             "last_s": LAST_S,
-            "rms_tracked": dict(zip(DOF_NAMES, tracked.tolist(), strict=True)),
-            "rms_single": dict(zip(DOF_NAMES, single.tolist(), strict=True)),
-            "range_ratio": float(tracked[X] / single[X]),
+            "rms_tracked": dict(zip(DOF_NAMES, tracked, strict=True)),
+            "rms_single": dict(zip(DOF_NAMES, single, strict=True)),
+            "range_ratio": tracked[X] / single[X],
         }
     )
+
+
+def report(found: dict[str, Any]) -> str:
+    """Return `figures` as text."""
+    lines = [f"{'':<8}{'tracked':>9}{'single':>9}   RMS error in the last {found['last_s']:g} s"]
+    for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True):
+        tracked, single = found["rms_tracked"][name], found["rms_single"][name]
+        lines.append(f"{name:<8}{tracked:>9.4f}{single:>9.4f}   {unit}")
+    low, median, high = found["nees_of_drives"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"range, tracked over single: {found['range_ratio']:.2f}",
+            f"mean NEES: {found['nees_mean']:.2f}; of single drives {low:.2f} to {high:.2f} "
+            f"(5 to 95 %), median {median:.2f}",
+            "off by more than 6 of its own standard deviations: "
+            f"{found['beyond_6_sigma']} of {found['frames']}",
+            f"not in the track: {found['refused']} of {found['frames']}",
+        ]
+    )
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "drives",
+        run,
+        "measure tracks of drives through seas drawn from the scene's prior",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
+    options.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    options.add_report(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study and print it."""
+    count, seconds, rate, seed = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    if not scene.prior.nuisance_std():
+        raise ValueError(f"--scene: {scene.name} has no prior to draw seas from; give it one")
+    estimator = Estimator(scene, args.method).wait()
+    drives = until_interrupted(
+        drive(estimator, seconds, rate, np.random.default_rng((seed, i)))
+        for i in progress.over(range(count), unit="drive")
+    )
+    found, complete = figures(drives), len(drives) == count
+    if args.json:
+        about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
+        print(json_text({**about, **found}))
+    else:
+        print(
+            f"{args.method} in scene {scene.name}, {len(drives)} drives of {seconds:g} s at "
+            f"{rate:g} Hz, seed {seed}\n\n{report(found)}"
+        )
+        if not complete:
+            print("interrupted: only complete drives count")
+    return 0 if complete else options.INTERRUPTED

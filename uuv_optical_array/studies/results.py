@@ -1,31 +1,33 @@
-"""Results on disk: a CSV that grows, always whole, each line with what it depends on."""
+"""Results of a study: those until Ctrl-C, and those that are kept in a CSV."""
 
 import csv
 import dataclasses
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
 
 T = TypeVar("T")
+RunT = TypeVar("RunT")
 
 
-class Line(Protocol):
-    """What a line of the file holds beside its run."""
-
-    def columns(self) -> dict[str, Any]:
-        """Return the values by column."""
-
-    @classmethod
-    def from_columns(cls: type[T], columns: Mapping[str, str]) -> T:
-        """Return it again; KeyError, TypeError or ValueError where a column is damaged."""
+def until_interrupted(results: Iterable[T]) -> list[T]:
+    """Return the results that there are before Ctrl-C; KeyboardInterrupt where there are none."""
+    collected: list[T] = []
+    try:
+        for result in results:
+            collected.append(result)
+    except KeyboardInterrupt:
+        if not collected:
+            raise
+    return collected
 
 
 class Flat:
-    """A dataclass that is a `Line`, a field a column."""
+    """A dataclass that is a line of a CSV, a field a column, those of a field's dataclass too."""
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column."""
@@ -37,8 +39,7 @@ class Flat:
         return read_fields(cls, columns)
 
 
-RunT = TypeVar("RunT")
-LineT = TypeVar("LineT", bound=Line)
+LineT = TypeVar("LineT", bound=Flat)
 
 
 def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
@@ -51,6 +52,9 @@ def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
     """
     values: dict[str, Any] = {}
     for name, hint in typing.get_type_hints(kind).items():
+        if dataclasses.is_dataclass(hint):
+            values[name] = read_fields(typing.cast(type, hint), columns)
+            continue
         kinds = {hint, *typing.get_args(hint)}
         text = columns[name]
         if text is None:
@@ -63,21 +67,14 @@ def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
 
 
 def read(path: Path, run: type[RunT], line: type[LineT]) -> tuple[RunT | None, list[LineT]]:
-    """Read a file of results.
+    """Read a file of results: what all its lines depend on, and the lines.
 
     Parameters
     ----------
     path
-        The file; one that is not there holds nothing.
+        The file; one that does not exist has no lines, and no run.
     run, line
-        Dataclass of the columns that are the same on all lines, and what the others make.
-
-    Returns
-    -------
-    run : RunT or None
-        Of all lines; None where there are none.
-    lines : list
-        In the order of the file.
+        Dataclass of the columns that are the same on all lines, and of the others.
 
     Raises
     ------
@@ -104,13 +101,7 @@ def read(path: Path, run: type[RunT], line: type[LineT]) -> tuple[RunT | None, l
 
 
 def differences(there: Any, here: Any) -> list[str]:
-    """List what tells two runs apart, in words; a scene is told by its fingerprint, not its name.
-
-    Parameters
-    ----------
-    there, here
-        Two dataclasses of one kind.
-    """
+    """Say in which fields two runs differ; a scene counts by its fingerprint, not its name."""
     return [
         f"{field.name} is {getattr(there, field.name)} there and {getattr(here, field.name)} here"
         for field in dataclasses.fields(here)
@@ -119,7 +110,7 @@ def differences(there: Any, here: Any) -> list[str]:
 
 
 class Results(Generic[RunT, LineT]):
-    """The results of one run, on disk.
+    """The results of one run, in a CSV that is always whole.
 
     Parameters
     ----------

@@ -64,14 +64,14 @@ def schema_text() -> str:
 
 def figures(scene: Scene) -> list[str]:
     """Return what a scene is like, in lines."""
-    from uuv_optical_array.studies.limits.reach import RANGES_M, reach
+    from uuv_optical_array.studies.limits import REACH_M, reach
 
     lamp, array, found = scene.lamp, scene.array, reach(scene)
     side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)
     full = f" of {scene.full_scale_counts:g}" if scene.effects else ""
     where = "nowhere"
     if found is not None:
-        beyond = "beyond " if found[1] == RANGES_M[-1] else ""
+        beyond = "beyond " if found[1] == REACH_M[-1] else ""
         where = f"from {found[0]:.1f} to {beyond}{found[1]:.1f} m"
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "

@@ -134,7 +134,8 @@ def table(study: DesignStudy, rows: Sequence[ScoredDesign]) -> str:
         line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
     ]
     listed = zip(numbered(study, rows), standing(study, rows), strict=True)
-    for number, ((design, score), where) in enumerate(listed, start=1):
+    for number, (row, where) in enumerate(listed, start=1):
+        design, score = row.design, row.score
         parts.append(
             line.format(
                 number,

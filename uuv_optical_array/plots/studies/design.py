@@ -203,7 +203,8 @@ def _key(axes: Axes, study: DesignStudy, rows: Sequence[ScoredDesign]) -> None:
         line.format("", "", "", "m", "m", "deg", "m", "deg", "at", ""),
     ]
     where = standing(study, rows)
-    for number, (design, score) in _listed(study, rows).items():
+    for number, row in _listed(study, rows).items():
+        design, score = row.design, row.score
         lines.append(
             line.format(
                 number,

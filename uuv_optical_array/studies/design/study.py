@@ -1,8 +1,7 @@
 """A sweep of designs, scored one by one."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +10,11 @@ from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.design.designs import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.studies.design.score import Score, score
-from uuv_optical_array.studies.results import Results, read_fields
+from uuv_optical_array.studies.results import Flat, Results
 
 
-class ScoredDesign(NamedTuple):
+@dataclass(frozen=True)
+class ScoredDesign(Flat):
     """A design and its score: a line of the CSV."""
 
     design: Design
@@ -22,19 +22,13 @@ class ScoredDesign(NamedTuple):
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column."""
-        design, score = self
         return {
-            **vars(design),
-            "detectors": design.detectors,
-            **vars(score),
-            "resolved_at_4_m": score.resolved_at_4m,
-            "resolved_4_to_8_m": score.resolved_4_to_8m,
+            **vars(self.design),
+            "detectors": self.design.detectors,
+            **vars(self.score),
+            "resolved_at_4_m": self.score.resolved_at_4m,
+            "resolved_4_to_8_m": self.score.resolved_4_to_8m,
         }
-
-    @classmethod
-    def from_columns(cls, columns: Mapping[str, str]) -> "ScoredDesign":
-        """Return it again from the texts of a line."""
-        return cls(read_fields(Design, columns), read_fields(Score, columns))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,247 @@
+"""``uuv_array limits``: how well one image can fix the pose at all, whoever estimates it."""
+
+import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X, Y
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DESCRIPTION = """\
+The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
+reach from one image, given array, lamp, water and noise. It is printed for one pose, and drawn over
+the working volume for a planar and for a curved array. What the scene's `prior` leaves uncertain,
+such as the lamp's power, is estimated along with the pose and raises the bound."""
+
+EPILOG = """\
+examples:
+  uuv_array limits                           6 m behind the lamp, in the default scene
+  uuv_array limits --x -8 --y 0.5 --yaw-deg 10
+  uuv_array limits --shape planar            the same scene with a planar array
+  uuv_array limits --scene sea.yaml --output sea.png
+
+A large condition number means that the image determines one combination of metres and radians far
+better than another: the planar array can hardly tell a lateral offset from a turn. An angle whose
+bound exceeds 180 deg is unknown. Averaging n independent images divides a bound by sqrt(n)."""
+
+POSE = {
+    "x": options.Number(Quantity("ahead of the lamp; negative: behind", "m", -1000, 1000), -6.0),
+    "y": options.Number(Quantity("to port", "m", -1000, 1000), 0.0),
+    "z": options.Number(Quantity("up", "m", -1000, 1000), 0.0),
+    "pitch-deg": options.Number(Quantity("bow down", "deg", -90, 90), 0.0),
+    "yaw-deg": options.Number(Quantity("bow to port", "deg", -180, 180), 0.0),
+}
+BEHIND_M: Array = np.linspace(RANGES_M[0], RANGES_M[-1], 81, dtype=float)
+ASIDE_M: Array = np.linspace(-1, 1, 81, dtype=float)
+REACH_M = np.linspace(0.5, 25.0, 246)  # where `reach` looks
+# A row of the picture shows the worst of these degrees of freedom.
+ROWS = {"x, along the beam (m)": [0], "y and z, across (m)": [1, 2], "pitch and yaw (deg)": [3, 4]}
+CROWDED_M, LABELLED_M = 0.15, 0.6  # least and wanted distance of a label from the beam's axis
+EDGE = 0.06  # of the map's width, free of labels
+LEVELS = np.outer(10.0 ** np.arange(-3, 4), [1, 3]).ravel()
+
+
+def bound_map(
+    scene: Scene, behind_m: Array = BEHIND_M, aside_m: Array = ASIDE_M
+) -> dict[Shape, Array]:
+    """Return the bound of level poses at the lamp's depth, for each shape of the scene's array.
+
+    Standard deviations, m and deg, shape ``(n, m, 5)``, at `behind_m` ``(n,)`` and, to port,
+    `aside_m` ``(m,)``; inf where unobservable. The lamp's power is set anew for each shape.
+    """
+    poses = np.zeros((len(behind_m), len(aside_m), 5))
+    poses[..., X], poses[..., Y] = -behind_m[:, None], aside_m
+    models = {shape: ForwardModel(scene.with_shape(shape)) for shape in get_args(Shape)}
+    return {
+        shape: np.stack([cramer_rao_bound(model, row).std for row in poses]) * IN_DEGREES
+        for shape, model in models.items()
+    }
+
+
+def reach(scene: Scene) -> tuple[float, float] | None:
+    """Return from where to where the Cramer-Rao bound of an aligned pose meets the specification.
+
+    Parameters
+    ----------
+    scene
+        The scene; what its prior leaves uncertain counts as unknown.
+
+    Returns
+    -------
+    tuple of float or None
+        Nearest and farthest range about the lamp's reference range, m, within `REACH_M` and to
+        its step; ``None`` where the bound is larger even at the reference range.
+    """
+    poses = np.zeros((len(REACH_M), 5))
+    poses[:, X] = -REACH_M
+    std = cramer_rao_bound(ForwardModel(scene), poses).std * IN_DEGREES
+    beyond = np.flatnonzero(~(std <= SPECIFICATION).all(axis=1))
+    own = int(np.abs(REACH_M - scene.lamp.reference_range_m).argmin())
+    if own in beyond:
+        return None
+    first = beyond[beyond < own].max(initial=-1) + 1
+    last = beyond[beyond > own].min(initial=len(REACH_M)) - 1
+    return float(REACH_M[first]), float(REACH_M[last])
+
+
+def report(model: ForwardModel, pose: Array) -> str:
+    """Return the bound at one pose ``(5,)``, m and rad, as text."""
+    scene = model.scene
+    bound = cramer_rao_bound(model, pose)
+    x, y, z, pitch, yaw = pose * IN_DEGREES
+    side = scene.array.detectors_per_side
+    lines = [
+        f"scene {scene.name}, {scene.array.shape} {side} x {side} array",
+        f"pose: x {x:g}, y {y:g}, z {z:g} m; pitch {pitch:g}, yaw {yaw:g} deg",
+        f"brightest reading: {model.expected(pose).max():.3g} counts",
+        "",
+        "least standard deviation from one image, and the specification:",
+    ]
+    for name, unit, std, wanted, observable in zip(
+        DOF_NAMES, DOF_UNITS, bound.std * IN_DEGREES, SPECIFICATION, bound.observable, strict=True
+    ):
+        verdict = "within" if std <= wanted else "beyond"
+        known = f"{std:10.3g} {unit:<4} {verdict} {wanted:g} {unit}"
+        lines.append(f"  {name:<6}{known if observable else '   unobservable'}")
+    names = [name for name, known in zip(DOF_NAMES, bound.observable, strict=True) if known]
+    lines += [
+        "",
+        f"observable: {', '.join(names) or 'nothing'}",
+        f"condition number of the information, in m and rad: {bound.condition:.2g}",
+    ]
+    if stds := scene.prior.nuisance_std():
+        along = ", ".join(f"{name} +-{std:g}" for name, std in stds.items())
+        lines.append(f"estimated along with the pose: {along}")
+    return "\n".join(lines)
+
+
+def draw(
+    bounds: dict[Shape, Array],
+    scene_name: str,
+    behind_m: Array = BEHIND_M,
+    aside_m: Array = ASIDE_M,
+) -> "Figure":
+    """Draw a `bound_map` of these places: along the beam, and from above for each shape."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping
+
+    figure = Figure(figsize=(14, 10.5), layout="constrained")
+    grid = figure.subplots(3, 3, sharex=True)
+    norm = LogNorm(1e-2, 1e2)
+    labels: list[Any] = []
+    for (title, dofs), row in zip(ROWS.items(), grid, strict=True):
+        wanted = float(SPECIFICATION[dofs[0]])
+        row[0].set_ylabel(title, fontsize=12)
+        for axes, (shape, std) in zip(row[1:], bounds.items(), strict=True):
+            worst = std[..., dofs].max(axis=-1)
+            shown = np.minimum(worst, 1000 * wanted)  # what is unobservable leaves the picture
+            near, far = shown.min(axis=1), shown.max(axis=1)
+            colour = SHAPE_COLOURS[shape]
+            row[0].fill_between(behind_m, near, far, color=colour, alpha=0.25, lw=0)
+            row[0].plot(behind_m, shown[:, shown.shape[1] // 2], color=colour, lw=2, label=shape)
+            mesh = _map(axes, behind_m, aside_m, worst, wanted, norm, labels)
+            axes.set(ylabel="y, port (m)", yticks=[-1, -0.5, 0, 0.5, 1])
+        row[0].axhline(wanted, color="k", lw=1.5, ls="--", label=f"specification, {wanted:g}")
+        row[0].set(yscale="log", ylim=(wanted / 1000, wanted * 100))
+        row[0].set_xlim(behind_m[0], behind_m[-1])
+        row[0].grid(alpha=0.4)
+    grid[0, 0].set_title("line: on the beam's axis; band: up to 1 m aside")
+    grid[0, 0].legend(loc="upper left")
+    for axes, shape in zip(grid[0, 1:], bounds, strict=True):
+        axes.set_title(f"{shape} array, from above", color=SHAPE_COLOURS[shape])
+    for axes in grid[-1]:
+        axes.set_xlabel("base_link behind the lamp (m)")
+    bar = figure.colorbar(mesh, ax=grid[:, 1:], extend="both", aspect=40)
+    bar.set_label("bound / specification")
+    bar.ax.axhline(1.0, color="k", lw=2, ls="--")
+    figure.suptitle(
+        f"Least standard deviation from one image (the Cramer-Rao bound), scene {scene_name}",
+        fontsize=14,
+    )
+    drop_overlapping(figure, labels)
+    return figure
+
+
+def _map(
+    axes: Any, x: Array, y: Array, bound: Array, wanted: float, norm: Any, labels: list[Any]
+) -> Any:
+    """Draw a bound ``(n, m)`` from above; return the mesh, and add its contours' labels."""
+    # Where nothing is observable the hatched ground shows.
+    axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
+    known = np.where(np.isfinite(bound), bound, np.nan).T
+    mesh = axes.pcolormesh(
+        x, y, known / wanted, norm=norm, cmap="RdYlBu_r", shading="nearest", rasterized=True
+    )
+    round_levels = [level for level in LEVELS if 0.01 < level / wanted < 100 and level != wanted]
+    low = known.min(initial=np.inf, where=np.isfinite(known))
+    high = known.max(initial=-np.inf, where=np.isfinite(known))
+    for levels, width, style in (([wanted], 2.0, "--"), (round_levels, 0.6, "-")):
+        # Matplotlib before 3.8 draws a line of its own where no level is inside.
+        if inside := [level for level in levels if low < level < high]:
+            lines = axes.contour(
+                x, y, known, inside, colors="k", linewidths=width, linestyles=style
+            )
+            places = list(_label_places(lines.allsegs, x))
+            for label in axes.clabel(lines, fmt="%g", fontsize=9, inline=False, manual=places):
+                label.set_bbox(
+                    {"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.75}
+                )
+                labels.append(label)
+    return mesh
+
+
+def _label_places(contours: Any, behind_m: Array) -> Iterator[tuple[float, float]]:
+    """Yield where contours are labelled: off the edges and the beam's axis, where they may meet."""
+    margin = EDGE * (behind_m[-1] - behind_m[0])
+    for piece in (piece for pieces in contours for piece in pieces):
+        from_edge = np.minimum(piece[:, 0] - behind_m[0], behind_m[-1] - piece[:, 0])
+        piece = piece[from_edge > margin]
+        for sign in (1, -1):
+            off = piece[sign * piece[:, 1] > CROWDED_M]
+            if len(off):
+                x, y = off[np.abs(np.abs(off[:, 1]) - LABELLED_M).argmin()].tolist()
+                yield x, y
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "limits",
+        run,
+        "print and draw how well one image can fix the pose at all",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "follow")
+    options.add_numbers(parser, POSE)
+    options.add_shape(parser)
+    outputs.add_picture(parser, "limits.png")
+    options.add_report(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the bound at one pose and draw it over the working volume."""
+    pose = np.array(options.numbers_of(args, POSE))
+    scene = load_scene(args.scene)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))
+    print(report(model, pose / IN_DEGREES))
+    from uuv_optical_array.plots.style import save  # matplotlib takes a second
+
+    save(draw(bound_map(scene), scene.name), output)
+    print(f"picture: {output}")
+    return 0

@@ -1,1 +1,0 @@
-"""Where and how far a scene can be seen at all."""

@@ -132,7 +132,7 @@ def test_every_kind_is_off_by_what_it_says():
 def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
     class Recorder:
         def __init__(self):
-            self.table, self.images = table, []
+            self.scene, self.images = table.scene, []
 
         def estimate(self, image, parameters):
             self.images.append(image)

@@ -27,7 +27,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.cli import options, report
+from uuv_optical_array.cli import report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -214,13 +214,8 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["least_squares", "sam_interpolated"])
     parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
     parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
-    options.add_report(parser)
     args = parser.parse_args()
-    args.run = table
-    if args.report:
-        report.run(args, sys.argv[1:], PROGRAM)
-    else:
-        table(args)
+    report.run(lambda: table(args), [*PROGRAM, *sys.argv[1:]])
 
 
 if __name__ == "__main__":

@@ -295,8 +295,8 @@ def late(message):
         (LEADER, put("pose.pose.position.y", np.nan), ("/leader/odometry: not finite", "there is")),
         (FOLLOWER, put("pose.pose.orientation.w", 9.0), ("/follower/odometry: bad attitude",)),
         (LEADER, late, ("older than every pose", "1001.000 to", "/array/image 1.050 to")),
-        (IMAGE, lambda _: "left out", ("no topic /array/image", LEADER, FOLLOWER, "--image-topic")),
-        (LEADER, lambda _: "left out", ("no topic /leader/odometry", IMAGE, "--leader-topic")),
+        (IMAGE, lambda _: "left out", ("no topic /array/image", LEADER, FOLLOWER, "--remap")),
+        (LEADER, lambda _: "left out", ("no topic /leader/odometry", IMAGE, "--remap leader")),
     ],
     ids=["encoding", "size", "frames", "NaN", "attitude", "stamps", "no image", "no leader"],
 )  # fmt: skip
@@ -352,9 +352,9 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     file.write_bytes(file.read_bytes()[:300])
     assert str(broken) in run(*command(broken, tmp_path), code=1)
     typed = write_bag(tmp_path / "typed", recorded[:30])
-    line = run(*command(typed, tmp_path, "--image-topic", LEADER), code=1)
+    line = run(*command(typed, tmp_path, "--remap", f"array/image:={LEADER}"), code=1)
     assert f"{LEADER} is nav_msgs/msg/Odometry, not sensor_msgs/msg/Image" in line
-    line = run(*command(typed, tmp_path, "--leader-topic", FOLLOWER), code=1)
+    line = run(*command(typed, tmp_path, "-r", f"/leader/odometry:={FOLLOWER}"), code=1)
     assert "one topic" in line
     again = [*recorded[100:130], *recorded[:30]]
     line = run(*command(write_bag(tmp_path / "twice", again), tmp_path), code=1)
@@ -365,6 +365,7 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     ("words", "told"),
     [
         (["--max-gap-s", "0"], "--max-gap-s"),
+        (["--remap", "image:=bow/array/image"], "FROM is one of array/image"),
         (["--position-std", "-1"], "--position-std"),
         (["-o", "sea.txt"], ".yaml"),
         (["--noise", "--scene", "ideal"], "sensor_noise"),
@@ -372,7 +373,7 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
 )
 def test_a_bad_option_is_named(recorded, tmp_path, words, told):
     bag = write_bag(tmp_path / "good", recorded[:60])
-    assert told in run(*command(bag, tmp_path, *words), code=1)
+    assert told in run(*command(bag, tmp_path, *words), code=2)
 
 
 @pytest.fixture

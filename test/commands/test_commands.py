@@ -106,7 +106,7 @@ def test_table_refuses_a_bad_scene_in_one_line_and_writes_nothing(tmp_path, text
     scene = tmp_path / "sea.yaml"
     if text is not None:
         scene.write_text(text, encoding="utf-8")
-    error = run("table", "--scene", scene, "-o", tmp_path / "out" / "t", code=1)
+    error = run("table", "--scene", scene, "-o", tmp_path / "out" / "t", code=2)
     assert error.startswith("uuv_array table: ")
     for word in words:
         assert word in error
@@ -138,7 +138,7 @@ def test_follow_refuses_a_duration_that_is_none(capsys, duration):
     ],
 )
 def test_follow_refuses_what_a_node_refuses_in_one_line(tmp_path, words, named):
-    error = run("follow", "--headless", "--output", tmp_path / "x.png", *words, code=1)
+    error = run("follow", "--headless", "--output", tmp_path / "x.png", *words, code=2)
     assert error.startswith("uuv_array follow: ")
     for word in named:
         assert word in error

@@ -12,7 +12,7 @@ import termios
 import pytest
 from command_line import run
 
-from uuv_optical_array.cli import estimators, progress
+from uuv_optical_array.cli import progress
 from uuv_optical_array.cli.options import whole_number
 
 
@@ -121,18 +121,3 @@ def test_the_version_is_that_of_the_package(capsys):
 
     run("--version")
     assert capsys.readouterr().out == f"uuv_array {uuv_optical_array.__version__}\n"
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_what_takes_long_before_the_first_frame_is_said(compiled, monkeypatch, capsys):
-    def cached_table(scene, wraps):
-        assert list(wraps(range(3))) == [0, 1, 2]
-        return "the table"
-
-    monkeypatch.setattr(estimators, "cached_table", cached_table)
-    monkeypatch.setattr(estimators, "is_compiled", lambda scene: compiled)
-    monkeypatch.setattr(estimators.compilation, "installed", lambda: True)
-    assert estimators.table_of("a scene") == "the table"
-    told = capsys.readouterr().err
-    assert "signature table: 3/3 block" in told
-    assert ("compiling the fit, once on a machine" in told) is not compiled

@@ -1,81 +1,64 @@
-"""``--report`` keeps what a command prints in a page, beside the command."""
+"""A page of results gets what a command prints, beside the command."""
 
 import re
 
 import pytest
-from command_line import run
 from pages import PAGES
 
 from uuv_optical_array.cli import report
-from uuv_optical_array.commands.studies import paper
+from uuv_optical_array.cli.options import OptionError
 
-BEGIN = report.BEGIN.format("uuv_array study paper --seed 2")
+WORDS = ["uuv_array", "limits", "--scene", "my sea.yaml"]
+COMMAND = "uuv_array limits --scene 'my sea.yaml'"
+BEGIN = report.BEGIN.format(COMMAND)
 
 
 @pytest.fixture
-def printing(monkeypatch):
-    """Let ``uuv_array study paper`` print these lines and end with this code, and nothing else."""
-    told = {"text": "a figure", "code": 0}
-
-    def run_paper(options):
-        print(told["text"])
-        return told["code"]
-
-    monkeypatch.setattr(paper, "run", run_paper)
-    return told
+def page(tmp_path, monkeypatch):
+    path = tmp_path / "page.md"
+    monkeypatch.setenv(report.PAGE, str(path))
+    return path
 
 
-def test_a_page_gets_the_command_and_what_it_printed(printing, tmp_path, capsys):
-    page = tmp_path / "page.md"
-    run("study", "paper", "--seed", 2, "--report", page)
+def printing(text, code=0):
+    def program():
+        print(text)
+        return code
+
+    return program
+
+
+def test_a_page_gets_the_command_and_what_it_printed(page, capsys):
+    assert report.run(printing("a figure"), WORDS) == 0
     assert capsys.readouterr().out == "a figure\n"
     assert page.read_text(encoding="utf-8") == (
-        f"{BEGIN}\n\n```sh\nuuv_array study paper --seed 2\n```\n\n```text\na figure\n```\n\n"
-        f"{report.END}\n"
+        f"{BEGIN}\n\n```sh\n{COMMAND}\n```\n\n```text\na figure\n```\n\n{report.END}\n"
     )
 
 
-def test_a_block_takes_the_place_of_that_of_the_same_command_alone(printing, tmp_path):
-    page = tmp_path / "page.md"
+def test_a_block_takes_the_place_of_that_of_the_same_command_alone(page):
     page.write_text("# Before\n", encoding="utf-8")
-    run("study", "paper", "--seed", 2, "--report", page)
-    run("study", "paper", f"--repo={page}", "--seed", 3)  # as argparse takes it
+    report.run(printing("a figure"), WORDS)
+    report.run(printing("a figure"), [*WORDS, "--json"])
     page.write_text(page.read_text(encoding="utf-8") + "\nAfter.\n", encoding="utf-8")
-    old = page.read_text(encoding="utf-8")
-    printing["text"] = "another figure"
-    run("study", "paper", "--report", page, "--seed", 2)
-    first, second = old.split("a figure")[0], old.split("a figure", 1)[1]
-    assert page.read_text(encoding="utf-8") == f"{first}another figure{second}"
-    assert "\nuuv_array study paper --seed 3\n" in second
-    assert old.startswith("# Before\n\n")
-    assert old.endswith("After.\n")
+    before = page.read_text(encoding="utf-8")
+    report.run(printing("another figure"), WORDS)
+    assert page.read_text(encoding="utf-8") == before.replace("a figure", "another figure", 1)
+    assert before.startswith("# Before\n\n")
+    assert before.endswith("After.\n")
 
 
-def test_the_line_of_a_program_leaves_the_page_out():
-    words = ["--sides", "5", "--report=page.md", "--methods", "a method"]
-    line = report.command_of(words, ["python", "latency.py"])
-    assert line == "python latency.py --sides 5 --methods 'a method'"
-
-
-def test_a_command_that_fails_leaves_the_page(printing, tmp_path):
-    page = tmp_path / "page.md"
+def test_a_command_that_fails_leaves_the_page(page):
     page.write_text(f"{BEGIN}\nold\n{report.END}", encoding="utf-8")
-    printing["code"] = 130
-    run("study", "paper", "--seed", 2, "--report", page, code=130)
+    assert report.run(printing("half", code=130), WORDS) == 130
     assert page.read_text(encoding="utf-8") == f"{BEGIN}\nold\n{report.END}"
 
 
-@pytest.mark.parametrize("text", [BEGIN, f"{BEGIN}\n{BEGIN.replace('2', '3')}\n{report.END}"])
-def test_a_page_that_cannot_be_filled_is_refused_before_the_work(printing, tmp_path, capsys, text):
-    page = tmp_path / "page.md"
+@pytest.mark.parametrize("text", [BEGIN, f"{BEGIN}\n{BEGIN.replace('my', 'a')}\n{report.END}"])
+def test_a_page_that_cannot_be_filled_is_refused_before_the_work(page, capsys, text):
     page.write_text(text, encoding="utf-8")
-    error = run("study", "paper", "--seed", 2, "--report", page, code=1)
-    assert (
-        error
-        == f"uuv_array study paper: --report {page}: no line {report.END} after {BEGIN}; add it"
-    )
-    assert "make it first" in run("study", "paper", "--report", tmp_path / "no" / "page.md", code=1)
-    assert "leave --json out" in run("study", "paper", "--json", "--report", page, code=1)
+    with pytest.raises(OptionError, match=f"{report.PAGE} .*: no line {report.END} after"):
+        report.run(printing("a figure"), WORDS)
     assert capsys.readouterr().out == ""
     assert page.read_text(encoding="utf-8") == text
 

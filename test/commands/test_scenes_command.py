@@ -114,4 +114,4 @@ def test_a_key_an_effect_and_a_group_are_found_by_their_short_names(told):
     ],
 )
 def test_an_unknown_name_is_one_line_with_the_nearest(name, words):
-    assert words in run(name, code=1)
+    assert words in run(name, code=2)

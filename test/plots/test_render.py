@@ -75,7 +75,7 @@ def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, wor
     settings[group][key] = value
     scene = tmp_path / "sea.yaml"
     scene.write_text(yaml.safe_dump(settings), encoding="utf-8")
-    message = run("--scene", scene, "--output", tmp_path / "sea.png", code=1)
+    message = run("--scene", scene, "--output", tmp_path / "sea.png", code=2)
     assert words in message
     assert not (tmp_path / "sea.png").exists()
 
@@ -94,5 +94,5 @@ def test_the_sheet_of_a_plume_is_that_of_its_moment(capsys, tmp_path, monkeypatc
 
 
 def test_render_refuses_a_seed_that_is_none(tmp_path):
-    message = run("--seed", -1, "--output", tmp_path / "x.png", code=1)
+    message = run("--seed", -1, "--output", tmp_path / "x.png", code=2)
     assert "--seed: -1 is out of bounds" in message

@@ -1,5 +1,7 @@
 """``uuv_array`` as the tests run it, in this process or in one of its own, and its pictures."""
 
+import contextlib
+import io
 import os
 import re
 import signal
@@ -15,16 +17,29 @@ from uuv_optical_array.commands import main
 PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
 
 
+class _Copy(io.StringIO):
+    """Text that goes on to a stream."""
+
+    def __init__(self, stream):
+        super().__init__()
+        self.stream = stream
+
+    def write(self, text):
+        self.stream.write(text)
+        return super().write(text)
+
+    def isatty(self):
+        return self.stream.isatty()
+
+
 def run(*words, code=0):
     """Run ``uuv_array`` in this process and expect an exit code; return the line of an error."""
-    with pytest.raises(SystemExit) as end:
+    error = _Copy(sys.stderr)
+    with contextlib.redirect_stderr(error), pytest.raises(SystemExit) as end:
         main([str(word) for word in words])
-    if isinstance(end.value.code, str):  # which Python prints before it exits with 1
-        assert code == 1, end.value.code
-        assert "\n" not in end.value.code
-        return end.value.code
-    assert (end.value.code or 0) == code
-    return ""
+    assert (end.value.code or 0) == code, error.getvalue()
+    assert "Traceback" not in error.getvalue()
+    return error.getvalue().splitlines()[-1] if code in (1, 2) and error.getvalue() else ""
 
 
 def python(code, **options):

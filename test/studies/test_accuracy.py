@@ -273,7 +273,7 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
     ],
 )
 def test_what_is_no_study_is_refused_in_one_line(words, named):
-    error = run(*words, code=1)
+    error = run(*words, code=2)
     assert error.startswith("uuv_array study accuracy: ")
     for word in named:
         assert word in error

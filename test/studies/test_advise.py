@@ -167,4 +167,4 @@ def test_nothing_measured_and_interrupted(scene, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("words", [("--rate", "0"), ("--position", "nan"), ("--angle", "-1")])
 def test_needs_out_of_bounds_are_refused(words):
-    assert words[0] in run(*words, code=1)
+    assert words[0] in run(*words, code=2)

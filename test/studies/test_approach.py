@@ -318,8 +318,8 @@ def test_a_case_that_was_cut_short_is_the_last(monkeypatch, runs, cases):
 
 
 def test_bad_numbers_are_named():
-    assert "--runs: 0 is out of bounds" in run("--runs", 0, code=1)
-    assert "--seed: -1 is out of bounds" in run("--seed", -1, code=1)
+    assert "--runs: 0 is out of bounds" in run("--runs", 0, code=2)
+    assert "--seed: -1 is out of bounds" in run("--seed", -1, code=2)
 
 
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):

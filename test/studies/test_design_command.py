@@ -258,7 +258,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
     monkeypatch.chdir(tmp_path)
-    assert re.search(f"^uuv_array study design: .*{error}", run(*words, code=1))
+    assert re.search(f"^uuv_array study design: .*{error}", run(*words, code=2))
     assert not list(tmp_path.iterdir())
 
 

@@ -415,7 +415,7 @@ def test_an_interrupt_keeps_the_results_before_it(scene):
 )
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, named):
     monkeypatch.chdir(tmp_path)
-    error = run(*words, code=1)
+    error = run(*words, code=2)
     assert error.startswith("uuv_array study paper: ")
     for word in named:
         assert word in error

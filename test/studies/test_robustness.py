@@ -234,7 +234,7 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
 )
 def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):
     monkeypatch.setattr(command, "Estimator", None)
-    error = run(*words, code=1)
+    error = run(*words, code=2)
     assert error.startswith("uuv_array study robustness: ")
     for word in named:
         assert word in error

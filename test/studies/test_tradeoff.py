@@ -275,7 +275,7 @@ def test_nothing_is_drawn_of_nothing(small, tmp_path, capsys, monkeypatch):
 
 
 def test_seed_out_of_bounds_is_refused(tmp_path):
-    assert "--seed" in run("--seed", "-1", "--output", tmp_path / "a", code=1)
+    assert "--seed" in run("--seed", "-1", "--output", tmp_path / "a", code=2)
     assert not (tmp_path / "a").exists()
 
 

@@ -119,14 +119,14 @@ def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
+    ("words", "named", "code"),
     [
-        (["--port", "0"], "--port"),
-        (["--screenshot", "/nowhere/view.png"], "make it first"),
-        (["--scene", "nosuch"], "neither a .yaml file nor a ready scene"),
-        (["/nowhere/bag"], "no such file or folder"),
+        (["--port", "0"], "--port", 2),
+        (["--screenshot", "/nowhere/view.png"], "make it first", 2),
+        (["--scene", "nosuch"], "neither a .yaml file nor a ready scene", 2),
+        (["/nowhere/bag"], "no such file or folder", 1),
     ],
 )
-def test_the_command_refuses_before_it_serves(words, named, capsys):
-    assert named in run("view", *words, code=1)
+def test_the_command_refuses_before_it_serves(words, named, code, capsys):
+    assert named in run("view", *words, code=code)
     assert "open http" not in capsys.readouterr().out

@@ -1,18 +1,33 @@
-"""What the commands have in common: how options are added and read."""
+"""Options of the commands, made from the settings that they set."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_args
 
-from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.estimation.estimator import METHODS, EstimatorSettings
+from uuv_optical_array.core.settings import Quantity, Setting, check, declared
+from uuv_optical_array.estimation.estimator import EstimatorSettings
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
+
+
+class OptionError(ValueError):
+    """An option has a value that cannot be used; the command ends with exit code 2."""
+
+
+@contextmanager
+def checking_options() -> Iterator[None]:
+    """Turn an error into an `OptionError` where values of options are checked."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise OptionError(str(error)) from error
 
 
 def add_command(
@@ -23,7 +38,7 @@ def add_command(
     description: str,
     epilog: str,
 ) -> argparse.ArgumentParser:
-    """Add a subcommand, its texts kept as they are written; `run` returns the exit code."""
+    """Add a command, its texts as they are written; `run` returns the exit code."""
     parser = subparsers.add_parser(
         name,
         help=summary,
@@ -35,56 +50,70 @@ def add_command(
     return parser
 
 
-@dataclass(frozen=True)
-class Number:
-    """An option that takes a number.
-
-    Parameters
-    ----------
-    quantity
-        Its meaning, unit and bounds.
-    default
-        A whole number where only such are taken.
-    """
-
-    quantity: Quantity
-    default: float
-
-
 def whole_number(text: str) -> int:
     """Read a whole number, also such as 1e3."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
+    value = _number(text, "whole number")
     if not value.is_integer():
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
     return int(value)
 
 
-def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
-    """Add options that take numbers, by their names, to a parser or a group of one."""
-    for name, number in numbers.items():
-        whole = isinstance(number.default, int)
-        parser.add_argument(
-            f"--{name}",
-            type=whole_number if whole else float,
-            default=number.default,
-            metavar=number.quantity.unit.upper() or "N",
-            help=f"{number.quantity.text} (default: {number.default:{'d' if whole else 'g'}})",
-        )
+def _number(text: str, kind: str = "number") -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no {kind}") from None
 
 
-def numbers_of(args: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
-    """Return the values of such options in order; ValueError for one that is out of bounds."""
-    return [
-        check(
-            Annotated[type(number.default), number.quantity],
-            getattr(args, name.replace("-", "_")),
-            f"--{name}",
-        )
-        for name, number in numbers.items()
-    ]
+def add_settings(parser: Any, owner: Callable[..., Any], *names: str) -> None:
+    """Add an option for each setting that a dataclass or a function declares.
+
+    Parameters
+    ----------
+    parser
+        A parser or a group of one.
+    owner
+        As `declared` takes it.
+    names
+        The settings that become options; empty: all.
+    """
+    for name, setting in declared(owner).items():
+        if not names or name in names:
+            add_setting(parser, name, setting)
+
+
+def add_setting(parser: Any, name: str, setting: Setting) -> None:
+    """Add the option of one setting; a value out of bounds is an error of the command line."""
+    option, text = f"--{name.replace('_', '-')}", setting.quantity.text
+    if setting.kind is bool:
+        parser.add_argument(option, action="store_true", help=text)
+        return
+    default = setting.default
+    if default is not None:
+        text += f" (default: {f'{default:g}' if isinstance(default, float) else default})"
+    words: dict[str, Any] = {"choices": setting.choices}
+    if not setting.choices:
+        words = {"type": _reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
+    parser.add_argument(option, default=default, help=text.replace("%", "%%"), **words)
+
+
+def _reader(setting: Setting) -> Callable[[str], Any]:
+    """Return the function that reads and checks the value of an option."""
+
+    def read(text: str) -> Any:
+        value = whole_number(text) if setting.kind is int else _number(text)
+        try:
+            return check(Annotated[setting.kind, setting.quantity], value, "value")
+        except ValueError as error:
+            reason = str(error).removeprefix("value: ")
+            raise argparse.ArgumentTypeError(reason) from None
+
+    return read
+
+
+def settings_of(args: argparse.Namespace, owner: Callable[..., Any], *names: str) -> dict[str, Any]:
+    """Return the values of the options that `add_settings` added, by the name of the setting."""
+    return {name: vars(args)[name] for name in names or declared(owner)}
 
 
 def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
@@ -94,14 +123,17 @@ def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
+def scene_of(args: argparse.Namespace) -> Scene:
+    """Return the scene that the options name; it is one that can be simulated."""
+    with checking_options():
+        scene = load_scene(args.scene)
+        ForwardModel(scene)
+    return scene
+
+
 def add_method(parser: argparse.ArgumentParser) -> None:
     """Add the option that names the estimator's method."""
-    parser.add_argument(
-        "--method",
-        choices=METHODS,
-        default=EstimatorSettings.method,
-        help="how poses are found (default: %(default)s)",
-    )
+    add_settings(parser, EstimatorSettings, "method")
 
 
 def add_shape(parser: argparse.ArgumentParser) -> None:
@@ -116,12 +148,21 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
-def add_report(parser: argparse.ArgumentParser) -> None:
-    """Add the option for a page that keeps what is printed; `report` fills it."""
-    parser.add_argument(
-        "--report",
-        type=Path,
-        metavar="PAGE",
-        help="Markdown page in which this command and what it prints take the place of what it "
-        "printed last",
-    )
+@dataclass(frozen=True)
+class Number:
+    """A number that an option sets: its quantity and its default, an ``int`` for a whole number."""
+
+    quantity: Quantity
+    default: float
+
+
+def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
+    """Add an option for each number, by its name."""
+    for name, number in numbers.items():
+        kind = type(number.default)
+        add_setting(parser, name, Setting(kind, number.quantity, number.default, optional=False))
+
+
+def numbers_of(args: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
+    """Return the values of such options, in order."""
+    return [vars(args)[name.replace("-", "_")] for name in numbers]

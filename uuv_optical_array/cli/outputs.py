@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from uuv_optical_array.cli.options import OptionError
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.plots import KINDS
 
@@ -40,19 +41,19 @@ def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -
 
     Raises
     ------
-    ValueError
+    OptionError
         For another suffix, what is there and no file, or a folder that is missing or cannot be
         written in.
     """
     path = files.user_path(path)
     if suffixes and path.suffix.lower() not in suffixes:
-        raise ValueError(f"{option} {path}: its name must end in {_listed(suffixes)}")
+        raise OptionError(f"{option} {path}: its name must end in {_listed(suffixes)}")
     if path.is_dir():
-        raise ValueError(f"{option} {path}: it is a folder; name a file")
+        raise OptionError(f"{option} {path}: it is a folder; name a file")
     if path.exists() and not path.is_file():
-        raise ValueError(f"{option} {path}: it is a device; name a file")
+        raise OptionError(f"{option} {path}: it is a device; name a file")
     if not path.parent.is_dir():
-        raise ValueError(f"{option} {path}: no folder {path.parent}; make it first")
+        raise OptionError(f"{option} {path}: no folder {path.parent}; make it first")
     _check_writable(path.parent, path, option)
     return path
 
@@ -73,27 +74,27 @@ def folder_to_write(
 
     Raises
     ------
-    ValueError
+    OptionError
         Where it is there and must not be, for a file, or where it cannot be made or written in.
     """
     path = files.user_path(path)
     if new and path.exists():
-        raise ValueError(f"{option} {path}: it exists; name a new folder")
+        raise OptionError(f"{option} {path}: it exists; name a new folder")
     own = () if replaced else (path,)
     home = next(folder for folder in (*own, *path.absolute().parents) if folder.exists())
     if not home.is_dir():
-        raise ValueError(f"{option} {path}: {home} is a file; name a folder")
+        raise OptionError(f"{option} {path}: {home} is a file; name a folder")
     _check_writable(home, path, option)
     return path
 
 
 def _check_writable(folder: Path, path: Path, option: str) -> None:
-    """Raise ValueError where no byte can be written in a folder."""
+    """Raise OptionError where no byte can be written in a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"\n")
     except OSError as error:
-        raise ValueError(
+        raise OptionError(
             f"{option} {path}: cannot write in {folder}: {error.strerror}; name another place"
         ) from None
 

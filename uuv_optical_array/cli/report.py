@@ -1,16 +1,21 @@
-"""``--report PAGE``: what a command prints stands in a page of Markdown, beside the command."""
+"""Pages of results: what a command prints is written into a page of Markdown, beside the command.
 
-import argparse
+For those who maintain the pages: the environment variable `PAGE` names the page of one run.
+"""
+
 import contextlib
 import io
+import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TextIO
 
 from uuv_optical_array.cli import outputs
+from uuv_optical_array.cli.options import OptionError
 from uuv_optical_array.core.storage import files
 
+PAGE = "UUV_ARRAY_REPORT"
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
 
 
@@ -18,33 +23,17 @@ class _Both(io.TextIOBase):
     """Text that goes to a stream and is kept."""
 
     def __init__(self, stream: TextIO) -> None:
-        self.stream, self.kept = stream, io.StringIO()
+        self.stream, self.copy = stream, io.StringIO()
 
     def write(self, text: str) -> int:
         self.stream.write(text)
-        return self.kept.write(text)
+        return self.copy.write(text)
 
     def flush(self) -> None:
         self.stream.flush()
 
     def isatty(self) -> bool:
         return self.stream.isatty()
-
-
-UUV_ARRAY = ("uuv_array",)
-
-
-def command_of(words: Sequence[str], program: Sequence[str] = UUV_ARRAY) -> str:
-    """Return the line of a shell for a program's arguments, without ``--report PAGE``."""
-    kept, rest = list(program), iter(words)
-    for word in rest:
-        option, equals, _ = word.partition("=")
-        if len(option) > 2 and "--report".startswith(option):  # argparse takes it shortened
-            if not equals:
-                next(rest)
-        else:
-            kept.append(word)
-    return shlex.join(kept)
 
 
 def filled(page: str, command: str, text: str) -> str:
@@ -67,39 +56,36 @@ def filled(page: str, command: str, text: str) -> str:
     return f"{before}{block}{after}"
 
 
-def run(args: argparse.Namespace, words: Sequence[str], program: Sequence[str] = UUV_ARRAY) -> int:
-    """Run a command, and write what it printed into the page if it ended well.
+def run(program: Callable[[], int], words: Sequence[str]) -> int:
+    """Run a program, and write what it printed into the page of `PAGE`, if it ended well.
 
     Parameters
     ----------
-    args
-        Of the command, with `run` and the page as `report`.
-    words
-        The arguments that the options were read from.
     program
-        What they were given to.
+        Returns the exit code.
+    words
+        The command line by which it was started.
 
     Raises
     ------
-    ValueError, OSError
-        Before the command runs, where the page cannot be filled.
+    OptionError
+        Before the program runs, where the page cannot be filled.
     """
-    if getattr(args, "json", False):
-        raise ValueError("--report: a page is for readers; leave --json out")
-    page = outputs.file_to_write(args.report, "--report")
-    command = command_of(words, program)
+    if not (name := os.environ.get(PAGE)):
+        return program()
+    path, command = outputs.file_to_write(name, PAGE), shlex.join(words)
 
     def fill(text: str) -> str:
-        there = page.read_text(encoding="utf-8") if page.exists() else ""
+        page = path.read_text(encoding="utf-8") if path.exists() else ""
         try:
-            return filled(there, command, text)
+            return filled(page, command, text)
         except ValueError as error:
-            raise ValueError(f"--report {page}: {error}") from None
+            raise OptionError(f"{PAGE} {path}: {error}") from None
 
     fill("")
     both = _Both(sys.stdout)
     with contextlib.redirect_stdout(both):
-        code: int = args.run(args)
+        code = program()
     if code == 0:
-        files.write_text(page, fill(both.kept.getvalue()))
+        files.write_text(path, fill(both.copy.getvalue()))
     return code

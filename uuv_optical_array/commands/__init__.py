@@ -46,28 +46,30 @@ def _refuse_moved(words: Sequence[str]) -> None:
 
 
 def main(words: list[str] | None = None) -> None:
-    """Run ``uuv_array``; an error the user can mend ends it with one line and exit code 1.
+    """Run ``uuv_array``.
 
-    A Ctrl-C at a moment at which the command itself expects none ends it with a line, too.
+    An error ends it with one line: with exit code 2 for a command line that cannot be used, and
+    with 1 for what fails at run time.
     """
     words = sys.argv[1:] if words is None else words
     _refuse_moved(words)
     args = build_parser().parse_args(words)
     try:
-        code = report.run(args, words) if getattr(args, "report", None) else args.run(args)
+        code = report.run(lambda: args.run(args), ["uuv_array", *words])
         _flush()
     except (ValueError, OSError) as error:
         with suppress(OSError):
             _flush()
-        sys.exit(f"{args.prog}: {_told(error)}")
-    except KeyboardInterrupt:
+        print(f"{args.prog}: {_text(error)}", file=sys.stderr)
+        code = 2 if isinstance(error, options.OptionError) else 1
+    except KeyboardInterrupt:  # where the command itself expects none
         print("interrupted", file=sys.stderr)
-        sys.exit(options.INTERRUPTED)
+        code = options.INTERRUPTED
     sys.exit(code)
 
 
-def _told(error: Exception) -> str:
-    """Return an error in words, what it is of first; every file but standard output has a name."""
+def _text(error: Exception) -> str:
+    """Return an error in words, after the name of the file, which standard output does not have."""
     if isinstance(error, OSError):
         nameless = "standard output" if error.errno in (errno.ENOSPC, errno.EPIPE) else None
         if (name := error.filename or nameless) is not None:
@@ -76,7 +78,7 @@ def _told(error: Exception) -> str:
 
 
 def _flush() -> None:
-    """Write out what was printed; what a full disk does not take is told once, and dropped."""
+    """Write out what was printed; drop what a full disk does not take."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -9,12 +9,12 @@ import numpy as np
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.bag_options import add_bag, read_bag
+from uuv_optical_array.cli.bag import add_bag, read_bag
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.forward.scene import load_scene, save_scene
+from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Recording
 
@@ -196,7 +196,9 @@ def run(args: argparse.Namespace) -> int:
     pose_std = None
     if position or attitude:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
-    scene, bag = load_scene(args.scene), files.user_path(args.bag)
+    scene, bag = options.scene_of(args), files.user_path(args.bag)
+    if args.noise and "sensor_noise" not in scene.effects:
+        raise options.OptionError(f"--noise: scene {scene.name} has no effects.sensor_noise; add it")
     like = own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture

@@ -8,7 +8,7 @@ from uuv_optical_array.calibration.wiring import TorchSweeps, description
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
+from uuv_optical_array.forward.scene import Scene, save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.recording.images import Topics, read_recording
 
@@ -60,7 +60,7 @@ def sweeps_of(scene: Scene) -> TorchSweeps:
 
 def run(args: argparse.Namespace) -> int:
     """Watch both sweeps and write the scene."""
-    scene, like = load_scene(args.scene), own_text(args.scene)
+    scene, like = options.scene_of(args), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     array = dataclasses.replace(scene.array, wiring=None)
     if args.bag is not None:

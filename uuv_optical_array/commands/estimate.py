@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.bag_options import add_bag, read_bag
+from uuv_optical_array.cli.bag import add_bag, read_bag
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
@@ -19,7 +19,6 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.recording.results import write_results
@@ -69,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     output = outputs.folder_to_write(
         args.output or f"{args.bag.absolute().stem}_estimates", "--output", new=True
     )
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     recording = read_bag(args, scene, poses_needed=False)
     estimator = Estimator(scene, args.method).wait()
     tracker = None

@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
     if args.params_file is not None:
         if not args.params_file.is_file():
-            raise ValueError(f"--params-file {args.params_file}: no such file")
+            raise options.OptionError(f"--params-file {args.params_file}: no such file")
         ros_args += ["--params-file", str(args.params_file)]
     # One follower takes the station of its parameters.
     fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)

@@ -5,10 +5,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.cli.bag_options import add_bag, read_bag
+from uuv_optical_array.cli.bag import add_bag, read_bag
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.view import LOOPBACK, PORT
 
 DESCRIPTION = """\
@@ -65,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
     port, shown_s = options.numbers_of(args, NUMBERS)
     picture = args.screenshot and outputs.file_to_write(args.screenshot, "--screenshot", (".png",))
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     recording = read_bag(args, scene, poses_needed=False) if args.bag else None
     with ExitStack() as stack:
         title = args.bag.name if args.bag else f"simulation of {scene.name}"

@@ -117,14 +117,15 @@ class _Poses:
         raise Refused(f"no {self._stream.topic} at its stamp: {kind}")
 
 
-def _connections(reader: Any, name: str, msgtype: str, option: str) -> list[Any]:
+def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any]:
     """Return the connections of a topic of the given type."""
+    cure = f"name another by --remap {default}:=TOPIC"
     types = {connection.topic: connection.msgtype for connection in reader.connections}
     if name not in types:
         held = ", ".join(f"{known} ({kind})" for known, kind in sorted(types.items()))
-        raise ValueError(f"no topic {name}; it holds {held or 'none'}; name it by {option}")
+        raise ValueError(f"no topic {name}; it holds {held or 'none'}; {cure}")
     if types[name] != msgtype:
-        raise ValueError(f"{name} is {types[name]}, not {msgtype}; name another by {option}")
+        raise ValueError(f"{name} is {types[name]}, not {msgtype}; {cure}")
     return [connection for connection in reader.connections if connection.topic == name]
 
 
@@ -182,14 +183,14 @@ def read_recording(
         if not reader.message_count:
             raise ValueError("; ".join(["it is empty", *lost]))
         streams, connections = {}, []
-        for topic, msgtype, option in (
-            (names.image, IMAGE, "--image-topic"),
-            (names.leader, ODOMETRY, "--leader-topic"),
-            (names.follower, ODOMETRY, "--follower-topic"),
+        for topic, msgtype, default in (
+            (names.image, IMAGE, Topics.image),
+            (names.leader, ODOMETRY, Topics.leader),
+            (names.follower, ODOMETRY, Topics.follower),
         ):
             name = "/" + topic.strip("/")
             if poses_needed or msgtype == IMAGE or name in reader.topics:
-                connections += _connections(reader, name, msgtype, option)
+                connections += _connections(reader, name, msgtype, default)
             streams[name] = _Stream(name)
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")

@@ -17,7 +17,7 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
 from uuv_optical_array.studies.paper_statements import (
     FAR,
@@ -340,13 +340,12 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_numbers(parser, NUMBERS)
     outputs.add_picture(parser, "paper.png")
     options.add_json(parser)
-    options.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
     (seed,) = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     result = Reproduction()
     try:

@@ -7,7 +7,6 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 
 DESCRIPTION = """\
@@ -47,7 +46,7 @@ def add_parser(subparsers: options.Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Draw the scene and print what its plan holds."""
     seed, time_s = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     from uuv_optical_array.plots.scene import draw_scene, sheet_poses
 

@@ -144,14 +144,14 @@ def explained(name: str) -> Iterator[str]:
             yield textwrap.indent(f"of {owner_name}: {inspect.getdoc(owner)}", "  ")
 
 
-def unknown_name(name: str) -> ValueError:
+def unknown_name(name: str) -> options.OptionError:
     """Return the error for a name that is no scene's and no key's, with the nearest that is."""
     keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
     known = [*ready_scenes(), "effects", *OWNERS, *keys]
     known += [full.rpartition(".")[2] for full in known if "." in full]
     near = get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]}?" if near else "uuv_array scenes lists the ready ones"
-    return ValueError(f"{name}: no ready scene, .yaml file, group, effect or key; {hint}")
+    return options.OptionError(f"{name}: no ready scene, .yaml file, group, effect or key; {hint}")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -162,7 +162,9 @@ def run(args: argparse.Namespace) -> int:
     elif name is None:
         print(listed())
     elif is_file_name(name) or name in ready_scenes():
-        print(whole(name))
+        with options.checking_options():
+            text = whole(name)
+        print(text)
     elif lines := list(explained(name)):
         print("\n".join(lines).replace("``", "`"))
     else:

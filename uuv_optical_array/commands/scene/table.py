@@ -11,7 +11,7 @@ from uuv_optical_array.core.storage import memory
 from uuv_optical_array.estimation.table.disk import check_replaceable, save_table
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.table.store import TableStore
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 
 DESCRIPTION = """\
 Build the signature table of a scene: the five key parameters of every pose on the grid that the
@@ -61,7 +61,7 @@ def add_parser(subparsers: options.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Build and save the table."""
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     chosen = args.threads, args.memory, args.scheduler
     if chosen != (None, None, None) or (args.output and args.output.suffix == ".zarr"):
         return run_chunks(args, scene)
@@ -83,12 +83,12 @@ def run(args: argparse.Namespace) -> int:
 def run_chunks(args: argparse.Namespace, scene: Scene) -> int:
     """Build the table in chunks."""
     if args.scheduler and (args.memory or args.threads):
-        raise ValueError(
+        raise options.OptionError(
             "scheduler: its workers have limits of their own; give them to dask worker as "
             "--memory-limit and --nthreads"
         )
     if args.threads is not None and args.threads < 1:
-        raise ValueError(f"threads: {args.threads}; give at least 1")
+        raise options.OptionError(f"threads: {args.threads}; give at least 1")
     output = outputs.folder_to_write(args.output or f"{scene.name}.zarr", "--output")
     began = time.perf_counter()
     store = TableStore.create(output, scene)

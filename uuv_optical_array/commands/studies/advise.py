@@ -11,7 +11,7 @@ from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.studies.results import read
 from uuv_optical_array.studies.tradeoff.advice import (
@@ -74,7 +74,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_scene(parser, "reference")
     options.add_numbers(parser, NEEDS)
     options.add_json(parser)
-    options.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -119,7 +118,7 @@ def report(scene: Scene, need: Need, found: Advice) -> str:
 def run(args: argparse.Namespace) -> int:
     """Find measurements or make them, and choose."""
     need = Need(*options.numbers_of(args, NEEDS))
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     folder = files.user_path(args.output or f"{scene.name}.tradeoff")
     origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
     if origin is not None and not origin.same_place(scene):

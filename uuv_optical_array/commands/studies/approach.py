@@ -7,7 +7,7 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.eren2017.approach import CASES, FRAMES, Choices, Noise
 from uuv_optical_array.studies.eren2017.monte_carlo import (
     METHODS,
@@ -70,7 +70,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
-    options.add_report(parser)
 
 
 def _numbers(values: dict[str, float | None]) -> str:
@@ -142,7 +141,7 @@ def comparison(rows: list[dict[str, Any]]) -> str:
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
     runs, seed = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     told: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
     if args.choices:

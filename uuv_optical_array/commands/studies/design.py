@@ -10,7 +10,7 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.forward.scene import Scene, load_scene, save_scene
+from uuv_optical_array.forward.scene import Scene, save_scene
 from uuv_optical_array.studies.design.designs import Mount, Power, Sweep, default_sweep
 from uuv_optical_array.studies.design.fronts import (
     CLEAR_SIGMAS,
@@ -107,7 +107,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
         help="write design NO of the table as a scene, too",
     )
     options.add_json(parser)
-    options.add_report(parser)
 
 
 def sweep_of(args: argparse.Namespace, scene: Scene) -> Sweep:
@@ -123,7 +122,7 @@ def sweep_of(args: argparse.Namespace, scene: Scene) -> Sweep:
     except ValueError as error:
         option = {field: f"--{option}" for option, (field, _, _) in LISTS.items()}
         name, _, rest = str(error).partition(":")
-        raise ValueError(f"{option.get(name, name)}:{rest}") from None
+        raise options.OptionError(f"{option.get(name, name)}:{rest}") from None
 
 
 def table(study: DesignStudy, rows: Sequence[ScoredDesign]) -> str:
@@ -166,7 +165,7 @@ def summary(rows: Sequence[ScoredDesign]) -> str:
 def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
     poses, seed = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     sweep = sweep_of(args, scene)
     study = DesignStudy(scene, sweep, args.power, args.mount, poses, seed)
     csv = outputs.file_to_write(args.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)

@@ -8,7 +8,6 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.robustness.kinds import kinds_named
 from uuv_optical_array.studies.robustness.study import KindResult, measure_kinds
 
@@ -64,7 +63,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_numbers(parser, NUMBERS)
     options.add_json(parser)
-    options.add_report(parser)
     outputs.add_picture(parser, "robustness.png")
 
 
@@ -93,11 +91,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the study, print and draw it."""
     count, seed = options.numbers_of(args, NUMBERS)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     try:
         kinds = kinds_named(args.kinds, scene)
     except ValueError as error:
-        raise ValueError(f"--{error}") from None
+        raise options.OptionError(f"--{error}") from None
     found: list[KindResult] = []
     try:
         estimator = Estimator(scene, args.method).wait()

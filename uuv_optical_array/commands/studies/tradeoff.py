@@ -10,7 +10,6 @@ from typing import Any, get_args
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.table.signature_table import Progress
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.tradeoff.fronts import (
     MOST_WITHOUT_POSE,
     as_object,
@@ -62,7 +61,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_numbers(parser, NUMBERS)
     options.add_json(parser)
-    options.add_report(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -138,7 +136,7 @@ def report(rows: Sequence[Measurement]) -> str:
 def run(args: argparse.Namespace) -> int:
     """Measure what is left, and draw and print what there is."""
     (seed,) = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
     measured = TradeoffRun(scene, mode, seed, folder)

@@ -1,0 +1,84 @@
+"""The options of commands that read a recorded bag, and the bag read by them."""
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, get_args
+
+from uuv_optical_array.cli import progress
+from uuv_optical_array.cli.options import OptionError, add_setting, checking_options
+from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
+from uuv_optical_array.core.settings import Quantity, Setting, check
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
+
+BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
+
+
+def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:
+    """Add the bag and how it is read, the topic of the follower's commands included or not."""
+    parser.add_argument(
+        "bag",
+        type=Path,
+        nargs=None if required else "?",
+        help="folder of a rosbag2, or its .mcap or .db3 file",
+    )
+    names = asdict(Topics())
+    if not commands:
+        del names["commands"]
+    parser.add_argument(
+        "-r",
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help=f"another topic in place of {', '.join(names.values())}; may be given again",
+    )
+    parser.set_defaults(topics=names)
+    parser.add_argument(
+        "--beacon-position",
+        type=float,
+        nargs=3,
+        default=[0.0, 0.0, 0.0],
+        metavar=("X", "Y", "Z"),
+        help=f"{BEACON.text}, m (default: 0 0 0)",
+    )
+    parser.add_argument(
+        "--odometry-axes",
+        choices=get_args(Axes),
+        default="flu",
+        help="axes of base_link in both odometries (default: %(default)s)",
+    )
+    add_setting(parser, "max_gap_s", Setting(float, MAX_GAP, MAX_GAP_S, optional=False))
+
+
+def topics_of(args: argparse.Namespace) -> Topics:
+    """Return the topics of the bag, remapped as the options say."""
+    topics = dict(args.topics)
+    for rule in args.remap:
+        source, separator, target = rule.partition(":=")
+        name = next((n for n, t in args.topics.items() if t == source.lstrip("/")), None)
+        if not separator or not target or name is None:
+            known = ", ".join(args.topics.values())
+            raise OptionError(f"--remap {rule}: give FROM:=TO, where FROM is one of {known}")
+        topics[name] = target
+    return Topics(**topics)
+
+
+def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
+    """Read the bag of a scene's array, as `read_recording` does, and show progress."""
+    with checking_options():
+        position = [
+            check(Annotated[float, BEACON], x, "--beacon-position") for x in args.beacon_position
+        ]
+    return read_recording(
+        files.user_path(args.bag),
+        scene.array,
+        topics_of(args),
+        position,
+        args.odometry_axes,
+        args.max_gap_s,
+        lambda messages: progress.over(messages, "message"),
+        poses_needed,
+    )

@@ -29,7 +29,7 @@ EPILOG = """\
 examples:
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
-  uuv_array calibrate sea --image-topic /bow/array/image --beacon-position -0.7 0 0.2
+  uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
   uuv_array calibrate sea --position-std 0.02 --attitude-std-deg 0.5     odometry has errors
   uuv_array calibrate sea --noise                                       fit the noise too
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
@@ -198,7 +198,7 @@ def run(args: argparse.Namespace) -> int:
         pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
     scene, bag = options.scene_of(args), files.user_path(args.bag)
     if args.noise and "sensor_noise" not in scene.effects:
-        raise options.OptionError(f"--noise: scene {scene.name} has no effects.sensor_noise; add it")
+        raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
     like = own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture

@@ -17,7 +17,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene, load_scene
+from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,
@@ -249,21 +249,26 @@ def add_parser(subparsers: options.Subparsers) -> None:
         "--moving", action="store_true", help="take images at random times, for what moves"
     )
     options.add_json(parser)
-    options.add_report(parser)
 
 
 def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
     if args.known and args.method != "least_squares":
-        raise ValueError(f"--known: {args.method} estimates no constants; use least_squares")
+        raise options.OptionError(
+            f"--known: {args.method} estimates no constants; use least_squares"
+        )
     if args.known and (args.moving or args.drawn):
         option = "--moving" if args.moving else "--drawn"
-        raise ValueError(f"--known: takes no {option}; leave one of them out")
+        raise options.OptionError(f"--known: takes no {option}; leave one of them out")
     if args.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
-        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+        raise options.OptionError(
+            f"--moving: nothing moves in scene {scene.name}; name one of {names}"
+        )
     if args.drawn and not scene.prior.nuisance_std():
-        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
+        raise options.OptionError(
+            f"--drawn: scene {scene.name} has no prior to draw from; give it one"
+        )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -271,7 +276,7 @@ def run(args: argparse.Namespace) -> int:
     if args.poses is None:
         args.poses = KNOWN_POSES if args.known else NUMBERS["poses"].default
     count, seed, candidates = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     scene = scene.with_shape(args.shape or scene.array.shape)
     _check_truth(args, scene)
     found: dict[str, Any]

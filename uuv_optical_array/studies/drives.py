@@ -18,7 +18,6 @@ from uuv_optical_array.core.storage.formats import json_text, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.results import until_interrupted
@@ -175,15 +174,16 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_method(parser)
     options.add_numbers(parser, NUMBERS)
     options.add_json(parser)
-    options.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
     count, seconds, rate, seed = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     if not scene.prior.nuisance_std():
-        raise ValueError(f"--scene: {scene.name} has no prior to draw seas from; give it one")
+        raise options.OptionError(
+            f"--scene: {scene.name} has no prior to draw seas from; give it one"
+        )
     estimator = Estimator(scene, args.method).wait()
     drives = until_interrupted(
         drive(estimator, seconds, rate, np.random.default_rng((seed, i)))

@@ -12,7 +12,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
 
 if TYPE_CHECKING:
@@ -230,13 +230,12 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_numbers(parser, POSE)
     options.add_shape(parser)
     outputs.add_picture(parser, "limits.png")
-    options.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
     pose = np.array(options.numbers_of(args, POSE))
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))

@@ -19,7 +19,8 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import GridPoses, grid_axes, signatures
-from uuv_optical_array.forward.scene import PriorSettings, Scene, scene_from_settings
+from uuv_optical_array.forward.prior import PriorSettings
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
 
 FRAMES = 300

@@ -22,7 +22,8 @@ from uuv_optical_array.commands import build_parser
 from uuv_optical_array.commands.scene.scenes import schema_text
 from uuv_optical_array.core.settings import Setting, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.scene import GROUPS, PRIORS
+from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.nodes.shared import reasons

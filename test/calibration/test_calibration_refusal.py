@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, load_scene, save_scene, scene_from_settings
+from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from test_scene import FULL
 
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.forward.scene_files import DEEPEST, Layer, merged
+from uuv_optical_array.forward.scene_files import MAX_FILES, Layer, merged
 
 
 @pytest.fixture
@@ -108,9 +108,9 @@ def test_a_scene_that_cannot_extend_another_says_why(write, values, words):
 
 def test_scenes_extend_each_other_in_a_row_of_eight_and_no_more(write):
     write("1.yaml", FULL)
-    for number in range(2, DEEPEST + 2):
+    for number in range(2, MAX_FILES + 2):
         file = write(f"{number}.yaml", {"extends": f"{number - 1}.yaml"})
-        if number <= DEEPEST:
+        if number <= MAX_FILES:
             assert load_scene(file).array.detectors_per_side == 5
     with pytest.raises(ValueError, match=r"9\.yaml -> 8\.yaml .* are more than 8 files"):
         load_scene(file)

@@ -15,7 +15,8 @@ from uuv_optical_array.commands.studies import robustness as command
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PriorSettings, load_scene
+from uuv_optical_array.forward.prior import PriorSettings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.errors import FrameErrors
 from uuv_optical_array.studies.robustness import study

@@ -14,7 +14,7 @@ from uuv_optical_array.calibration.parameters import (
     free_directions,
 )
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.scene import PRIORS
+from uuv_optical_array.forward.prior import PRIORS
 
 # A larger standard error counts as undetermined: a water type, or a look at the array in the dark,
 # tells as much. Of the logarithms, in 1/m, and relative to full scale.

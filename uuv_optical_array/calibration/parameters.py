@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.scene import PRIORS, PriorSettings
+from uuv_optical_array.forward.prior import PRIORS, PriorSettings
 
 POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
 NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")

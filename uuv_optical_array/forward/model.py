@@ -40,8 +40,8 @@ from uuv_optical_array.forward.optics import (
     trace,
     variance_slope,
 )
-from uuv_optical_array.forward.scene import BEAM_SIGMA, POWER, Scene
-from uuv_optical_array.forward.unknowns import unknown_forms
+from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, unknown_forms
+from uuv_optical_array.forward.scene import Scene
 
 BLOCK_READINGS = 51_200  # whose rays stay in the second level of the cache
 

@@ -3,10 +3,9 @@
 import dataclasses
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from uuv_optical_array.core.settings import Quantity, Span, check_all, unknown
 from uuv_optical_array.core.storage import files, yaml_text
@@ -14,6 +13,7 @@ from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.light import LampSettings
+from uuv_optical_array.forward.prior import AMBIENT, GRADIENTS, PRIORS, PriorSettings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,178 +49,7 @@ class TableSettings:
     yaw_deg: Annotated[Span, Quantity("bow to port", "deg", -180, 180)] = TURNED_DEG
 
 
-# Names of what may be unknown.
-POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
-ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
-GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
-SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
-# A shade is smooth: of its modes over the array each order is so much weaker than the one before,
-# and what no mode has is as strong as one of the second order. Our choice, of `plume`'s clouds.
-SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
-RIM = 0.25  # depth of a cloud's rim by that of its middle
-# What makes light uneven though the scene does not name it: a smooth shade, in the logarithm of the
-# lamp's light, and a gradient of daylight, by full scale. Our choice, for what sets in unforeseen.
-UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
-# Clouds are no smooth Gaussian shade: the variance of a pose behind one is so many times larger
-# than it would be. By `uuv_array study accuracy --moving` in `night_plume`.
-SHADE_DOUBT = 2.5
-
-Known = Literal["exactly", "calibrated", "as_bought"]
-# What is left unknown of a rig that was calibrated once in this sea, and of one that never was;
-# orders of magnitude of our choice, for want of published ones.
-PRIORS: dict[str, dict[str, float]] = {
-    "exactly": {},
-    "calibrated": {
-        "lamp_power_std": 0.1,
-        "beam_sigma_std_deg": 0.3,
-        "k_std_per_m": 0.02,
-        "ambient_std_counts": 5.0,
-        "gain_std": 0.005,
-        "uneven_probability": 0.02,
-    },
-    "as_bought": {
-        "lamp_power_std": 0.2,
-        "beam_sigma_std_deg": 0.5,
-        "k_std_per_m": 0.05,
-        "ambient_std_counts": 10.0,
-        "gain_std": 0.01,
-        "uneven_probability": 0.02,
-    },
-}
-
-
-class FrameLight(NamedTuple):
-    """The light of a kind of frame, by what it has beside that of a clear one.
-
-    Parameters
-    ----------
-    share
-        Of the frames, in [0, 1].
-    depth
-        Of an uneven shade, in the logarithm of the lamp's light.
-    cloud
-        Whether the shade is even in part, too, like a weaker lamp.
-    daylight_counts
-        Standard deviation of the ambient's rise from the array's middle to its edges, counts.
-    """
-
-    share: float
-    depth: float = 0.0
-    cloud: bool = False
-    daylight_counts: float = 0.0
-
-
-@dataclasses.dataclass(frozen=True)
-class PriorSettings:
-    """How well the scene itself is known; what is not known is estimated along with the pose."""
-
-    known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
-    lamp_power_std: Annotated[
-        float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
-    ] = 0.0
-    beam_sigma_std_deg: Annotated[
-        float, Quantity("standard deviation of the beam's width; 0: known", "deg", 0, 10)
-    ] = 0.0
-    k_std_per_m: Annotated[
-        float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
-    ] = 0.0
-    ambient_std_counts: Annotated[
-        float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
-    ] = 0.0
-    ambient_gradient_std_counts: Annotated[
-        float,
-        Quantity(
-            "standard deviation of the ambient's rise from the array's middle to its edges",
-            "counts",
-            0,
-            1e6,
-        ),
-    ] = 0.0
-    gain_std: Annotated[
-        float,
-        Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3),
-    ] = 0.0
-    temperature_std_c: Annotated[
-        float,
-        Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40),
-    ] = 0.0
-    aim_std_deg: Annotated[
-        float,
-        Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
-    ] = 0.0
-    shade_probability: Annotated[
-        float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
-    ] = 0.0
-    shade_depth: Annotated[
-        float,
-        Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3),
-    ] = 0.0
-    shade_lasts_s: Annotated[
-        float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
-    ] = 5.0
-    uneven_probability: Annotated[
-        float,
-        Quantity(
-            "share of frames lit unevenly in a way that the scene does not name, where it names no "
-            "shade",
-            "",
-            0,
-            0.5,
-        ),
-    ] = 0.0
-
-    def nuisance_std(self) -> dict[str, float]:
-        """Return the standard deviation of each setting that is not known, by dotted name."""
-        stds = {
-            POWER: self.lamp_power_std,
-            BEAM_SIGMA: self.beam_sigma_std_deg,
-            ATTENUATION: self.k_std_per_m,
-            AMBIENT: self.ambient_std_counts,
-            **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
-            "responsivity.temperature_c": self.temperature_std_c,
-        }
-        return {name: std for name, std in stds.items() if std > 0}
-
-    def lights(self, full_scale_counts: float) -> list[FrameLight]:
-        """Return the kinds of frame, the clear ones first."""
-        unclear: list[FrameLight] = []
-        if share := self.shade_probability:
-            depths = self.shade_depth, RIM * self.shade_depth
-            unclear = [FrameLight(share / 2, depth, True) for depth in depths]
-        elif share := self.uneven_share:
-            daylight = UNEVEN_DAYLIGHT * full_scale_counts
-            unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
-        return [FrameLight(1 - share), *unclear]
-
-    @property
-    def uneven_share(self) -> float:
-        """Share of frames that are lit unevenly in a way that the scene does not name."""
-        return 0.0 if self.shade_probability else self.uneven_probability
-
-    @property
-    def unclear_lasts_s(self) -> float:
-        """Time in which light that is not clear becomes other light, s; 0: it is always clear."""
-        return self.shade_lasts_s if self.shade_probability or self.uneven_share else 0.0
-
-    def std_in(self, light: FrameLight) -> dict[str, float]:
-        """Return what `nuisance_std` does, of a kind of frame."""
-        stds = self.nuisance_std()
-        if light.cloud:
-            stds[POWER] = math.hypot(self.lamp_power_std, light.depth)
-        if light.daylight_counts:
-            daylight = math.hypot(self.ambient_gradient_std_counts, light.daylight_counts)
-            stds |= dict.fromkeys(GRADIENTS, daylight)
-        if light.depth:
-            modes = (light.depth * SHADE_DECAY**order for order in SHADE_ORDERS)
-            stds |= dict(zip(SHADES, modes, strict=True))
-        return stds
-
-    def gain_std_in(self, light: FrameLight) -> float:
-        """Return the relative spread of readings by gains and by what no mode of a shade has."""
-        return math.hypot(self.gain_std, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
-
-
-# Groups of a scene file, but for `effects`, and who declares their keys.
+# Groups of a scene file except `effects`, with the classes that declare their keys.
 GROUPS: dict[str, Any] = {
     "lamp": LampSettings,
     "array": ArraySettings,
@@ -255,8 +84,7 @@ class Scene:
     def full_scale_counts(self) -> float:
         """Largest reading of the array (the paper's I_max), counts.
 
-        The lower of saturation and converter; a scene with neither has no limit, and
-        its lamp's reference reading takes the place.
+        The lower of saturation and converter; the lamp's reference reading in a scene without both.
         """
         limits = []
         if "saturation" in self.effects:
@@ -266,10 +94,10 @@ class Scene:
         return min(limits, default=self.lamp.reference_counts)
 
     def constants_std(self) -> dict[str, float]:
-        """Return the prior's `nuisance_std`, and that of what no image tells but many together do.
+        """Return the prior's `nuisance_std`, with that of the gradient of daylight.
 
-        That is the gradient of daylight, which in one image looks like a turn of the array. Where
-        the scene names neither daylight nor a shade, it is as unknown as daylight itself.
+        In one image the gradient looks like a turn of the array, but many images determine it.
+        Where the scene names neither daylight nor a shade, it is as uncertain as daylight itself.
         """
         stds = self.prior.nuisance_std()
         if AMBIENT in stds and "ambient" not in self.effects and not self.prior.shade_probability:
@@ -282,7 +110,7 @@ class Scene:
         return dataclasses.replace(self, array=self.array.with_shape(shape))
 
     def settings(self) -> dict[str, Any]:
-        """Return the whole scene as plain values, as a scene file holds it."""
+        """Return the whole scene as plain values, as in a scene file."""
         groups = {
             group: {
                 key: list(value) if isinstance(value, Span) else value
@@ -325,21 +153,16 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
     Parameters
     ----------
     settings
-        Mapping of the groups ``lamp`` and ``array``, and as far as they differ from the defaults
+        Mapping of the groups ``lamp`` and ``array``, and where they differ from the defaults
         ``effects``, ``signature``, ``table`` and ``prior``.
     name
-        Name of the scene, which starts every error.
-
-    Returns
-    -------
-    Scene
-        The scene.
+        Name of the scene, for errors.
 
     Raises
     ------
     ValueError
-        For an unknown or missing key, a wrong type or a value out of bounds: the key,
-        the value, the bound and the cure.
+        For an unknown or missing key, a wrong type or a value out of bounds, with the key, the
+        value, the bound and the cure.
     """
     try:
         if not isinstance(settings, Mapping):
@@ -352,12 +175,10 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         for group, declared in GROUPS.items():
             values = check_all(declared, settings.get(group), group)
             if group == "prior":
-                given = settings.get(group) or {}
-                values |= {
-                    key: std for key, std in PRIORS[values["known"]].items() if key not in given
-                }
-                # Of water that does not attenuate, the set has nothing to say.
-                usual = PRIORS[values["known"]].get("k_std_per_m")
+                given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
+                values |= {key: std for key, std in defaults.items() if key not in given}
+                # The default does not apply to water that does not attenuate.
+                usual = defaults.get("k_std_per_m")
                 if "attenuation" not in effects and values["k_std_per_m"] == usual:
                     values["k_std_per_m"] = 0.0
             try:
@@ -365,10 +186,8 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=effects, **groups)
-        for key, effect in (
-            ("k_std_per_m", "attenuation"),
-            ("temperature_std_c", "responsivity"),
-        ):
+        needs = {"k_std_per_m": "attenuation", "temperature_std_c": "responsivity"}
+        for key, effect in needs.items():
             if getattr(scene.prior, key) > 0 and effect not in scene.effects:
                 raise ValueError(f"prior.{key}: the scene has no effects.{effect}; add it")
     except ValueError as error:
@@ -381,10 +200,8 @@ def save_scene(scene: Scene, path: Path, comment: str, like: str = "") -> None:
 
     Parameters
     ----------
-    scene
-        The scene.
-    path
-        The file; one that exists is replaced.
+    scene, path
+        The scene, and the file, which is replaced where it exists.
     comment
         First line.
     like
@@ -396,24 +213,19 @@ def save_scene(scene: Scene, path: Path, comment: str, like: str = "") -> None:
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene from a YAML file, and the ones that it ``extends``.
+    """Read and check a scene file with those that it ``extends``.
 
     Parameters
     ----------
     path
         A file, or the bare name of a ready scene such as ``follow``.
 
-    Returns
-    -------
-    Scene
-        The checked scene.
-
     Raises
     ------
     ValueError
         For text that is not YAML, as `scene_files.layers`, or as `scene_from_settings`.
     FileNotFoundError
-        Where neither a file nor a ready scene has that name, or that of one that is extended.
+        Where neither a file nor a ready scene has that name, or one that is extended.
     """
     file = scene_files.scene_file(path)
     return scene_from_settings(scene_files.merged(scene_files.layers(file)), file.stem)

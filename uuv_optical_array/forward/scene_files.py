@@ -1,4 +1,4 @@
-"""Where scene files lie, and what a scene takes from the one that it extends, as plain values."""
+"""Scene files: where they are, and how they extend each other, as plain values."""
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -10,21 +10,11 @@ from uuv_optical_array.core.storage import files, yaml_text
 READY = "config/scenes"
 SUFFIXES = ".yaml", ".yml"
 EXTENDS = "extends"
-DEEPEST = 8  # files in a row, each extending the next
+MAX_FILES = 8  # each extending the next
 
 
 class Layer(NamedTuple):
-    """A scene file as it stands.
-
-    Parameters
-    ----------
-    file
-        The file.
-    settings
-        What it sets, without `extends`.
-    extends
-        Name or path of the scene that it extends, as written; empty where it stands alone.
-    """
+    """A scene file, its own settings, and the scene that it extends, as written; empty: none."""
 
     file: Path
     settings: Mapping[str, Any]
@@ -37,7 +27,7 @@ def ready_scenes() -> list[str]:
 
 
 def is_file_name(name: str | Path) -> bool:
-    """Say whether a scene is named by its file, and not as a ready one."""
+    """Say whether a name is that of a file, and not of a ready scene."""
     return Path(name).suffix in SUFFIXES
 
 
@@ -49,7 +39,7 @@ def scene_file(name: str | Path, folder: Path = Path()) -> Path:
     name
         A file, or the bare name of a ready scene.
     folder
-        From where a relative path leads to the file.
+        To which a path is relative.
 
     Raises
     ------
@@ -63,7 +53,7 @@ def scene_file(name: str | Path, folder: Path = Path()) -> Path:
         return file
     ready = ready_scenes()
     if str(name) not in ready:
-        near = [f"; did you mean {found}?" for found in get_close_matches(str(name), ready, n=1)]
+        near = [f"; did you mean {match}?" for match in get_close_matches(str(name), ready, n=1)]
         raise FileNotFoundError(
             f"scene {name}: neither a .yaml file nor a ready scene ({', '.join(ready)})"
             + "".join(near)
@@ -72,7 +62,7 @@ def scene_file(name: str | Path, folder: Path = Path()) -> Path:
 
 
 def sentence(file: Path) -> str:
-    """Return what a scene file says of itself in its first line; empty without such a comment."""
+    """Return the comment in the first line of a scene file; empty without one."""
     first = file.read_text(encoding="utf-8").partition("\n")[0]
     return first.lstrip("# ") if first.startswith("#") else ""
 
@@ -89,29 +79,29 @@ def layers(file: Path) -> list[Layer]:
     ------
     ValueError
         For a file that is no mapping in YAML, and for files that extend each other in a circle or
-        in a row of more than 8.
+        that are more than 8.
     FileNotFoundError
-        For a scene to extend that is not there, by the file that names it.
+        For an extended scene that does not exist, with the file that names it.
     """
-    found: list[Layer] = []
+    result: list[Layer] = []
     while True:
-        found.append(_layer(file))
-        extends = found[-1].extends
+        result.append(_layer(file))
+        extends = result[-1].extends
         if not extends:
-            return found
+            return result
         try:
             base = scene_file(extends, file.parent)
         except FileNotFoundError as error:
             raise FileNotFoundError(f"scene {file}: {EXTENDS}: {error}") from None
-        row = [layer.file for layer in found] + [base]
-        shown = " -> ".join(path.name for path in row)
-        if any(base.samefile(layer.file) for layer in found):
+        chain = [layer.file for layer in result] + [base]
+        shown = " -> ".join(path.name for path in chain)
+        if any(base.samefile(layer.file) for layer in result):
             raise ValueError(
                 f"scene {file}: {EXTENDS}: {shown} is a circle; let one of them stand alone"
             )
-        if len(row) > DEEPEST:
+        if len(chain) > MAX_FILES:
             raise ValueError(
-                f"scene {file}: {EXTENDS}: {shown} are more than {DEEPEST} files; extend a scene "
+                f"scene {file}: {EXTENDS}: {shown} are more than {MAX_FILES} files; extend a scene "
                 "nearer to the last of them"
             )
         file = base
@@ -132,20 +122,15 @@ def _layer(file: Path) -> Layer:
     return Layer(file, {key: settings[key] for key in settings if key != EXTENDS}, extends)
 
 
-def merged(found: Sequence[Layer]) -> Mapping[str, Any]:
-    """Return the settings of a scene with all that it extends.
-
-    Parameters
-    ----------
-    found
-        As `layers` returns them.
+def merged(layers_of_scene: Sequence[Layer]) -> Mapping[str, Any]:
+    """Return the settings of a scene with all that it extends, from its `layers`.
 
     Raises
     ------
     ValueError
-        Where a key is taken away that is not there.
+        Where null removes a key that does not exist.
     """
-    *changes, last = found
+    *changes, last = layers_of_scene
     settings = last.settings
     for layer in reversed(changes):
         try:
@@ -156,7 +141,7 @@ def merged(found: Sequence[Layer]) -> Mapping[str, Any]:
 
 
 def _changed(base: Mapping[str, Any], changes: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Merge mappings, replace the rest, take away by null (JSON Merge Patch, RFC 7396)."""
+    """Merge mappings, replace the rest, remove what is null (JSON Merge Patch, RFC 7396)."""
     result = dict(base)
     for key, value in changes.items():
         name = f"{where}.{key}".lstrip(".")

@@ -1,8 +1,7 @@
-"""The JSON schema of scene files, by which an editor completes and checks them.
+"""The JSON schema of scene files, with which an editor completes and checks them.
 
-It is made from the declarations: types, bounds, words, defaults and what must be given. What
-depends on several keys, such as the one of two ways to give an effect, is left to
-`scene.scene_from_settings`.
+It follows from the declarations: types, bounds, words, defaults and required keys. Conditions on
+several keys are left to `scene.scene_from_settings`.
 """
 
 from collections.abc import Callable
@@ -41,7 +40,7 @@ def scene_schema() -> Schema:
 def _scene(whole: bool) -> Schema:
     """Return the schema of a scene that stands alone, or of what changes another."""
     effects = {
-        name: _given_or_null(_mapping(effect.function, whole), not whole)
+        name: _nullable(_mapping(effect.function, whole), not whole)
         for name, effect in EFFECTS.items()
     }
     groups = {name: _mapping(owner, whole) for name, owner in GROUPS.items()}
@@ -56,7 +55,7 @@ def _scene(whole: bool) -> Schema:
                 "anyOf": [{"enum": ready_scenes()}, {"pattern": r"\.ya?ml$"}],
             },
             **{
-                name: _given_or_null(group, not whole or name not in required)
+                name: _nullable(group, not whole or name not in required)
                 for name, group in groups.items()
             },
         },
@@ -67,15 +66,15 @@ def _scene(whole: bool) -> Schema:
 
 def _mapping(owner: Callable[..., Any], whole: bool) -> Schema:
     settings = declared(owner)
-    found = _object(
+    schema = _object(
         {
-            key: _given_or_null(_value(setting), setting.optional or not whole)
+            key: _nullable(_value(setting), setting.optional or not whole)
             for key, setting in settings.items()
         },
         summary(owner),
     )
     required = [key for key, setting in settings.items() if setting.required]
-    return {**found, "required": required} if whole and required else found
+    return {**schema, "required": required} if whole and required else schema
 
 
 def _object(properties: Schema, description: str) -> Schema:
@@ -87,8 +86,8 @@ def _object(properties: Schema, description: str) -> Schema:
     }
 
 
-def _given_or_null(schema: Schema, null: bool) -> Schema:
-    """Return a schema that takes null, too, where that is so."""
+def _nullable(schema: Schema, null: bool) -> Schema:
+    """Return the schema, with null allowed or not."""
     if not null:
         return schema
     if "enum" in schema:
@@ -100,22 +99,22 @@ def _value(setting: Setting) -> Schema:
     kind, quantity, default, _ = setting
     words = [] if setting.choices else [quantity.bounds()]
     texts = [text for text in (quantity.text, *words) if text]
-    found: Schema = {"description": "; ".join(texts)} if texts else {}
+    schema: Schema = {"description": "; ".join(texts)} if texts else {}
     if not setting.required and default is not None:
-        found["default"] = list(default) if isinstance(default, tuple) else default
+        schema["default"] = list(default) if isinstance(default, tuple) else default
     if setting.choices:
-        return {**found, "enum": list(setting.choices)}
+        return {**schema, "enum": list(setting.choices)}
     number, whole = _number("number", quantity), _number("integer", quantity)
     if kind is Span:
         many = _number("integer", Quantity("", low=1, high=MOST_VALUES))
-        return {**found, **_list([number, number, many], 3)}
+        return {**schema, **_list([number, number, many], 3)}
     if kind == Cells:
-        return {**found, **_list(_list(whole, 2))}
+        return {**schema, **_list(_list(whole, 2))}
     if kind == Grid:
-        return {**found, **_list({**_list(number), "minItems": 1}), "minItems": 1}
+        return {**schema, **_list({**_list(number), "minItems": 1}), "minItems": 1}
     if kind == Order:
-        return {**found, **_list(whole), "uniqueItems": True}
-    return {**found, **(whole if kind is int else number)}
+        return {**schema, **_list(whole), "uniqueItems": True}
+    return {**schema, **(whole if kind is int else number)}
 
 
 def _number(kind: str, quantity: Quantity) -> Schema:
@@ -123,5 +122,5 @@ def _number(kind: str, quantity: Quantity) -> Schema:
 
 
 def _list(items: Schema | list[Schema], length: int | None = None) -> Schema:
-    found: Schema = {"type": "array", "items": items}
-    return found if length is None else {**found, "minItems": length, "maxItems": length}
+    schema: Schema = {"type": "array", "items": items}
+    return schema if length is None else {**schema, "minItems": length, "maxItems": length}

@@ -17,7 +17,8 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Known, PriorSettings, Scene
+from uuv_optical_array.forward.prior import PRIORS, Known, PriorSettings
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.studies.errors import (
     SIGMAS,

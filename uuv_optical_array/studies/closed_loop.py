@@ -18,13 +18,8 @@ from uuv_optical_array.core.settings import Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Frame, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import (
-    ATTENUATION,
-    POWER,
-    Scene,
-    load_scene,
-    scene_from_settings,
-)
+from uuv_optical_array.forward.prior import ATTENUATION, POWER
+from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
 

@@ -16,13 +16,8 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import (
-    ATTENUATION,
-    GRADIENTS,
-    POWER,
-    load_scene,
-    scene_from_settings,
-)
+from uuv_optical_array.forward.prior import ATTENUATION, GRADIENTS, POWER
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.drives import course
 
 POSE = np.array([-6.0, 0.2, -0.1, 0.05, -0.04])

@@ -13,7 +13,8 @@ from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.scene import GROUPS, PRIORS, PriorSettings, Scene, load_scene
+from uuv_optical_array.forward.prior import PRIORS, PriorSettings
+from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene
 from uuv_optical_array.forward.scene_files import (
     is_file_name,
     layers,

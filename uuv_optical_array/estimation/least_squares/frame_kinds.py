@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import POWER, SHADE_DOUBT
+from uuv_optical_array.forward.prior import POWER, SHADE_DOUBT
 
 # An image is hardly a clear one where a fifth of them at most leave larger residuals, or where the
 # one before makes it this probable.

@@ -8,7 +8,7 @@ import numpy as np
 from uuv_optical_array.estimation.tracking.track import Learnt
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import GRADIENTS, POWER
+from uuv_optical_array.forward.prior import GRADIENTS, POWER
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer

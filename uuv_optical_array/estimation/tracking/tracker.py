@@ -57,7 +57,7 @@ from uuv_optical_array.estimation.tracking.track import (
     Track,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
-from uuv_optical_array.forward.scene import AMBIENT, GRADIENTS
+from uuv_optical_array.forward.prior import AMBIENT, GRADIENTS
 
 RATE_STD = [0.5, 0.5, 0.5, 0.1, 0.1]  # m/s and rad/s, at the start of a track
 UNKNOWN_POSE = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of which nothing is known

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.forward.optics import DEGREE
-from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER
+from uuv_optical_array.forward.prior import ATTENUATION, BEAM_SIGMA, POWER
 
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
 

@@ -11,7 +11,8 @@ import numpy as np
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import PRIORS, Scene
+from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import lit_poses, uniform_poses
 from uuv_optical_array.studies.robustness import truths
 from uuv_optical_array.studies.robustness.truths import Light

@@ -15,8 +15,8 @@ from numpy.polynomial.legendre import legvander2d
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import ATTENUATION, BEAM_SIGMA, POWER, Scene
-from uuv_optical_array.forward.unknowns import over_array
+from uuv_optical_array.forward.prior import ATTENUATION, BEAM_SIGMA, POWER, over_array
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, uniform_poses
 
 # Light at the detectors, counts, shape (n, side, side), of poses, shape (n, 5), in the sea that

@@ -27,7 +27,7 @@ from uuv_optical_array.estimation.tracking.filter.state import MOVING, StateSpac
 from uuv_optical_array.estimation.tracking.track import POSE
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.estimation.unknowns.joint_coordinates import AsTheyAre, JointCoordinates
-from uuv_optical_array.forward.scene import SHADE_DOUBT
+from uuv_optical_array.forward.prior import SHADE_DOUBT
 
 # Of a shaded pose's variance the doubt is new in each frame. Most of the rest lasts as the shade
 # does, and what is left lets the track follow.

@@ -1,0 +1,222 @@
+"""What is uncertain about a scene: standard deviations, and the light that the scene does not name.
+
+A prior may leave settings of lamp and effects uncertain; their forms say so themselves. The other
+unknowns have forms here whose value in the scene is 0: daylight, its gradient over the array, and
+an uneven shade such as a cloud of sediment causes.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.forward.effects.forms import Background, Shade
+
+# Names of uncertain settings.
+POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
+ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
+GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
+SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
+# A shade is smooth: each order of its modes over the array is weaker than the one before by this
+# factor, and what no mode describes is as strong as one of the second order. Our choice, after the
+# clouds of `plume`.
+SHADE_DECAY, SHADE_ORDERS = 1 / 4, (1, 1, 2, 2, 2)
+RIM = 0.25  # depth of a cloud's rim relative to its middle
+# Uneven light that the scene does not name: a smooth shade, in the logarithm of the lamp's light,
+# and a gradient of daylight, relative to full scale. Our choice, for the unforeseen.
+UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
+# Clouds are no smooth Gaussian shade, so the variance of a pose behind one is larger by this
+# factor. Measured with `uuv_array study accuracy --moving` in `night_plume`.
+SHADE_DOUBT = 2.5
+
+Known = Literal["exactly", "calibrated", "as_bought"]
+# Priors of a rig that was calibrated once in this sea, and of one that never was; orders of
+# magnitude of our choice, for want of published ones.
+PRIORS: dict[str, dict[str, float]] = {
+    "exactly": {},
+    "calibrated": {
+        "lamp_power_std": 0.1,
+        "beam_sigma_std_deg": 0.3,
+        "k_std_per_m": 0.02,
+        "ambient_std_counts": 5.0,
+        "gain_std": 0.005,
+        "uneven_probability": 0.02,
+    },
+    "as_bought": {
+        "lamp_power_std": 0.2,
+        "beam_sigma_std_deg": 0.5,
+        "k_std_per_m": 0.05,
+        "ambient_std_counts": 10.0,
+        "gain_std": 0.01,
+        "uneven_probability": 0.02,
+    },
+}
+
+
+class FrameLight(NamedTuple):
+    """How the light of a kind of frame differs from that of a clear one.
+
+    Parameters
+    ----------
+    share
+        Of the frames, in [0, 1].
+    depth
+        Of an uneven shade, in the logarithm of the lamp's light.
+    cloud
+        Whether part of the shade is even, like a weaker lamp.
+    daylight_counts
+        Standard deviation of the ambient's rise from the array's middle to its edges, counts.
+    """
+
+    share: float
+    depth: float = 0.0
+    cloud: bool = False
+    daylight_counts: float = 0.0
+
+
+@dataclass(frozen=True)
+class PriorSettings:
+    """How well the scene itself is known; what is not known is estimated along with the pose."""
+
+    known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
+    lamp_power_std: Annotated[
+        float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
+    ] = 0.0
+    beam_sigma_std_deg: Annotated[
+        float, Quantity("standard deviation of the beam's width; 0: known", "deg", 0, 10)
+    ] = 0.0
+    k_std_per_m: Annotated[
+        float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
+    ] = 0.0
+    ambient_std_counts: Annotated[
+        float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
+    ] = 0.0
+    ambient_gradient_std_counts: Annotated[
+        float,
+        Quantity(
+            "standard deviation of the ambient's rise from the array's middle to its edges",
+            "counts",
+            0,
+            1e6,
+        ),
+    ] = 0.0
+    gain_std: Annotated[
+        float,
+        Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3),
+    ] = 0.0
+    temperature_std_c: Annotated[
+        float,
+        Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40),
+    ] = 0.0
+    aim_std_deg: Annotated[
+        float,
+        Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
+    ] = 0.0
+    shade_probability: Annotated[
+        float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
+    ] = 0.0
+    shade_depth: Annotated[
+        float,
+        Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3),
+    ] = 0.0
+    shade_lasts_s: Annotated[
+        float, Quantity("time in which a shade becomes another one", "s", 0, 1000)
+    ] = 5.0
+    uneven_probability: Annotated[
+        float,
+        Quantity(
+            "share of frames lit unevenly in a way that the scene does not name, where it names no "
+            "shade",
+            "",
+            0,
+            0.5,
+        ),
+    ] = 0.0
+
+    def nuisance_std(self) -> dict[str, float]:
+        """Return the standard deviation of each uncertain setting, by dotted name."""
+        stds = {
+            POWER: self.lamp_power_std,
+            BEAM_SIGMA: self.beam_sigma_std_deg,
+            ATTENUATION: self.k_std_per_m,
+            AMBIENT: self.ambient_std_counts,
+            **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
+            "responsivity.temperature_c": self.temperature_std_c,
+        }
+        return {name: std for name, std in stds.items() if std > 0}
+
+    def lights(self, full_scale_counts: float) -> list[FrameLight]:
+        """Return the kinds of frame, clear ones first."""
+        unclear: list[FrameLight] = []
+        if share := self.shade_probability:
+            depths = self.shade_depth, RIM * self.shade_depth
+            unclear = [FrameLight(share / 2, depth, True) for depth in depths]
+        elif share := self.uneven_share:
+            daylight = UNEVEN_DAYLIGHT * full_scale_counts
+            unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
+        return [FrameLight(1 - share), *unclear]
+
+    @property
+    def uneven_share(self) -> float:
+        """Share of frames with uneven light that the scene does not name."""
+        return 0.0 if self.shade_probability else self.uneven_probability
+
+    @property
+    def unclear_lasts_s(self) -> float:
+        """Correlation time of light that is not clear, s; 0: it is always clear."""
+        return self.shade_lasts_s if self.shade_probability or self.uneven_share else 0.0
+
+    def std_in(self, light: FrameLight) -> dict[str, float]:
+        """Return `nuisance_std` for a kind of frame."""
+        stds = self.nuisance_std()
+        if light.cloud:
+            stds[POWER] = math.hypot(self.lamp_power_std, light.depth)
+        if light.daylight_counts:
+            daylight = math.hypot(self.ambient_gradient_std_counts, light.daylight_counts)
+            stds |= dict.fromkeys(GRADIENTS, daylight)
+        if light.depth:
+            modes = (light.depth * SHADE_DECAY**order for order in SHADE_ORDERS)
+            stds |= dict(zip(SHADES, modes, strict=True))
+        return stds
+
+    def gain_std_in(self, light: FrameLight) -> float:
+        """Return the relative spread of readings by gains and shades beyond the modes."""
+        return math.hypot(self.gain_std, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
+
+
+def over_array(side: int) -> tuple[Array, Array]:
+    """Return the coordinates of columns and rows, from -1 to 1, shape ``(side, side)`` each."""
+    along = np.linspace(-1, 1, side)
+    column, row = np.meshgrid(along, along)
+    return column, row
+
+
+def shade_modes(side: int) -> Array:
+    """Return smooth patterns on the array: the polynomials of first and second order.
+
+    They are orthogonal to each other and to an even shade, which acts like the lamp's power, and
+    have a mean square of 1; with fewer than six detectors some are 0. Shape ``(5, side * side)``.
+    """
+    u, v = (axis.ravel() for axis in over_array(side))
+    powers = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    modes: list[Array] = []
+    for power in powers:
+        rest = power - sum(mode * np.mean(mode * power) for mode in modes)
+        size = np.sqrt(np.mean(rest * rest))
+        modes.append(rest / size if size > 1e-9 else np.zeros_like(rest))
+    return np.array(modes[1:])
+
+
+def unknown_forms(side: int) -> dict[str, Background | Shade]:
+    """Return the forms of unknown light by name: daylight in counts, shades as logarithms."""
+    u, v = (axis.ravel() for axis in over_array(side))
+    shades = zip(SHADES, shade_modes(side), strict=True)
+    return {
+        **{name: Shade(mode, name) for name, mode in shades},
+        AMBIENT: Background(np.ones(side * side), 0.0, AMBIENT),
+        GRADIENTS[0]: Background(u, 0.0, GRADIENTS[0]),
+        GRADIENTS[1]: Background(v, 0.0, GRADIENTS[1]),
+    }

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import uuv_optical_array
 from uuv_optical_array import nodes
 from uuv_optical_array.commands import build_parser
-from uuv_optical_array.commands.scene.scenes import schema_text
+from uuv_optical_array.commands.scenes import schema_text
 from uuv_optical_array.core.settings import Setting, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.prior import PRIORS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import READY
 
-from uuv_optical_array.commands.scene import scenes as command
+from uuv_optical_array.commands import scenes as command
 from uuv_optical_array.core.geometry import IN_DEGREES
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound

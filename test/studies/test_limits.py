@@ -129,6 +129,6 @@ def test_another_shape_keeps_the_rest_of_the_scene():
     ],
 )
 def test_a_bad_value_ends_in_one_line(words, error):
-    line = run(*words, "--output", "never.png", code=1)
+    line = run(*words, "--output", "never.png", code=2)
     assert line.startswith("uuv_array limits: ")
     assert error in line

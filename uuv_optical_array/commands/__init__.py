@@ -9,8 +9,16 @@ from contextlib import suppress
 
 from uuv_optical_array import __version__
 from uuv_optical_array.cli import options, report
-from uuv_optical_array.commands import calibrate, commission, estimate, follow, view
-from uuv_optical_array.commands.scene import render, scenes, table
+from uuv_optical_array.commands import (
+    calibrate,
+    commission,
+    estimate,
+    follow,
+    render,
+    scenes,
+    table,
+    view,
+)
 from uuv_optical_array.commands.studies import advise, approach, design, robustness, tradeoff
 from uuv_optical_array.studies import accuracy, drives, limits, paper
 

@@ -1,1 +1,0 @@
-"""The commands that explain, draw and tabulate a scene."""

@@ -27,7 +27,7 @@ from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.nodes.shared import reasons
-from uuv_optical_array.studies.robustness.kinds import KINDS
+from uuv_optical_array.studies.mismatches import KINDS
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"

@@ -19,7 +19,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.nodes.shared.messages import image_to_message
-from uuv_optical_array.studies.robustness.kinds import kinds_named
+from uuv_optical_array.studies.mismatches import kinds_named
 
 KINDS = (
     "k-0.04,beam+0.6,power_x0.8,ambient_10,gradient_30,second_lamp_0.3,gains_0.01,dead_detector,"

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import json
-import re
 
 import command_line
 import numpy as np
@@ -11,16 +10,16 @@ import pytest
 from command_line import assert_picture
 from scipy import stats
 
-from uuv_optical_array.commands.studies import robustness as command
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
+from uuv_optical_array.studies import robustness
 from uuv_optical_array.studies.errors import FrameErrors
-from uuv_optical_array.studies.robustness import study
-from uuv_optical_array.studies.robustness.kinds import KINDS, SHIPPED, kinds_named
+from uuv_optical_array.studies.mismatches import KINDS, kinds_named
+from uuv_optical_array.studies.results import until_interrupted
 
 run = functools.partial(command_line.run, "study", "robustness")
 BY_NAME = {kind.name: kind for kind in KINDS}
@@ -40,26 +39,26 @@ def test_figures_are_those_of_the_errors():
     covariances[4] = np.nan
     frames = FrameErrors(errors, covariances, np.ones(5), np.ones(1))
     plausible = np.array([True, True, True, False, False])
-    told = study.KindResult(BY_NAME["k-0.05"], frames, plausible).as_object()
-    assert (told["kind"], told["times_prior"]) == ("k-0.05", 2.5)
-    assert not told["within_twice_prior"]
+    found = robustness.figures(BY_NAME["k-0.05"], frames, plausible)
+    assert (found["kind"], found["times_prior"]) == ("k-0.05", 2.5)
+    assert not found["within_twice_prior"]
     counts = {"frames": 5, "answered": 4, "beyond_6_sigma": 2, "beyond_1_m": 2}
-    assert {**counts, "indistinguishable": 1}.items() <= told.items()
-    assert told["nees_mean"] == pytest.approx((1 + 32 + 2 * 42.25) / 4)
-    assert told["rms_range_m"] == pytest.approx(0.4)
+    assert {**counts, "indistinguishable": 1}.items() <= found.items()
+    assert found["nees_mean"] == pytest.approx((1 + 32 + 2 * 42.25) / 4)
+    assert found["rms_range_m"] == pytest.approx(0.4)
     across = (0.2**2 + 0.8**2 + 1.3**2) / 8
-    assert told["rms_across_m"] == pytest.approx(np.sqrt(across))
-    assert told["rms_angle_deg"] == pytest.approx(np.degrees(0.13 / np.sqrt(8)))
+    assert found["rms_across_m"] == pytest.approx(np.sqrt(across))
+    assert found["rms_angle_deg"] == pytest.approx(np.degrees(0.13 / np.sqrt(8)))
 
 
 def test_without_an_answer_there_are_no_means():
     frames = FrameErrors(
         np.full((2, 5), np.nan), np.full((2, 5, 5), np.nan), np.ones(2), np.ones(1)
     )
-    told = study.KindResult(BY_NAME["noise"], frames, np.zeros(2, bool)).as_object()
-    assert told["answered"] == told["beyond_6_sigma"] == told["beyond_1_m"] == 0
-    assert told["nees_mean"] is told["rms_range_m"] is told["times_prior"] is None
-    json.dumps(told, allow_nan=False)
+    found = robustness.figures(BY_NAME["noise"], frames, np.zeros(2, bool))
+    assert found["answered"] == found["beyond_6_sigma"] == found["beyond_1_m"] == 0
+    assert found["nees_mean"] is found["rms_range_m"] is found["times_prior"] is None
+    json.dumps(found, allow_nan=False)
 
 
 def fitted(model, poses, images):
@@ -89,17 +88,18 @@ def test_honest_images_have_any_tail_probability_alike(prior):
     offsets = {name: std * rng.standard_normal(300) for name, std in prior.nuisance_std().items()}
     images = model.expose(poses, rng, 0.0, offsets)
     answers, covariances = fitted(model, poses, images)
-    tail = study.tail_probability(model, answers, covariances, images)
+    tail = robustness.tail_probability(model, answers, covariances, images)
     assert stats.kstest(tail, "uniform").pvalue > 1e-3
     spoilt = images.copy()
     spoilt[:, 2, 2] *= 0.9
-    assert (study.tail_probability(model, answers, covariances, spoilt) < 1e-3).all()
+    assert (robustness.tail_probability(model, answers, covariances, spoilt) < 1e-3).all()
     # Ten standard deviations off, unless the answer is known to be no better.
     answers += 10 * covariances[:, 0] / np.sqrt(covariances[:, :1, 0])
-    assert (study.tail_probability(model, answers, covariances, images) < 1e-3).mean() > 0.99
-    assert (study.tail_probability(model, answers, 100 * covariances, images) > 1e-3).mean() > 0.95
+    assert (robustness.tail_probability(model, answers, covariances, images) < 1e-3).mean() > 0.99
+    wide = robustness.tail_probability(model, answers, 100 * covariances, images)
+    assert (wide > 1e-3).mean() > 0.95
     answers[7] = np.nan
-    assert study.tail_probability(model, answers, covariances, images)[7] == 0
+    assert robustness.tail_probability(model, answers, covariances, images)[7] == 0
 
 
 def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(scene):
@@ -108,26 +108,10 @@ def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(sc
     image, light = model.expected(pose), model.light(pose)
     assert (light > 1100).any()
     nowhere = 1e-12 * np.eye(5)[None]
-    assert study.tail_probability(model, pose, nowhere, image)[0] == pytest.approx(1)
+    assert robustness.tail_probability(model, pose, nowhere, image)[0] == pytest.approx(1)
     # By how much the light of full readings is off does not show; that they are not full does.
     dim = np.minimum(image, 1000.0)
-    assert study.tail_probability(model, pose, nowhere, dim)[0] < 1e-6
-
-
-def test_every_kind_is_off_by_what_it_says():
-    times = {kind.name: kind.times_prior for kind in KINDS}
-    assert len(times) == len(KINDS)
-    within = {kind.name for kind in KINDS if kind.within}
-    assert {"nothing", "k-0.04", "beam+0.6", "power_x0.8", "ambient_10", "gains_0.01"} < within
-    assert not within & {"k-0.05", "beam-2", "power_x2", "gains_0.02", "gradient_30", "blob"}
-    assert times["power_x0.5"] == pytest.approx(0.5 / SHIPPED["power"])
-    assert times["mirrored"] is times["gradient_10"] is None
-    both = dataclasses.replace(BY_NAME["nothing"], off_by={"ambient_counts": 5, "gains": 0.02})
-    assert both.times_prior == 4
-    for kind in KINDS:
-        assert re.fullmatch(r"[\w+.-]+", kind.name)  # no comma, which parts names
-        for sentence in (kind.what, kind.cure):
-            assert re.fullmatch(r"[A-Z].*\.", sentence)
+    assert robustness.tail_probability(model, pose, nowhere, dim)[0] < 1e-6
 
 
 def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
@@ -142,8 +126,8 @@ def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
     def frames(seed):
         recorder = Recorder()
         kinds = kinds_named("nothing,ambient_10,gains_0.01", table.scene)
-        results = list(study.measure_kinds(recorder, kinds, 20, seed))
-        assert [len(result.frames.errors) for result in results] == [20, 20, 20]
+        rows = robustness.measure(recorder, kinds, 20, seed)
+        assert [row["frames"] for row in rows] == [20, 20, 20]
         images = np.reshape(recorder.images, (3, 21, *recorder.images[0].shape))
         return images[:, 1:]  # the first answer is a rehearsal
 
@@ -158,8 +142,7 @@ def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
 
 def test_an_honest_scene_and_a_broken_one(table):
     kinds = kinds_named("stuck_detector,nothing", table.scene)
-    results = study.measure_kinds(Estimator(table, "sam"), kinds, 60, 1)
-    honest, stuck = (result.as_object() for result in results)
+    honest, stuck = robustness.measure(Estimator(table, "sam"), kinds, 60, 1)
     assert (honest["kind"], stuck["kind"]) == ("nothing", "stuck_detector")  # as in the list
     assert honest["answered"] > 50
     assert honest["beyond_6_sigma"] < 10
@@ -169,7 +152,7 @@ def test_an_honest_scene_and_a_broken_one(table):
 SOME = ("--method", "sam", "--kinds", "nothing,mirrored")
 
 
-def test_the_command_tells_prints_and_draws(capsys, tmp_path, scene_file):
+def test_the_command_prints_the_same_as_text_and_as_json_and_draws(capsys, tmp_path, scene_file):
     picture = tmp_path / "r.png"
     words = ("--scene", scene_file, "--poses", 12, "--output", picture)
     run(*words, *SOME, "--json")
@@ -181,44 +164,32 @@ def test_the_command_tells_prints_and_draws(capsys, tmp_path, scene_file):
     assert all(row.keys() >= set(KEYS) for row in answer["kinds"])
     assert [row["frames"] for row in answer["kinds"]] == [12, 12]
     assert "mirrored: 12/12 frame" in err
-    assert "12/12" in err
     assert_picture(picture)
-    run(*words, *SOME)
-    lines = capsys.readouterr().out.splitlines()
-    for row in answer["kinds"]:
-        shown = next(line.split() for line in lines if line.startswith(row["kind"]))
+    lines = robustness.report(answer["kinds"]).splitlines()
+    for row, line in zip(answer["kinds"], lines[1:], strict=True):
+        shown = line.split()
         figures = ["answered", "beyond_6_sigma", "indistinguishable", "beyond_1_m"]
         assert shown[2:6] == [str(row[key]) for key in figures]
         assert shown[-1] == f"{row['nees_mean']:.3g}"
 
 
 @pytest.mark.parametrize(("frames", "kinds"), [(0, []), (7, [7]), (12, [12]), (17, [12, 5])])
-@pytest.mark.usefixtures("sketched")
-def test_an_interrupt_keeps_the_kinds_that_it_has(
-    capsys, tmp_path, scene_file, monkeypatch, frames, kinds
-):
-    heard = []
+def test_an_interrupt_keeps_the_kinds_that_it_has(table, frames, kinds):
+    left = iter(range(frames))
 
-    def interrupted(rounds, unit, what):
+    def interrupted(rounds, what):
         for i in rounds:
-            heard.append(what)
-            if len(heard) == frames + 1:  # once
+            if next(left, None) is None:
                 raise KeyboardInterrupt
             yield i
 
-    monkeypatch.setattr(command.progress, "over", interrupted)
-    picture = tmp_path / "r.png"
-    words = ("--scene", scene_file, "--poses", 12, "--output", picture, "--json")
-    run(*words, *SOME, code=130)
-    out = capsys.readouterr().out
+    named = kinds_named("nothing,mirrored", table.scene)
+    measured = robustness.measure(Estimator(table, "sam"), named, 12, 1, interrupted)
     if not kinds:
-        assert out == "interrupted: nothing measured\n"
-        assert not picture.exists()
+        with pytest.raises(KeyboardInterrupt):
+            until_interrupted(measured)
         return
-    answer = json.loads(out)
-    assert not answer["complete"]
-    assert [row["frames"] for row in answer["kinds"]] == kinds
-    assert_picture(picture)
+    assert [row["frames"] for row in until_interrupted(measured)] == kinds
 
 
 @pytest.mark.parametrize(
@@ -233,8 +204,7 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(
         (("--output", "/nowhere/r.png"), ("--output", "/nowhere", "make it first")),
     ],
 )
-def test_what_is_no_study_is_refused_in_one_line_before_the_work(words, named, monkeypatch):
-    monkeypatch.setattr(command, "Estimator", None)
+def test_a_bad_value_is_refused_in_one_line(words, named):
     error = run(*words, code=2)
     assert error.startswith("uuv_array study robustness: ")
     for word in named:

@@ -255,21 +255,15 @@ def add_parser(subparsers: options.Subparsers) -> None:
 def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
     if args.known and args.method != "least_squares":
-        raise options.OptionError(
-            f"--known: {args.method} estimates no constants; use least_squares"
-        )
+        raise ValueError(f"--known: {args.method} estimates no constants; use least_squares")
     if args.known and (args.moving or args.drawn):
         option = "--moving" if args.moving else "--drawn"
-        raise options.OptionError(f"--known: takes no {option}; leave one of them out")
+        raise ValueError(f"--known: takes no {option}; leave one of them out")
     if args.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
-        raise options.OptionError(
-            f"--moving: nothing moves in scene {scene.name}; name one of {names}"
-        )
+        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
     if args.drawn and not scene.prior.nuisance_std():
-        raise options.OptionError(
-            f"--drawn: scene {scene.name} has no prior to draw from; give it one"
-        )
+        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -279,7 +273,8 @@ def run(args: argparse.Namespace) -> int:
     count, seed, candidates = options.numbers_of(args, NUMBERS)
     scene = options.scene_of(args)
     scene = scene.with_shape(args.shape or scene.array.shape)
-    _check_truth(args, scene)
+    with options.checking_options():
+        _check_truth(args, scene)
     found: dict[str, Any]
     if args.known:
         picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)

@@ -1,7 +1,9 @@
 """The light of seas that differ from the scene: closed forms, and the second forward model."""
 
 import copy
+import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ from scipy import stats
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, uniform_poses
-from uuv_optical_array.studies.robustness import truths
-from uuv_optical_array.studies.robustness.kinds import KINDS, kinds_named
+from uuv_optical_array.studies import mismatches
+from uuv_optical_array.studies.mismatches import KINDS, SHIPPED, kinds_named
 
 POSES = uniform_poses(4, np.random.default_rng(3))
 BY_NAME = {kind.name: kind for kind in KINDS}
@@ -74,6 +76,22 @@ TRUTHS = {
     # Starboard and port change places, of the image and of the world.
     "mirrored": lambda: by_second(SUNLIT, POSES * [1, -1, 1, 1, -1]),
 }
+
+
+def test_every_kind_is_off_by_what_it_says():
+    times = {kind.name: kind.times_prior for kind in KINDS}
+    assert len(times) == len(KINDS)
+    within = {kind.name for kind in KINDS if kind.within}
+    assert {"nothing", "k-0.04", "beam+0.6", "power_x0.8", "ambient_10", "gains_0.01"} < within
+    assert not within & {"k-0.05", "beam-2", "power_x2", "gains_0.02", "gradient_30", "blob"}
+    assert times["power_x0.5"] == pytest.approx(0.5 / SHIPPED["power"])
+    assert times["mirrored"] is times["gradient_10"] is None
+    both = dataclasses.replace(BY_NAME["nothing"], off_by={"ambient_counts": 5, "gains": 0.02})
+    assert both.times_prior == 4
+    for kind in KINDS:
+        assert re.fullmatch(r"[\w+.-]+", kind.name)  # no comma, which parts names
+        for sentence in (kind.what, kind.cure):
+            assert re.fullmatch(r"[A-Z].*\.", sentence)
 
 
 @pytest.mark.parametrize("name", TRUTHS)
@@ -217,7 +235,7 @@ def test_noise_is_uniform_and_blobs_are_gaussian():
 def test_poses_nearer_and_farther_aside_than_the_table():
     poses, near, aside = (
         draw(100, np.random.default_rng(1))
-        for draw in (uniform_poses, truths.near_poses, truths.aside_poses)
+        for draw in (uniform_poses, mismatches.near_poses, mismatches.aside_poses)
     )
     np.testing.assert_allclose(near[:, 0], -2)
     np.testing.assert_allclose(near[:, 1:3] / 2, -poses[:, 1:3] / poses[:, :1])

@@ -1,0 +1,275 @@
+"""``uuv_array study robustness``: what estimates are worth where the sea is not the scene."""
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text, plain
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.working_volume import lit_poses
+from uuv_optical_array.studies.errors import SIGMAS, FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.mismatches import Kind, kinds_named
+from uuv_optical_array.studies.results import until_interrupted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DESCRIPTION = """\
+Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
+lamp, other water, daylight, broken detectors, shade, images of no lamp at all. The estimator
+assumes the scene. It should answer what its prior covers, with a true covariance, and refuse the
+rest; an answer off by more than six of its own standard deviations is false.
+docs/reference/mismatches.md has the kinds and what to do about each."""
+
+EPILOG = """\
+examples:
+  uuv_array study robustness                               every kind, in the default scene
+  uuv_array study robustness --method sam                  the paper's method
+  uuv_array study robustness --kinds k-0.05,power_x0.8     some kinds
+  uuv_array study robustness --scene night_plume --kinds nothing,moving
+Ctrl-C ends it early and reports the kinds it has."""
+
+NUMBERS = {
+    "poses": options.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
+    "seed": options.Number(options.SEED, 1),
+}
+FAR_M = 1.0
+# An image that so few images of the scene itself fit worse is not told from one of them.
+PLAUSIBLE = 1e-3
+COLUMNS = {
+    "kind": "kind",
+    "times_prior": "times the prior",
+    "answered": "answered",
+    "beyond_6_sigma": "beyond 6 sigma",
+    "indistinguishable": "indistinguishable",
+    "beyond_1_m": "beyond 1 m",
+    "rms_range_m": "range (m)",
+    "rms_across_m": "across (m)",
+    "rms_angle_deg": "angle (deg)",
+    "nees_mean": "NEES",
+}
+ANSWERED, FALSE, EXCUSED = "#1f6fb4", "#c8401e", "#e0a080"
+# Key of a row, marker, colour and label of the errors.
+ERRORS = (
+    ("rms_range_m", "o", "#1f6fb4", "range (m)"),
+    ("rms_across_m", "s", "#2c9c5a", "across (m)"),
+    ("rms_angle_deg", "^", "#e08a00", "angle (deg)"),
+)
+
+
+def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return plain values of the frames of a kind; None for what is unknown.
+
+    `plausible` says which images a frame of the scene at the answer could have shown, ``(n,)``.
+    """
+    beyond, answered = frames.beyond_sigma(SIGMAS), int(frames.posed.sum())
+    mean_square = frames.rms_error**2 if answered else np.full(5, np.nan)
+    return plain(
+        {
+            "kind": kind.name,
+            "what": kind.what,
+            "times_prior": kind.times_prior,
+            "within_twice_prior": kind.within,
+            "frames": len(frames.errors),
+            "answered": answered,
+            "beyond_6_sigma": int(beyond.sum()),
+            "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
+            "indistinguishable": int((beyond & plausible).sum()),
+            "rms_range_m": np.sqrt(mean_square[X]),
+            "rms_across_m": np.sqrt(mean_square[Y : Z + 1].mean()),
+            "rms_angle_deg": np.degrees(np.sqrt(mean_square[PITCH:].mean())),
+            "nees_mean": frames.nees.mean() if answered else None,
+        }
+    )
+
+
+def tail_probability(model: ForwardModel, poses: Array, covariances: Array, images: Array) -> Array:
+    """Return how probable it is that an image of the scene fits its answer worse.
+
+    The squared distance of the readings from those expected at the answer, in standard deviations
+    of noise, of what the scene's prior leaves uncertain, and of the answer, is chi-square with as
+    many degrees of freedom as there are readings within their limits, less the five of the pose.
+    All is linear about the answer.
+
+    Parameters
+    ----------
+    model
+        Of the scene as it is believed to be.
+    poses, covariances
+        Answers and their covariances, m and rad, shapes ``(n, 5)`` and ``(n, 5, 5)``.
+    images
+        What was read, counts, shape ``(n, side, side)``.
+
+    Returns
+    -------
+    Array
+        Shape ``(n,)``; 0 where there is no answer.
+    """
+    posed, probability = ~np.isnan(poses[:, 0]), np.zeros(len(poses))
+    if not posed.any():
+        return probability
+    readings = images[posed].reshape(int(posed.sum()), -1)
+    stds = model.scene.prior.nuisance_std()
+    offsets = {name: np.zeros(len(readings)) for name in stds}
+    light, jacobian = model.linearised(poses[posed], 0.0, offsets)
+    low, high = model.noise.low, model.noise.high
+    residual = readings - np.clip(light, low, high)
+    # Beyond a limit the light changes no reading.
+    jacobian = np.where(((light > low) & (light < high))[..., None], jacobian, 0.0)
+    joint = np.zeros((len(readings), 5 + len(stds), 5 + len(stds)))
+    joint[:, :5, :5] = covariances[posed]
+    joint[:, 5:, 5:] = np.diag(np.square(list(stds.values())))
+    spread = jacobian @ joint @ np.swapaxes(jacobian, -1, -2)
+    spread += np.eye(light.shape[1]) * model.variance(light)[0][:, None, :]
+    distance = (residual * np.linalg.solve(spread, residual[..., None])[..., 0]).sum(axis=1)
+    free = ((readings > low) & (readings < high)).sum(axis=1) - 5
+    probability[posed] = chdtrc(np.maximum(free, 1), distance)
+    return probability
+
+
+def measure(
+    estimator: Estimator,
+    kinds: Sequence[Kind],
+    count: int,
+    seed: int,
+    progress: Callable[..., Iterable[int]] = lambda frames, what: frames,
+) -> Iterator[dict[str, Any]]:
+    """Yield the `figures` of `count` frames of each kind; the last one of fewer after Ctrl-C.
+
+    Kinds share poses and noise. `progress` wraps the loop over the frames of a kind, its name as
+    ``what``.
+    """
+    model = ForwardModel(estimator.scene)
+    answers = {"estimator": answer_of(estimator)}
+    for kind in kinds:
+        poses = lit_poses(model, count, np.random.default_rng(seed), kind.draw)
+        light = kind.light(model, poses, np.random.default_rng((seed, 1)))
+        images = model.read(light, np.random.default_rng((seed, 2)))
+        over = partial(progress, what=kind.name)
+        frames = frame_errors(answers, model, poses, images, over)["estimator"]
+        done = len(frames.errors)
+        answered = poses[:done] + frames.errors
+        tail = tail_probability(model, answered, frames.covariances, images[:done])
+        yield figures(kind, frames, tail > PLAUSIBLE)
+        if done < count:
+            return
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the kinds as a table."""
+
+    def cell(value: Any) -> str:
+        return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    lines = [[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+        for line in lines
+    )
+
+
+def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
+    """Draw the shares answered and false, and the errors, a row for each kind."""
+    from matplotlib.figure import Figure
+
+    from uuv_optical_array.plots.style import mark, plain_log_ticks
+
+    figure = Figure(figsize=(14, 2.4 + 0.27 * max(len(rows), 12)), layout="constrained")
+    left, middle, right = grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))
+    y = np.arange(len(rows))
+    counts = np.array([[row["frames"], row["answered"]] for row in rows], float)
+    wrong = np.array([[row["beyond_6_sigma"], row["indistinguishable"]] for row in rows])
+    answered = 100 * counts[:, 1] / counts[:, 0]
+    false, excused = 100 * wrong.T / np.where(counts[:, 1] > 0, counts[:, 1], np.nan)
+    left.barh(y, answered, color=ANSWERED)
+    middle.barh(y, false, color=FALSE)
+    middle.barh(y, excused, color=EXCUSED)
+    for axes, shares in ((left, answered), (middle, false)):
+        for at, share in zip(y, shares, strict=True):
+            text = f"{share:.0f}" if share in (0, 100) else f"{share:.1f}"
+            axes.text(103, at, "-" if np.isnan(share) else text, va="center", fontsize=9)
+        axes.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100])
+    left.set_xlabel("answered, of all (%)")
+    middle.set_xlabel("beyond 6 sigma, of answered (%)")
+    for key, marker, colour, _ in ERRORS:
+        errors = [np.nan if row[key] is None else row[key] for row in rows]
+        right.plot(errors, y, marker, color=colour, ms=6, alpha=0.85)
+    right.axvline(FAR_M, color="k", lw=0.8, ls=":")
+    right.set(xscale="log", xlabel="RMS error of the answered, m or deg")
+    plain_log_ticks(right.xaxis)
+    for axes in grid:
+        for at, row in zip(y, rows, strict=True):
+            if row["within_twice_prior"]:
+                axes.axhspan(at - 0.5, at + 0.5, color="0.94", lw=0, zorder=0)
+        axes.grid(axis="x", alpha=0.4)
+        axes.set_axisbelow(True)
+        axes.tick_params(axis="y", length=0)
+    left.set_yticks(y, [row["kind"] for row in rows], fontsize=10)
+    left.set_ylim(len(rows) - 0.5, -0.5)
+    handles = [
+        mark("answered", "s", color=ANSWERED, ms=9),
+        mark("beyond 6 of its own sigma", "s", color=FALSE, ms=9),
+        mark("the same, indistinguishable from the scene", "s", color=EXCUSED, ms=9),
+        *(mark(label, marker, color=colour) for _, marker, colour, label in ERRORS),
+        mark("within twice the prior", "s", color="0.85", ms=9),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
+    figure.suptitle(f"Where the sea is not the scene: {about}", fontsize=13)
+    return figure
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "robustness",
+        run,
+        "measure what estimates are worth where the sea is not the scene",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "follow")
+    options.add_method(parser)
+    parser.add_argument(
+        "--kinds",
+        metavar="NAME,...",
+        help="kinds of mismatch, with commas between them (default: all that the scene can have)",
+    )
+    options.add_numbers(parser, NUMBERS)
+    options.add_json(parser)
+    outputs.add_picture(parser, "robustness.png")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study, print and draw it."""
+    count, seed = options.numbers_of(args, NUMBERS)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    scene = options.scene_of(args)
+    with options.checking_options():
+        kinds = kinds_named(args.kinds, scene)
+    estimator = Estimator(scene, args.method).wait()
+    rows = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
+    complete = len(rows) == len(kinds) and rows[-1]["frames"] == count
+    about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
+    from uuv_optical_array.plots.style import save  # matplotlib takes a second
+
+    save(draw(rows, about), output)
+    if args.json:
+        settings = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
+        found = {"complete": complete, "kinds": rows, "picture": str(output)}
+        print(json_text({**settings, **found}))
+    else:
+        print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
+        if not complete:
+            print("interrupted: the table ends where the work ended")
+    return 0 if complete else options.INTERRUPTED

@@ -1,1 +1,0 @@
-"""What estimates are worth where the sea is not the scene."""

@@ -5,16 +5,20 @@ measured in turns in one run; the median of the rounds. The second column is a s
 """
 
 import statistics
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+sys.path.append(str(Path(__file__).parents[2] / "test/shared"))
+from effect_settings import middle_settings
 
 SETTINGS = {name: middle_settings(name) for name in EFFECTS}
 IDEAL, WHOLE = "ideal light", "all of them"

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
+from effect_settings import middle_settings
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage, signal, stats
@@ -16,7 +17,6 @@ from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, Effect, water
 from uuv_optical_array.forward.effects.forms import Noise
-from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.effects.water import hanning_blur
 from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.model import ForwardModel

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import second_forward
 from drawn_effects import SHAPES, scene_with
+from effect_settings import middle_settings
 
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward import model as model_module
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

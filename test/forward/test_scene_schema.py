@@ -6,6 +6,7 @@ import re
 
 import jsonschema
 import pytest
+from effect_settings import middle_settings
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import READY
@@ -14,7 +15,6 @@ from test_scene import FULL
 from uuv_optical_array.core.settings import declared
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.effects.reference import middle_settings
 from uuv_optical_array.forward.scene import GROUPS, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import Layer, merged, scene_file
 from uuv_optical_array.forward.scene_schema import scene_schema

@@ -3,12 +3,12 @@
 import inspect
 import typing
 
+from effect_settings import declared, ways
 from hypothesis import assume
 from hypothesis import strategies as st
 
 from uuv_optical_array.core.settings import Cells, Grid
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
-from uuv_optical_array.forward.effects.reference import declared, ways
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 WAYS = {name: ways(name) for name in EFFECTS}

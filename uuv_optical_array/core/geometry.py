@@ -82,30 +82,6 @@ def pitched(seen: Any, roll: Any) -> tuple[Any, Any, Any]:
     return -(seen[1] * sin_r + seen[2] * cos_r), seen[0] * sin_r, seen[0] * cos_r
 
 
-def lamp_slopes(poses: Array, roll: Any) -> tuple[Array, Array]:
-    """Return `lamp_in_body`, and how it changes with the pose.
-
-    Parameters
-    ----------
-    poses
-        As components, m and rad, shape ``(5, ...)``.
-    roll
-        Roll of the follower, rad, broadcast to ``(...)``.
-
-    Returns
-    -------
-    lamp : Array
-        Position, m, and axis, shape ``(6, ...)``.
-    slopes : Array
-        By x, y, z, pitch and yaw, shape ``(6, 5, ...)``.
-    """
-    x, y, z, pitch, yaw = poses
-    lamp = np.array(np.broadcast_arrays(*lamp_in_body(x, y, z, pitch, yaw, roll)))
-    slopes = np.zeros((6, 5, *lamp.shape[1:]))
-    write_lamp_slopes(poses, roll, lamp, slopes)
-    return lamp, slopes
-
-
 def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
     """Differentiate `lamp_in_body` by the pose.
 

@@ -68,10 +68,8 @@ class DetectorArray:
 
     Parameters
     ----------
-    positions
-        Detector centres, m, shape ``(side * side, 3)``.
-    normals
-        Outward unit normals, shape ``(side * side, 3)``.
+    positions, normals
+        Centres, m, and outward unit normals, shape ``(side * side, 3)``.
     side
         Detectors in a row; an image has shape ``(side, side)``.
     spacing_m
@@ -85,21 +83,11 @@ class DetectorArray:
 
 
 def build_array(settings: ArraySettings) -> DetectorArray:
-    """Place the detectors (Eren et al. 2016, eqs 9 to 12).
+    """Place the detectors of checked settings (Eren et al. 2016, eqs 9 to 12).
 
     Planar detectors lie in ``x = bow_m`` and look along +x; curved ones lie on a sphere
     centred at ``(bow_m, 0, 0)`` and look along its radius. Row 0 is the top (largest z),
     column 0 the port edge (largest y).
-
-    Parameters
-    ----------
-    settings
-        Checked settings of the scene.
-
-    Returns
-    -------
-    DetectorArray
-        The array, in the follower's ``base_link``.
     """
     side = settings.detectors_per_side
     offsets = np.linspace(settings.width_m / 2, -settings.width_m / 2, side)

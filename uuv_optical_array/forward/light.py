@@ -1,7 +1,6 @@
 """The ideal light of the lamp at a detector, in clear water and without electronics.
 
-Every function here takes numbers or arrays alike, in m, rad and counts: see
-`core.numerics.elementwise`.
+Functions take numbers or arrays, in m, rad and counts: see `core.numerics.elementwise`.
 """
 
 import math
@@ -13,13 +12,13 @@ from numpy import exp, maximum, minimum, sqrt
 from uuv_optical_array.core.numerics.elementwise import choose, law
 from uuv_optical_array.core.settings import Quantity
 
-# A lamp is no point: nearer than its own size the inverse square does not hold.
+# The inverse square of a point does not hold nearer than the size of the lamp.
 MIN_RANGE_M = 1e-3
 # Rows of the rays that `ray` returns.
 RANGE, HALF_SQUARE, COSINE, TO_X, TO_Y, TO_Z, ALONG, TURN = range(8)
 RAY_ROWS = 8
 
-# eta^2 / s by powers of s = sin(eta)^2, highest first: minimax up to 45 deg, right to 7e-17.
+# eta^2 / s by powers of s = sin(eta)^2, highest first: minimax up to 45 deg, error 7e-17.
 SQUARED_ANGLE = (
     2.7124616655916145,
     -10.004857358882923,
@@ -41,7 +40,7 @@ SQUARED_ANGLE = (
     0.333333333333282,
     1.0,
 )
-EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers: two short chains of sums
+EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers, summed side by side
 
 
 @dataclass(frozen=True)
@@ -58,39 +57,27 @@ class LampSettings:
 
 
 def beam_solid_angle(sigma_rad: float) -> float:
-    """Flux of the Gaussian beam over its intensity on the axis, of all directions.
+    """Flux of a Gaussian beam over its intensity on the axis, sr.
 
-    Parameters
-    ----------
-    sigma_rad
-        Standard deviation of the beam, rad, > 0.
-
-    Returns
-    -------
-    float
-        ``2 pi`` times the integral of ``exp(-eta^2 / (2 sigma^2)) sin eta`` from 0 to pi, sr; for
-        a narrow beam ``2 pi sigma^2``.
+    That is ``2 pi`` times the integral of ``exp(-eta^2 / (2 sigma^2)) sin eta`` from 0 to pi; for a
+    narrow beam ``2 pi sigma^2``.
     """
-    # Imported here: it takes a tenth of a second, which a node has no use for.
+    # Imported here because it takes a tenth of a second, which nodes need not spend.
     from scipy.integrate import quad
 
-    end = min(math.pi, 12 * sigma_rad)  # a narrow peak would be missed in a wide interval
+    end = min(math.pi, 12 * sigma_rad)  # quad would miss a narrow peak in a wide interval
     integral, _ = quad(lambda eta: math.exp(-((eta / sigma_rad) ** 2) / 2) * math.sin(eta), 0, end)
     return 2 * math.pi * float(integral)
 
 
 @law
 def off_axis(along_m: Any, across_squared: Any, range_m: Any) -> tuple[Any, Any]:
-    """Angle off an axis, exact near the axis and behind the lamp too, without a call.
+    """Angle off an axis, exact near the axis and behind the lamp, without a call of a function.
 
     Parameters
     ----------
-    along_m
-        Component along the axis, m.
-    across_squared
-        Square of that across it, m^2.
-    range_m
-        Length, m, > 0.
+    along_m, across_squared, range_m
+        Component along the axis, m, square of that across it, m^2, and length, m, > 0.
 
     Returns
     -------
@@ -146,16 +133,14 @@ def ray(
     -------
     range_m
         Length of the path, m, at least `MIN_RANGE_M`.
-    half_square
-        Half the square of the angle between the beam's axis and the path, rad^2.
+    half_square, turn
+        As `off_axis`, of the angle between the beam's axis and the path.
     cosine
-        Between the detector's normal and the direction back to the lamp, at most 1.
+        Of the angle between the detector's normal and the lamp, at most 1.
     to_x, to_y, to_z
         From the detector to the lamp, m.
     along_m
         The detector along the beam's axis, m.
-    turn
-        That angle over its sine and the range, 1/m.
     """
     to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
     along_m = -(to_x * axis_x + to_y * axis_y + to_z * axis_z)
@@ -183,7 +168,7 @@ def lamp_light(
     range_m, half_square, cosine
         As `ray` returns them.
     power
-        Reading times squared range of a detector that faces the lamp on the axis, counts m^2, >= 0.
+        Reading times squared range of a detector on the axis that faces the lamp, counts m^2, >= 0.
     beam_sigma_rad
         Standard deviation of the beam in the off-axis angle, rad, > 0.
 
@@ -191,11 +176,9 @@ def lamp_light(
     -------
     light
         Counts, >= 0; 0 for a detector that faces away.
-    by_range, by_half_square, by_cosine
-        Slopes of its logarithm; at the edge where a detector turns away from the lamp that of the
-        side without light, 0.
-    by_sigma
-        That by the standard deviation of the beam, 1/rad.
+    by_range, by_half_square, by_cosine, by_sigma
+        Slopes of its logarithm by range, half_square, cosine and beam_sigma_rad; at the edge where
+        a detector turns away from the lamp that of the dark side, 0.
     """
     precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
     facing = maximum(cosine, 0.0)
@@ -215,20 +198,10 @@ def slopes_by_lamp(
     along_m: Any,
     turn: Any,
 ) -> tuple[Any, Any, Any]:
-    """Turn slopes by the ray into those by where the lamp is and where it shines.
+    """Turn slopes of the light by range, half_square and cosine into those by the lamp.
 
-    Parameters
-    ----------
-    by_range, by_half_square, by_cosine
-        Slopes of the light by range, half the squared off-axis angle and cosine of incidence.
-    range_m, cosine, along_m, turn
-        As `ray` returns them.
-
-    Returns
-    -------
-    radial, facing, bend
-        The slope by the lamp's position is ``radial to + facing normal + bend axis``, with the
-        vector `to` from the detector to the lamp, and that by the beam's axis is ``bend to``.
+    With the vector `to` from the detector to the lamp, the slope by the lamp's position is
+    ``radial to + facing normal + bend axis``, and that by the beam's axis ``bend to``.
     """
     bend = by_half_square * turn
     facing = by_cosine / range_m

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import Array, lamp_in_body, lamp_slopes
+from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
@@ -43,13 +43,14 @@ from uuv_optical_array.forward.optics import (
 from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, unknown_forms
 from uuv_optical_array.forward.scene import Scene
 
-BLOCK_READINGS = 51_200  # whose rays stay in the second level of the cache
+BLOCK_READINGS = 51_200  # whose rays fit into the second level of the cache
+STEP_KINDS = {Background: BACKGROUND, Gain: GAIN, Blur: BLUR, Shade: SHADE}
 
 T = TypeVar("T")
 
 
 class ForwardModel:
-    """Images of a scene's array at given poses, planned once.
+    """Images of a scene's array at given poses.
 
     Images have shape ``(..., side, side)``, in counts; row 0 is the top of the array,
     column 0 its port edge.
@@ -68,8 +69,8 @@ class ForwardModel:
     saturation_counts : float
         Largest analogue reading; inf: none.
     nuisances : tuple of str
-        Settings that a prior may leave uncertain, by dotted name, those of `unknowns` included.
-        The offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
+        Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`. The
+        offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
 
     Raises
     ------
@@ -110,7 +111,7 @@ class ForwardModel:
         self.nuisances = tuple(dict.fromkeys((POWER, BEAM_SIGMA, *named, *self._unknown)))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
-        # The slope by the lamp's power is its share of the light, which daylight would round off.
+        # The slope by the power's logarithm is the lamp's light, without rounding by daylight.
         _, slopes = self.linearised(aligned, offsets={POWER: np.zeros(())})
         unit_reading = float(slopes[:, -1].max())
         if unit_reading < 1e-200:
@@ -131,12 +132,11 @@ class ForwardModel:
         Parameters
         ----------
         nuisances
-            Settings that will be given offsets, in this order.
+            Settings that have offsets, in this order.
         compiled
             Whether it is for compiled code.
         given
-            Backgrounds that the scene does not name, of level 0: the first steps on the array, in
-            this order.
+            Unknown light, of level 0, that comes before all else on the array, in this order.
 
         Raises
         ------
@@ -148,32 +148,25 @@ class ForwardModel:
             if name not in self.nuisances:
                 raise ValueError(f"{name}: no nuisance of scene {self.scene.name}")
 
-        def at_of(name: str) -> int:
+        def index_of(name: str) -> int:
             return nuisances.index(name) if name in nuisances else -1
 
-        def place(form: Any) -> int:
-            return at_of(form.nuisance)
-
-        n = self.array.side**2
         passed = self._of(Transmission)
-        # What the scene has no effect for comes before all else that the array sees.
+        # Light that the scene does not name comes before the effects on the array.
         steps: list[Any] = [self._unknown[name] for name in given]
         steps += [form for name, form in self._unknown.items() if name in nuisances]
         steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
-        blurs = [form.matrix for form in steps if isinstance(form, Blur)]
-        values = np.zeros((len(steps), n))
-        kinds, scales, places = [], [], []
+        blurs = [step.matrix for step in steps if isinstance(step, Blur)]
+        kinds = np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64)
+        values = np.zeros((len(steps), self.array.side**2))
+        scales, places = np.zeros(len(steps)), np.full(len(steps), -1, dtype=np.int64)
         for i, step in enumerate(steps):
-            kind, scale, at = BLUR, 0.0, -1
-            if isinstance(step, Gain):
-                kind, values[i], scale, at = GAIN, step.gains, step.slope, place(step)
-            elif isinstance(step, Background):
-                kind, values[i], scale, at = BACKGROUND, step.pattern, step.level, place(step)
-            elif isinstance(step, Shade):
-                kind, values[i], at = SHADE, step.pattern, place(step)
-            kinds.append(kind)
-            scales.append(scale)
-            places.append(at)
+            if isinstance(step, Blur):
+                continue
+            places[i] = index_of(step.nuisance)
+            values[i] = step.gains if isinstance(step, Gain) else step.pattern
+            if not isinstance(step, Shade):
+                scales[i] = step.slope if isinstance(step, Gain) else step.level
         laws: Any = tuple(form.law for form in passed)
         if compiled:
             laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
@@ -182,15 +175,15 @@ class ForwardModel:
             power=float(self.power),
             beam_sigma_rad=float(np.radians(self.scene.lamp.beam_sigma_deg)),
             nuisances=len(nuisances),
-            power_at=at_of(POWER),
-            sigma_at=at_of(BEAM_SIGMA),
+            power_at=index_of(POWER),
+            sigma_at=index_of(BEAM_SIGMA),
             laws=laws,
             law_settings=np.array([form.settings for form in passed]).reshape(len(passed), 3),
-            law_at=np.array([place(form) for form in passed], dtype=np.int64),
-            step_kinds=np.array(kinds, dtype=np.int64),
+            law_at=np.array([index_of(form.nuisance) for form in passed], dtype=np.int64),
+            step_kinds=kinds,
             step_values=values,
-            step_scales=np.array(scales, dtype=float),
-            step_at=np.array(places, dtype=np.int64),
+            step_scales=scales,
+            step_at=places,
             blur=np.ascontiguousarray(blurs[0]) if blurs else np.zeros((0, 0)),
         )
 
@@ -213,8 +206,8 @@ class ForwardModel:
         offsets
             Offsets of nuisance settings, by name, each of shape ``(...)``: see `nuisances`.
         time_s
-            Moment of each image, s, broadcast to ``(...)``, for what moves: flicker, drift, a
-            plume. ``None``: the scene without them, as estimators know it.
+            Time of each image, s, broadcast to ``(...)``, for flicker, drift and plume. ``None``:
+            the scene without them, as estimators know it.
 
         Returns
         -------
@@ -271,7 +264,7 @@ class ForwardModel:
         time_s: ArrayLike | None,
         differentiate: bool,
     ) -> tuple[Array, tuple[int, ...]]:
-        """Return the light, and its slopes, as `optics.detect` leaves them, shape ``(r, m, n)``."""
+        """Return the light with its slopes, shape ``(r, m, n)``, and the shape of the poses."""
         poses = np.asarray(poses, dtype=float)
         if poses.shape[-1:] != (5,) or not np.isfinite(poses).all():
             raise ValueError(
@@ -286,77 +279,38 @@ class ForwardModel:
         nuisances = np.empty((size, count, 1))
         for row, offset in zip(nuisances, offsets.values(), strict=True):
             row[:, 0] = np.broadcast_to(offset, shape).reshape(-1)
-        times = None
-        if time_s is not None:
-            times = np.broadcast_to(np.asarray(time_s, dtype=float), shape).reshape(-1, 1)
+        moving = [] if time_s is None else self._moving
+        times = np.broadcast_to(0.0 if time_s is None else np.asarray(time_s, float), shape)
+        times = times.reshape(-1, 1)
         image = np.empty((6 + size if differentiate else 1, count, n))
         step = max(1, BLOCK_READINGS // n)
-        # Light too dim for a float64 is no light.
+        # Light too dim for a float64 counts as none.
         with np.errstate(under="ignore"):
             for start in range(0, count, step):
                 part = slice(start, start + step)
-                self._write(
-                    optics,
-                    flat[:, part],
-                    rolls[part],
-                    nuisances[:, part],
-                    None if times is None else times[part],
-                    image[:, part],
-                    differentiate,
-                )
+                x, y, z, pitch, yaw = flat[:, part]
+                lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls[part]))
+                slopes = np.zeros((6, 5 if differentiate else 0, *lamp.shape[1:]))
+                if differentiate:
+                    write_lamp_slopes(flat[:, part], rolls[part], lamp, slopes)
+                rays = workspace(RAY_ROWS, lamp[0], n)
+                beam = workspace(BEAM_ROWS + len(optics.laws), lamp[0], n)
+                offset = nuisances[:, part]
+                illuminate(optics, lamp, offset, rays, beam, differentiate or bool(moving))
+                for factor in moving:
+                    beam[LIGHT] *= factor(times[part], rays, lamp[3:])
+                project(optics, lamp, slopes, rays, beam, image[:, part])
+                detect(optics, offset, image[:, part])
         return image, shape
-
-    def _write(
-        self,
-        optics: Optics,
-        poses: Array,
-        rolls: Array,
-        nuisances: Array,
-        times: Array | None,
-        image: Array,
-        differentiate: bool,
-    ) -> None:
-        """Write the light of a block of poses, shape ``(5, m, 1)``."""
-        moves = times is not None and bool(self._moving)
-        if differentiate:
-            lamp, slopes = lamp_slopes(poses, rolls)
-        else:
-            x, y, z, pitch, yaw = poses
-            lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls))
-            slopes = np.zeros((6, 0))
-        n = image.shape[-1]
-        rays, beam = (
-            workspace(RAY_ROWS, lamp[0], n),
-            workspace(BEAM_ROWS + len(optics.laws), lamp[0], n),
-        )
-        illuminate(optics, lamp, nuisances, rays, beam, differentiate or moves)
-        if moves:
-            for factor in self._moving:
-                beam[LIGHT] *= factor(times, rays, lamp[3:])
-        project(optics, lamp, slopes, rays, beam, image)
-        detect(optics, nuisances, image)
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
-        return self._saturated(self.light(poses, roll))
-
-    def _saturated(self, image: Array) -> Array:
-        return np.minimum(image, self.saturation_counts)
+        return np.minimum(self.light(poses, roll), self.saturation_counts)
 
     def variance(self, light: Array) -> tuple[Array, Array]:
-        """Variance of a reading, the sum over noise sources (eq. 7) and the rounding.
+        """Variance of readings by all noise and by rounding (eq. 7), and its slope by the light.
 
-        Parameters
-        ----------
-        light
-            What `light` returned, counts, any shape.
-
-        Returns
-        -------
-        variance : Array
-            counts^2, in the shape of `light`, >= `optics.MIN_VARIANCE`.
-        slope : Array
-            Its derivative by the light, counts.
+        Both have the shape of `light`, in counts^2 (>= `optics.MIN_VARIANCE`) and counts.
         """
         return reading_variance(light, self.noise), variance_slope(light, self.noise)
 
@@ -385,19 +339,9 @@ class ForwardModel:
         return self.read(self.light(poses, roll, offsets, time_s), rng)
 
     def read(self, light: Array, rng: np.random.Generator | None = None) -> Array:
-        """Return the readings of light: noise, saturation, converter.
+        """Return the readings of light, of any shape: noise, saturation, converter.
 
-        Parameters
-        ----------
-        light
-            Counts, any shape.
-        rng
-            As in `expose`.
-
-        Raises
-        ------
-        ValueError
-            For a scene with noise without a generator.
+        ValueError for a scene with noise and no generator.
         """
         image = light
         noise = self.analogue_noise
@@ -409,8 +353,8 @@ class ForwardModel:
         return self.converted(image)
 
     def converted(self, image: Array) -> Array:
-        """Return what saturation and converter make of analogue readings, counts, any shape."""
-        image = self._saturated(image)
+        """Apply saturation and converter to analogue readings, counts, any shape."""
+        image = np.minimum(image, self.saturation_counts)
         for form in self._of(Converter):
             image = np.clip(np.rint(image), 0, form.largest)
         return image
@@ -418,13 +362,10 @@ class ForwardModel:
     def rays(self, poses: Array, rolls: Array) -> Array:
         """Return the rays to each detector, as `light.ray`, shape ``(8, m, n)``.
 
-        Parameters
-        ----------
-        poses, rolls
-            m and rad, shapes ``(m, 5)`` and ``(m,)``.
+        Poses and rolls have shapes ``(m, 5)`` and ``(m,)``, m and rad.
         """
         x, y, z, pitch, yaw = poses.T[..., None]
         lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
-        found = workspace(RAY_ROWS, lamp[0], self.array.side**2)
-        trace(self.optics().detectors, lamp, found)
-        return found
+        rays = workspace(RAY_ROWS, lamp[0], self.array.side**2)
+        trace(self.optics().detectors, lamp, rays)
+        return rays

@@ -1,8 +1,8 @@
-"""From lamp to readings for one scene, with derivatives: for NumPy at many poses, and compiled.
+"""From lamp to readings of one scene, with derivatives, for NumPy at many poses and compiled.
 
 Components come first: a position is ``(3, ...)``, an image with its derivatives
-``(1 + p, ..., n)``. NumPy takes any number of poses between, as shape ``(m, 1)`` of each component;
-compiled code takes one pose, whose components are numbers.
+``(1 + p, ..., n)``. With NumPy, each component holds any number of poses, shape ``(m, 1)``; in
+compiled code it is a number, of one pose.
 """
 
 import math
@@ -33,7 +33,7 @@ from uuv_optical_array.forward.light import (
     slopes_by_lamp,
 )
 
-# Rows of the beam on its way; rows of slopes by settings of the laws follow.
+# Rows of the beam; those of slopes by settings of the laws follow.
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_COSINE, BY_SIGMA = range(5)
 BEAM_ROWS = 5
 # Kinds of step on the array.
@@ -49,12 +49,11 @@ class ReadingNoise(NamedTuple):
     Parameters
     ----------
     variance, slope, square
-        Variance of a reading in the dark, counts^2, rounding included, its growth with the light,
-        counts, and with the square of the light: the variance of an unknown relative gain.
-    low
-        A reading at or below this says that the light was not above `low` + 0.5, counts.
-    high
-        A reading at or above this says that the light was not below `high` - 0.5, counts.
+        Variance of a reading in the dark, counts^2, with rounding; its growth with the light,
+        counts; and with the square of the light, the variance of an unknown relative gain.
+    low, high
+        Limits of the readings, counts: at `low` or below, the light was at most `low` + 0.5, at
+        `high` or above at least `high` - 0.5.
     """
 
     variance: float
@@ -65,7 +64,7 @@ class ReadingNoise(NamedTuple):
 
 
 class Optics(NamedTuple):
-    """What a scene says about an image, in numbers.
+    """A scene in numbers.
 
     Parameters
     ----------
@@ -74,25 +73,17 @@ class Optics(NamedTuple):
     power, beam_sigma_rad
         As in `light.lamp_light`.
     nuisances
-        How many settings have offsets.
-    power_at
-        Place among the nuisances of the offset of the power's logarithm; -1: known.
-    sigma_at
-        As `power_at`, of the offset of the standard deviation of the beam, deg.
-    laws
-        Of transmission: functions, or their addresses for compiled code.
-    law_settings
-        Shape ``(laws, 3)``.
-    law_at
-        Place among the nuisances of the offset of the first setting of each law; -1: known.
-    step_kinds
-        Of each step on the array: `BACKGROUND`, `GAIN`, `BLUR` or `SHADE`.
-    step_values
-        Pattern, gains or logarithms, shape ``(steps, n)``.
-    step_scales
-        Level of a background, slope of gains.
-    step_at
-        As `law_at`, of each step.
+        Number of settings that have offsets.
+    power_at, sigma_at
+        Index among the nuisances of the offset of the power's logarithm, and of that of the beam's
+        standard deviation, deg; -1: known.
+    laws, law_settings, law_at
+        Of transmission: functions, or their addresses for compiled code; their settings, shape
+        ``(laws, 3)``; index of the nuisance that is the first of these, as `power_at`.
+    step_kinds, step_values, step_scales, step_at
+        Of each step on the array: `BACKGROUND`, `GAIN`, `BLUR` or `SHADE`; pattern, gains or
+        logarithms, shape ``(steps, n)``; level of a background or slope of gains; index of the
+        nuisance, as `power_at`.
     blur
         Of one axis, shape ``(side, side)``.
     """
@@ -114,17 +105,7 @@ class Optics(NamedTuple):
 
 
 def trace(detectors: Array, lamp: Any, rays: Any) -> None:
-    """Follow the light from the lamp to each detector.
-
-    Parameters
-    ----------
-    detectors
-        As `Optics` has them, shape ``(6, n)``.
-    lamp
-        Position, m, and axis of the beam in ``base_link``: six components.
-    rays
-        Result: rows as `light.ray` returns them, shape ``(8, ..., n)``.
-    """
+    """Write the `light.ray` from the lamp (six components) to each detector, ``(8, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
     for j in indices(detectors.shape[1]):
         range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn = ray(
@@ -147,17 +128,7 @@ def trace(detectors: Array, lamp: Any, rays: Any) -> None:
 
 
 def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
-    """Write the ideal light at the end of each ray.
-
-    Parameters
-    ----------
-    rays
-        As `trace` writes them.
-    power, beam_sigma_rad
-        As in `light.lamp_light`.
-    beam
-        Result: rows as above, shape ``(5 + laws, ..., n)``; those of the laws are left as they are.
-    """
+    """Write the ideal light at the end of each ray, and its slopes, into the rows of `beam`."""
     for j in indices(rays.shape[-1]):
         light, by_range, by_half_square, by_cosine, by_sigma = lamp_light(
             rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
@@ -170,20 +141,22 @@ def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
 def illuminate(
     optics: Optics, lamp: Any, nuisances: Any, rays: Any, beam: Any, differentiate: bool
 ) -> None:
-    """Write the rays to each detector and the light that arrives by them.
+    """Write the rays to each detector and the light that arrives there.
 
     Parameters
     ----------
     optics
         The scene.
     lamp
-        As in `trace`.
+        Position, m, and axis of the beam in ``base_link``: six components.
     nuisances
         Offsets, shape ``(q, ...)``.
-    rays, beam
-        Results, as of `trace` and `shine`.
+    rays
+        Result: rows as `light.ray` returns them, shape ``(8, ..., n)``.
+    beam
+        Result: light, its slopes and those by settings of the laws, shape ``(5 + laws, ..., n)``.
     differentiate
-        Whether the slopes are wanted.
+        Whether to write the slopes.
     """
     power, beam_sigma_rad = optics.power, optics.beam_sigma_rad
     if optics.power_at >= 0:
@@ -202,14 +175,14 @@ def illuminate(
 
 
 def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any) -> None:
-    """Write the light on the array, and how it changes with coordinates and nuisances.
+    """Write the light on the array, and its slopes by coordinates and nuisances.
 
     Parameters
     ----------
     optics, lamp, rays, beam
-        As `illuminate` has them.
+        As in `illuminate`.
     lamp_slopes
-        Of the components of lamp and axis by p coordinates, shape ``(6, p, ...)``.
+        Slopes of lamp and axis by p coordinates, shape ``(6, p, ...)``.
     image
         Result: light, slopes by the coordinates, slopes by the q nuisances, shape
         ``(1 + p + q, ..., n)``; or light alone, shape ``(1, ..., n)``.
@@ -264,15 +237,7 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:
-    """Turn the light on the array into that of the readings, in place.
-
-    Parameters
-    ----------
-    optics, nuisances
-        As in `illuminate`.
-    image
-        As `project` writes it, with or without slopes.
-    """
+    """Apply the steps on the array to an image of `project`, with or without slopes, in place."""
     rows = len(image)
     first, differentiate = rows - optics.nuisances, rows > 1
     for i in range(len(optics.step_kinds)):
@@ -309,22 +274,14 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
 
 @law
 def reading_variance(light: Any, noise: ReadingNoise) -> Any:
-    """Variance of a reading, counts^2 (Eren et al. 2016, eq. 7): shot noise grows with the light.
-
-    Parameters
-    ----------
-    light
-        Expected, counts.
-    noise
-        Of the scene.
-    """
+    """Variance of a reading, counts^2, by its light, counts (Eren et al. 2016, eq. 7)."""
     lit = maximum(light, 0.0)
     return maximum(noise.variance + (noise.slope + noise.square * lit) * lit, MIN_VARIANCE)
 
 
 @law
 def variance_slope(light: Any, noise: ReadingNoise) -> Any:
-    """Growth of `reading_variance` with the light, counts; at an edge that of the darker side."""
+    """Slope of `reading_variance` by the light, counts; at an edge that of the darker side."""
     lit = maximum(light, 0.0)
     grows = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
     return choose((light > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)

@@ -1,9 +1,9 @@
 """What water and electronics do to the ideal light: one function an effect, one scene key each.
 
-An effect is a function with the scene key's name. Its keyword-only arguments are the key's
-settings; before them it asks by name for the ``array`` and, where it needs it, the ``lamp``. It is
-called once, when a scene is planned, and returns what it does in one or more `forms`; what a scene
-does not name never runs. Effects act in the order of the list below, which is the physical one.
+An effect is a function with the name of the scene key. Its keyword-only arguments are the settings
+of the key; before them it takes the ``array`` and, where it needs it, the ``lamp``. It is called
+once, when a scene is planned, and returns one or more `forms`. Effects act in the order of the list
+below, which is the physical one.
 """
 
 import inspect
@@ -42,15 +42,9 @@ from uuv_optical_array.forward.light import LampSettings
 
 
 class Effect(NamedTuple):
-    """An effect of the list.
+    """An effect, with what resolves settings that can be given in several ways.
 
-    Parameters
-    ----------
-    function
-        As the module has it.
-    resolved
-        Where settings may be given in one of several ways: ``resolved(settings, name)``, the check,
-        which may turn them into one.
+    ``resolved(settings, name)`` checks them and may convert one way into another.
     """
 
     function: Callable[..., Form | tuple[Form, ...]]
@@ -81,7 +75,7 @@ EFFECTS: dict[str, Effect] = {
         Effect(adc),
     )
 }
-# Effects that act at the moment of an image, and do nothing where none is given.
+# Effects that depend on the time of an image, and do nothing where none is given.
 MOVING = {
     name
     for name, effect in EFFECTS.items()
@@ -92,17 +86,12 @@ Settings = Mapping[str, Mapping[str, Any]]
 
 
 def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
-    """Check a scene's ``effects`` and put them in physical order.
+    """Check a scene's ``effects``, fill in defaults and put them in physical order.
 
     Parameters
     ----------
     settings
         Mapping from the name of an effect to its settings; ``None`` is no effect.
-
-    Returns
-    -------
-    dict
-        The checked settings by effect, defaults filled in.
 
     Raises
     ------
@@ -127,21 +116,14 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
 
 
 def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> tuple[Form, ...]:
-    """Plan the effects of a scene for an array and a lamp, once.
+    """Return the forms of a scene's effects, in physical order.
 
     Parameters
     ----------
     settings
-        What `check_effects` returned.
-    array
-        The scene's detectors.
-    lamp
-        The scene's lamp.
-
-    Returns
-    -------
-    tuple of Form
-        What they do, in physical order.
+        Result of `check_effects`.
+    array, lamp
+        Of the scene.
 
     Raises
     ------
@@ -152,7 +134,7 @@ def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> tuple[
     forms: list[Form] = []
     for name, values in settings.items():
         function = EFFECTS[name].function
-        asked = [rig[name] for name in inspect.signature(function).parameters if name in rig]
-        found = function(*asked, **values)
-        forms.extend(found if isinstance(found, tuple) else (found,))
+        parts = [rig[part] for part in inspect.signature(function).parameters if part in rig]
+        result = function(*parts, **values)
+        forms.extend(result if isinstance(result, tuple) else (result,))
     return tuple(forms)

@@ -13,7 +13,7 @@ from uuv_optical_array.forward.effects.forms import Background, Gain, Transmissi
 
 
 def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any]:
-    """Require one of the two forms."""
+    """Require either a power or a half angle."""
     if not one_way(settings, name, ("cosine_power",), ("half_angle_deg",)):
         settings.pop("edge_deg")
     return settings
@@ -48,9 +48,9 @@ def field_of_view(
 ) -> Transmission:
     """Narrow the response to the lamp beyond Lambert's cosine.
 
-    Either as ``cos^p`` of the incidence in all, a generalised Lambertian as of a lensed diode, or
-    by the rim of a housing: half is lost at the half angle, and nearly all (88 %) half an edge
-    further out, by a hyperbolic tangent of the cosine, so that the light keeps a derivative.
+    Either as ``cos^p`` of the incidence in all, a generalised Lambertian like that of a lensed
+    diode, or by the rim of a housing: half is lost at the half angle and 88 % half an edge further
+    out, as a hyperbolic tangent of the cosine, which is smooth.
     """
     if cosine_power is not None:
         return Transmission(lens, (cosine_power - 1, 0.0, 0.0))
@@ -62,7 +62,7 @@ def field_of_view(
 
 @law
 def interface(cosine: Any, before: Any, after: Any) -> tuple[Any, Any, Any, Any]:
-    """Refract at a plane, unpolarised light (Snell and Fresnel; Born and Wolf 1999, section 1.5).
+    """Refract unpolarised light at a plane (Snell and Fresnel; Born and Wolf 1999, section 1.5).
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def interface(cosine: Any, before: Any, after: Any) -> tuple[Any, Any, Any, Any]
     Returns
     -------
     transmission, slope
-        Share of the flux that passes, and its derivative by the cosine; 0 where all is reflected.
+        Transmitted share of the flux, and its slope by the cosine; 0 under total reflection.
     refracted, refracted_slope
-        Cosine behind the plane, and its derivative; at least 1e-6.
+        Cosine behind the plane, at least 1e-6, and its slope.
     """
     ratio = before / after
     square = 1 - ratio * ratio * (1 - cosine * cosine)
@@ -120,13 +120,13 @@ def window(
 
     Unpolarised light, reflected once at each face (Born and Wolf 1999, Principles of Optics).
     Behind a pane with air no light arrives from beyond the critical angle, 48 deg in sea water. The
-    pane's thickness, which shifts the ray by a millimetre or so, is left out.
+    thickness of the pane, which shifts the ray by about a millimetre, is neglected.
     """
     return Transmission(port, (index, behind_index, water_index))
 
 
 def resolved_responsivity(settings: dict[str, Any], name: str) -> dict[str, Any]:
-    """Require one of the two forms."""
+    """Require either spread and seed or gains."""
     one_way(settings, name, ("spread", "seed"), ("gains",))
     return settings
 
@@ -149,13 +149,12 @@ def responsivity(
 ) -> Gain:
     """Give each detector a gain of its own, and all a drift with temperature.
 
-    The gains are given, as `uuv_array calibrate` finds them, or drawn once. Eren et al. (2017)
-    measured a spread of 0.8 % and -2 mV/C on 576 mV. The lamp's reference reading is that of the
-    temperature of calibration; the nuisance ``responsivity.temperature_c`` is how much warmer it
-    is.
+    The gains are given, as by `uuv_array calibrate`, or drawn once. Eren et al. (2017) measured a
+    spread of 0.8 % and -2 mV/C on 576 mV. The nuisance ``responsivity.temperature_c`` is the
+    difference to the temperature of calibration, at which the lamp's reference reading holds.
     """
-    each = detector_gains(array.side, spread, seed, gains)
-    return Gain(each.ravel(), drift_per_c, "responsivity.temperature_c")
+    values = detector_gains(array.side, spread, seed, gains)
+    return Gain(values.ravel(), drift_per_c, "responsivity.temperature_c")
 
 
 def detector_gains(
@@ -164,19 +163,9 @@ def detector_gains(
     seed: int | None = None,
     gains: Grid | None = None,
 ) -> Array:
-    """Return the gain of each detector as `responsivity` has it, shape ``(side, side)``.
+    """Return the gains of `responsivity`, shape ``(side, side)``.
 
-    Parameters
-    ----------
-    side
-        Detectors in a row.
-    spread, seed, gains
-        As in `responsivity`.
-
-    Raises
-    ------
-    ValueError
-        Where the gains are not those of ``side * side`` detectors.
+    ValueError where the gains given are not those of ``side * side`` detectors.
     """
     if gains is None:
         assert spread is not None  # checked with the scene
@@ -199,8 +188,7 @@ def detector_faults(
 ) -> tuple[Gain, Background]:
     """Let detectors fail: dead ones read darkness, stuck ones a level; row 0 is the top.
 
-    An estimator that believes the scene leaves them out of its fit: they have no derivative. The
-    noise of the readout stays.
+    They have no derivative, so an estimator leaves them out of its fit. Readout noise stays.
     """
     works, level = np.ones((array.side, array.side)), np.zeros((array.side, array.side))
     for row, column in (*dead, *stuck):
@@ -212,5 +200,4 @@ def detector_faults(
         works[row, column] = 0.0
     for row, column in stuck:
         level[row, column] = stuck_counts
-
     return Gain(works.ravel()), Background(level.ravel(), 1.0)

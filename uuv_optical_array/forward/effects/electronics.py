@@ -1,11 +1,9 @@
 """What photodiode, amplifier and converter do to a reading."""
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 from scipy.constants import elementary_charge, k, zero_Celsius
 
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects.forms import Converter, Noise, Saturation
@@ -32,21 +30,8 @@ def shot_noise(
     return Noise(0.0, 1 / electrons_per_count)
 
 
-@dataclass(frozen=True)
-class PhotodiodePart:
-    """A photodiode's data sheet.
-
-    Parameters
-    ----------
-    area_m2
-        Active area, m^2.
-    responsivity_a_per_w
-        At 525 nm, A/W.
-    dark_current_a
-        Typical, A.
-    shunt_resistance_ohm
-        Ohm.
-    """
+class PhotodiodePart(NamedTuple):
+    """Active area, responsivity at 525 nm, and typical dark current, of a data sheet."""
 
     area_m2: float
     responsivity_a_per_w: float
@@ -71,47 +56,6 @@ def resolved_photodiode(settings: dict[str, Any], name: str) -> dict[str, Any]:
     return settings
 
 
-def photodiode_variances(
-    part: PhotodiodePart,
-    current_a: float | Array,
-    bandwidth_hz: float,
-    load_ohm: float,
-    amplifier_a_per_rthz: float,
-    temperature_c: float,
-) -> dict[str, float | Array]:
-    """Noise of a photodiode's current by source (Eren et al. 2016, eq. 7).
-
-    Parameters
-    ----------
-    part
-        The photodiode.
-    current_a
-        Photocurrent of lamp and background, A, >= 0, any shape.
-    bandwidth_hz
-        Noise bandwidth B, Hz.
-    load_ohm
-        Load or feedback resistor, parallel to the shunt resistance, ohm.
-    amplifier_a_per_rthz
-        Input current noise density of the amplifier, A/sqrt(Hz).
-    temperature_c
-        Of diode and resistor, deg C.
-
-    Returns
-    -------
-    dict
-        Variances in A^2: ``shot``, ``2 q I B`` of lamp and background; ``dark``,
-        ``2 q I_dark B``; ``johnson``, ``4 k T B / R``; ``amplifier``.
-    """
-    conductance = 1 / part.shunt_resistance_ohm + 1 / load_ohm
-    kelvin = temperature_c + zero_Celsius
-    return {
-        "shot": 2 * elementary_charge * current_a * bandwidth_hz,
-        "dark": 2 * elementary_charge * part.dark_current_a * bandwidth_hz,
-        "johnson": 4 * k * kelvin * bandwidth_hz * conductance,
-        "amplifier": amplifier_a_per_rthz**2 * bandwidth_hz,
-    }
-
-
 def photodiode(
     array: DetectorArray,
     *,
@@ -131,19 +75,21 @@ def photodiode(
 ) -> Noise:
     """Noise of a photodiode and its amplifier from the data sheet (Eren et al. 2016, eq. 7).
 
-    Signal, background and dark-current shot noise, Johnson and amplifier noise, Gaussian: see
-    `photodiode_variances`. At a given irradiance a larger or more responsive part gives more
-    current and so less noise in counts. The converter's rounding is added by `adc`.
+    Gaussian shot noise ``2 q I B`` of the light and of the dark current, Johnson noise
+    ``4 k T B / R`` of the load parallel to the shunt resistance, and the noise of the amplifier. At
+    a given irradiance a larger or more responsive part gives more current and so less noise in
+    counts. The converter's rounding is added by `adc`.
     """
     sheet = PARTS[part]
     if amps_per_count is None:
         assert watts_per_m2_per_count is not None  # checked with the scene
         amps_per_count = watts_per_m2_per_count * sheet.area_m2 * sheet.responsivity_a_per_w
-    settings = bandwidth_hz, load_ohm, amplifier_a_per_rthz, temperature_c
-    still = sum(photodiode_variances(sheet, 0.0, *settings).values()) / amps_per_count**2
-    slope = photodiode_variances(sheet, 1.0, *settings)["shot"] / amps_per_count
-
-    return Noise(float(still), float(slope))
+    shot = 2 * elementary_charge * bandwidth_hz
+    conductance = 1 / sheet.shunt_resistance_ohm + 1 / load_ohm
+    johnson = 4 * k * (temperature_c + zero_Celsius) * bandwidth_hz * conductance
+    dark = 2 * elementary_charge * sheet.dark_current_a * bandwidth_hz
+    variance = dark + johnson + amplifier_a_per_rthz**2 * bandwidth_hz
+    return Noise(variance / amps_per_count**2, shot / amps_per_count)
 
 
 def saturation(

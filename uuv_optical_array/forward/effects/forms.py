@@ -1,4 +1,4 @@
-"""What an effect may do to light, reading or noise: the forms that an effect's function returns.
+"""The forms of an effect: what it may do to light, reading or noise.
 
 The forward model and the estimator's compiled loops know these forms and no single effect.
 """
@@ -12,20 +12,18 @@ from uuv_optical_array.core.geometry import Array
 
 @dataclass(frozen=True)
 class Transmission:
-    """What dims the light on its way to a detector, by the ray's geometry.
+    """Attenuation on the way to a detector, by the geometry of the ray.
 
     Parameters
     ----------
     law
         ``law(range_m, half_square, cosine, a, b, c)`` of numbers or arrays, marked by
-        `core.numerics.elementwise.law`: the factor of the light, the slopes of its logarithm by
-        range, 1/m, half the squared off-axis angle, 1/rad^2, and cosine of incidence, and that by
-        `a`.
+        `core.numerics.elementwise.law`: the factor of the light, and the slopes of its logarithm by
+        range, 1/m, half the squared off-axis angle, 1/rad^2, cosine of incidence, and `a`.
     settings
         Its ``a, b, c``.
     nuisance
-        Dotted name of the setting of the scene that `a` is, where the prior may leave it
-        uncertain; empty: none.
+        Dotted name of the setting `a` where the prior may leave it uncertain; empty: none.
     """
 
     law: Callable[..., Any]
@@ -35,14 +33,14 @@ class Transmission:
 
 @dataclass(frozen=True)
 class Moving:
-    """What dims the light at a moment, in simulation; an estimator knows nothing of it.
+    """Attenuation at a time, in simulation only; an estimator does not know it.
 
     Parameters
     ----------
     factor
-        ``factor(time_s, rays, axis)``: of shape ``(..., n)``, from the moment, s, shape
-        ``(..., 1)``, the rays as `forward.light.ray` returns them, shape ``(8, ..., n)``, and the
-        beam's axis in ``base_link``, shape ``(3, ..., 1)``.
+        ``factor(time_s, rays, axis)``: shape ``(..., n)``, from the time, s, shape ``(..., 1)``,
+        the rays as `forward.light.ray` returns them, shape ``(8, ..., n)``, and the beam's axis in
+        ``base_link``, shape ``(3, ..., 1)``.
     """
 
     factor: Callable[..., Array]
@@ -50,16 +48,9 @@ class Moving:
 
 @dataclass(frozen=True)
 class Background:
-    """Light that is added to that of the lamp.
+    """Light beside that of the lamp: counts ``level`` times a pattern, shape ``(n,)``.
 
-    Parameters
-    ----------
-    pattern
-        On each detector, for a level of 1, shape ``(n,)``.
-    level
-        Counts.
-    nuisance
-        As in `Transmission`, of the level.
+    The nuisance is as in `Transmission`, of the level.
     """
 
     pattern: Array
@@ -69,16 +60,9 @@ class Background:
 
 @dataclass(frozen=True)
 class Gain:
-    """What each detector makes of the light.
+    """Factor of each detector, >= 0, shape ``(n,)``.
 
-    Parameters
-    ----------
-    gains
-        By detector, >= 0, shape ``(n,)``.
-    slope
-        Relative change of all gains by the nuisance, whose value in the scene is 0.
-    nuisance
-        As in `Transmission`.
+    `slope` is the relative change of all gains by the nuisance, whose value in the scene is 0.
     """
 
     gains: Array
@@ -88,14 +72,10 @@ class Gain:
 
 @dataclass(frozen=True)
 class Shade:
-    """What dims the lamp's light unevenly over the array, by a depth that is unknown.
+    """Uneven attenuation over the array, by a depth that is unknown.
 
-    Parameters
-    ----------
-    pattern
-        Logarithm of the factor on each detector, for a depth of 1, shape ``(n,)``.
-    nuisance
-        As in `Transmission`, of the depth, whose value in the scene is 0.
+    The pattern, shape ``(n,)``, is the logarithm of the factor for a depth of 1. The nuisance is
+    the depth, whose value in the scene is 0.
     """
 
     pattern: Array
@@ -104,13 +84,7 @@ class Shade:
 
 @dataclass(frozen=True)
 class Blur:
-    """Light that neighbours share.
-
-    Parameters
-    ----------
-    matrix
-        Of one axis of the image, shape ``(side, side)``: the image becomes ``M image M'``.
-    """
+    """Light that neighbours share: ``M image M'``, with M of shape ``(side, side)``."""
 
     matrix: Array
 
@@ -119,12 +93,7 @@ class Blur:
 class Noise:
     """Independent Gaussian noise of a reading; the variances of all sources add up.
 
-    Parameters
-    ----------
-    variance
-        In the dark, counts^2, >= 0.
-    slope
-        Its growth with the light, counts, >= 0.
+    The variance is that in the dark, counts^2, and `slope` its growth with the light, counts.
     """
 
     variance: float

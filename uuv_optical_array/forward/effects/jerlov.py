@@ -40,24 +40,9 @@ EREN_KD_PER_M = {"eren2016_clear": 0.05, "eren2016_coastal": 0.1}
 
 
 def diffuse_attenuation(water: Water, wavelength_nm: float) -> float:
-    """Return Kd of a water type, interpolated linearly between the tabulated wavelengths.
+    """Return Kd of a water type, 1/m, interpolated linearly between the tabulated wavelengths.
 
-    Parameters
-    ----------
-    water
-        Water type.
-    wavelength_nm
-        From 400 to 700 nm.
-
-    Returns
-    -------
-    float
-        Diffuse attenuation coefficient, 1/m.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength outside the band for which Eren et al. give theirs.
+    ValueError for a wavelength outside the band for which Eren et al. give theirs.
     """
     if water in KD_PER_KM:
         kd_per_m = np.divide(KD_PER_KM[water], 1000)

@@ -1,7 +1,7 @@
-"""What changes while the scene runs: the lamp's power, and clouds that pass through the beam.
+"""Effects that change with time: the lamp's power, and clouds that pass through the beam.
 
-These act at the moment of an image. Where nobody names one, as an estimator does not, they do
-nothing: it knows neither the phase of a flicker nor where a cloud is, and believes the mean sea.
+They act only where the time of an image is given. An estimator gives none: it knows neither the
+phase of a flicker nor where a cloud is.
 """
 
 from typing import Annotated
@@ -28,7 +28,7 @@ def lamp_flicker(
     """Let the lamp flicker, ``1 + depth sin(2 pi f t)``, as a lamp on alternating current does."""
 
     def factor(time_s: Array, rays: Array, axis: Array) -> Array:
-        # Cycles first: a stamp of a billion seconds times 2 pi would have lost its phase.
+        # Whole cycles are removed first, or a stamp of a billion seconds would lose its phase.
         cycles = np.mod(time_s * frequency_hz, 1.0)
         return 1 + depth * np.sin(2 * np.pi * cycles)
 
@@ -88,8 +88,8 @@ def plume(
         return depth * total
 
     def factor(time_s: Array, rays: Array, axis: Array) -> Array:
-        # Beacon's y and z as base_link knows them, by way of the beam axis: without roll, beacon's
-        # z has no part along base_link's y, and points up.
+        # The beacon's y and z in base_link, from the beam axis: without roll, the beacon's z has no
+        # component along base_link's y, and points up.
         above = np.stack([axis[2], np.zeros(axis[2].shape), -axis[0]])
         above /= np.copysign(np.linalg.norm(above, axis=0), -axis[0])
         aside = np.cross(above, -axis, axis=0)

@@ -18,7 +18,7 @@ KPerM = Annotated[float | None, Quantity("diffuse attenuation coefficient K", "1
 
 
 def resolved_attenuation(settings: dict[str, Any], name: str) -> dict[str, Any]:
-    """Replace a water type by its K, so that everyone downstream finds a number."""
+    """Replace a water type by its K, which is all that the effects use."""
     if one_way(settings, name, ("k_per_m",), ("water", "wavelength_nm")):
         try:
             return {"k_per_m": diffuse_attenuation(settings["water"], settings["wavelength_nm"])}
@@ -57,7 +57,7 @@ def spread(
     scattering_per_m: Any,
     angle_squared: Any,
 ) -> Any:
-    """Return what forward scatter makes of a Gaussian beam: a `Transmission`, see `beam_spread`.
+    """Law of `beam_spread`: a `Transmission`.
 
     Its settings are the standard deviation of the beam, deg, the coefficient, 1/m, and the squared
     angle of one scattering, rad^2.
@@ -67,7 +67,7 @@ def spread(
     depth = scattering_per_m * range_m
     straight, scattered = exp(-depth), -expm1(-depth)
     wide = narrow + angle_squared * depth / (3 * scattered)
-    # Where the ideal beam has underflowed this must not overflow.
+    # Bounded, so that it does not overflow where the ideal beam has underflowed.
     excess = minimum(half_square * (1 / narrow - 1 / wide), 600.0)
     wider = scattered * narrow / wide * exp(excess)
     factor = straight + wider
@@ -144,25 +144,11 @@ def ambient(
 
 
 def hanning_blur(side: int, spacing_m: float, window_m: float) -> Array:
-    """Build the matrix that blurs one axis of an image with a Hanning window.
+    """Return the matrix that blurs one axis of an image with a Hanning window, ``(side, side)``.
 
     The window ``h(d) = 0.5 (1 + cos(2 pi d / window_m))`` for ``|d| < window_m / 2`` is
     sampled at the detectors and scaled to unit sum; readings are mirrored at the border,
     each outermost detector included (``d c b a | a b c d | d c b a``).
-
-    Parameters
-    ----------
-    side
-        Detectors along the axis.
-    spacing_m
-        Distance between them, m.
-    window_m
-        Full width of the window, m.
-
-    Returns
-    -------
-    Array
-        Shape ``(side, side)``, each row summing to 1.
     """
     reach = int(np.ceil(window_m / 2 / spacing_m)) - 1
     steps = np.arange(-reach, reach + 1)

@@ -1,4 +1,4 @@
-"""What documents, benchmarks and tests need to know of every effect, read off the list itself."""
+"""Settings of every effect from the middle of their bounds, for tests and benchmarks."""
 
 import inspect
 import itertools
@@ -12,39 +12,24 @@ from uuv_optical_array.forward.effects import EFFECTS, check_effects
 
 
 def declared(name: str) -> dict[str, Setting]:
-    """Return the settings of an effect as its function declares them.
-
-    One with the default ``None`` belongs to one of several `ways`.
-    """
     return settings.declared(EFFECTS[name].function)
 
 
 def ways(name: str) -> list[tuple[str, ...]]:
-    """Return the settings without a value of their own that an effect takes together.
-
-    Parameters
-    ----------
-    name
-        Of the effect.
-
-    Returns
-    -------
-    list of tuple of str
-        Each way to give the effect, the shortest first.
-    """
+    """Return the required settings of each way to give an effect, the shortest first."""
     keyed = declared(name)
-    needed = [key for key in keyed if keyed[key].default is inspect.Parameter.empty]
-    free = [key for key in keyed if keyed[key].default is None]
-    found = []
-    for count in range(len(free) + 1):
-        for chosen in itertools.combinations(free, count):
-            keys = [key for key in keyed if key in (*needed, *chosen)]
+    required = [key for key in keyed if keyed[key].default is inspect.Parameter.empty]
+    optional = [key for key in keyed if keyed[key].default is None]
+    result = []
+    for count in range(len(optional) + 1):
+        for chosen in itertools.combinations(optional, count):
+            keys = [key for key in keyed if key in (*required, *chosen)]
             try:
                 check_effects({name: {key: middle(keyed[key]) for key in keys}})
             except ValueError:
                 continue
-            found.append(tuple(keys))
-    return found
+            result.append(tuple(keys))
+    return result
 
 
 def middle(setting: Setting) -> Any:

@@ -69,7 +69,7 @@ def serve(arguments: list[str], others: tuple = ()) -> None:
     for node in (*nodes, *(make() for make in others)):
         executor.add_node(node)
     estimator = nodes[1]
-    spin(executor, lambda: not estimator.compiler.done)
+    estimator.pipeline.estimator.wait()
     print(READY, flush=True)
     spin(executor)
     rclpy.try_shutdown()

@@ -31,7 +31,7 @@ from uuv_optical_array.cli import report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.nodes import estimator_node
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
 
@@ -135,18 +135,17 @@ def measure(args: argparse.Namespace, apart: bool, method: str, side: int) -> No
         asker, executor = Asker(), fastest_executor()
         nodes: list[Any] = [asker]
         if not apart:
-            originals = ImageFit.__call__, Estimator.estimate, estimator_node.enter
+            originals = ImageFit.__call__, Estimator.estimate, Tracker.take
             watched(ImageFit, "__call__", spent, "fit")
             watched(Estimator, "estimate", spent, "estimate")
-            watched(estimator_node, "enter", spent, "track")
+            watched(Tracker, "take", spent, "track")
             feature, estimator, formation = follower()
             nodes += [Relay(), feature, estimator, formation]
         for node in nodes:
             executor.add_node(node)
         spin(executor, lambda: not asker.connected())
         if not apart:
-            spin(executor, lambda: not estimator.compiler.done)
-            executor.spin_once(timeout_sec=0.2)  # the compiled fit takes over
+            estimator.pipeline.estimator.wait()
         begun_ns = 10**9
         for rate_hz in args.rates:
             count = round(args.seconds * rate_hz)
@@ -160,7 +159,7 @@ def measure(args: argparse.Namespace, apart: bool, method: str, side: int) -> No
                     executor.spin_once(timeout_sec=left)
             line(apart, side, rate_hz, count, asker.times, spent)
         if not apart:
-            ImageFit.__call__, Estimator.estimate, estimator_node.enter = originals
+            ImageFit.__call__, Estimator.estimate, Tracker.take = originals
         rclpy.try_shutdown()
         if process is not None:
             process.send_signal(signal.SIGINT)

@@ -17,13 +17,13 @@ truth = np.tile([-6.0, 0, 0, 0, 0], (len(times), 1))  # x, y, z in m, pitch and 
 truth[:, 1] = 0.5 * np.sin(2 * np.pi * times / 6)
 images = [model.expose(pose, rng, time_s=time) for pose, time in zip(truth, times, strict=True)]
 answers = [pipeline.answer(round(t * 1e9), image) for t, image in zip(times, images, strict=True)]
-told = np.array([answer.track is not None for answer in answers])  # the others give a `reason`
+posed = np.array([answer.track is not None for answer in answers])  # the others give a `reason`
 frames = np.array([answer.estimate.pose for answer in answers if answer.track])
 track = np.array([answer.track.pose for answer in answers if answer.track])
-truth = truth[told]
-for name, found in (("frames", frames), ("track", track), ("truth", truth)):
-    print(f"{name}: RMS error of y {np.sqrt(np.mean((found - truth)[:, 1] ** 2)):.3f} m")
-    plt.plot(times[told], found[:, 1], ".-", label=name)
+truth = truth[posed]
+for name, poses in (("frames", frames), ("track", track), ("truth", truth)):
+    print(f"{name}: RMS error of y {np.sqrt(np.mean((poses - truth)[:, 1] ** 2)):.3f} m")
+    plt.plot(times[posed], poses[:, 1], ".-", label=name)
 plt.gca().set(xlabel="time (s)", ylabel="y, to port (m)")
 plt.legend()
 plt.savefig(picture)

@@ -92,7 +92,7 @@ FITTING = re.compile(
     "fit_compiler|follower_node|fuzz|hard_cases|held_matches|implausible_frames|kinds_over_dds|"
     "linearised|misfit|mixture|near_frames|node_parameters|outputs|paper|paper_command|"
     "plausibility|posterior|programs|readme|record|replay|robustness|saturated|security|store|"
-    "table_builder|track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
+    "track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
     "tracking_shades|tradeoff|view|view_sources)"
 )
 COMPILE = """from uuv_optical_array.estimation.fit_compiler import compile_fit

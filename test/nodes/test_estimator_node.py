@@ -16,11 +16,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.fit_compiler import FitCompiler
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.disk import load_table, save_table
+from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -61,25 +59,9 @@ def test_each_signature_is_answered_with_the_cores_pose_and_covariance(asker, si
     assert 0 < float(values["angle_rad"]) <= float(values["runner_up_angle_rad"]) < 0.25
 
 
-def test_without_a_table_parameter_the_table_is_built_in_the_cache(
-    lab, scene_file, scene, signatures, table, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+def test_without_a_table_parameter_the_table_is_built_in_memory(lab, scene_file, signatures, table):
     asker = Asker(lab, scene_file)
     assert_is(asker.ask(signatures[0], 1), matched(table, signatures[0]))
-    (folder,) = (tmp_path / "uuv_optical_array").iterdir()
-    np.testing.assert_array_equal(load_table(folder, scene).parameters, table.parameters)
-
-
-def test_the_fit_is_compiled_only_when_the_table_is_there(lab, scene_file, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(fit_compiler, "is_compiled", lambda scene: False)  # else it is loaded first
-    tables = []
-    monkeypatch.setattr(
-        FitCompiler, "start", lambda self: tables.extend((tmp_path / "uuv_optical_array").iterdir())
-    )
-    Asker(lab, scene_file, method="least_squares")
-    assert len(tables) == 1
 
 
 def with_nan(message):

@@ -8,9 +8,7 @@ from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
-from uuv_optical_array.estimation.tracking.enter import enter
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
@@ -37,7 +35,7 @@ def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(shower,
     for seconds in range(1, 30):
         shower.clouds.publish(shower.message(shower.signature(images[0]), seconds))
         stamp = seconds * 10**9 + 9
-        shower.lab.until(lambda stamp=stamp: stamp in shower.node.pairs.waiting, "the signature")
+        shower.lab.until(lambda stamp=stamp: stamp in shower.node.waiting, "the signature")
     status = shower.lab.report(shower.node, WARN, "no image")
     assert not shower.poses
     assert dict(figures(status))["answered"] == "0"
@@ -170,15 +168,10 @@ def test_an_atomic_set_that_is_refused_leaves_track_estimator_and_parameters(
     assert reason in result.reason
     for name, value in before.items():
         assert tracked.node.get_parameter(name).value == value
-    assert tracked.node.estimator.settings == EstimatorSettings()
+    assert tracked.node.pipeline.estimator.settings == EstimatorSettings()
     # The next frame joins the track of the first three, as one that was never disturbed.
-    estimator = Estimator(table)
-    tracker = Tracker(TrackerSettings(), constants=estimator.constants)
+    pipeline = Pipeline(Estimator(table).wait())
     for seconds, image in enumerate(images, start=1):
-        stamp = seconds * 10**9 + 9
-        signature = tracked.signature(image)
-        found = estimator.estimate(image, signature, 0.0, tracker.expected(stamp))
-        enter(tracker, estimator, stamp, found, image)
-        track = tracker.track()
+        answer = pipeline.answer(seconds * 10**9 + 9, image)
     tracked.show(images[3], 4)
-    assert_is(tracked.track(4), track)
+    assert_is(tracked.track(4), answer.track)

@@ -85,7 +85,7 @@ def test_a_pose_waits_for_nothing_that_can_come_later_and_the_next_frame_for_all
         rov.lab.patch.setattr(owner, name, lambda *given: (done.append(word), call(*given))[1])
 
     noted(node.poses, "publish", "pose")
-    noted(node.tracker, "track", "track")
+    noted(node.pipeline.tracker, "track", "track")
     noted(node.tracks, "publish", "odometry")
     noted(node, "hand_over", "command")
     noted(rov.feature.features, "publish", "features")

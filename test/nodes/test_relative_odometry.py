@@ -43,8 +43,9 @@ class Mover(Asker):
         self.odometry = lab.listen(Odometry, "relative_odometry")
         self.leaders = lab.listen(PoseStamped, "leader_pose")
         lab.connect()
-        self.node.estimator = SimpleNamespace(
-            settings=self.node.estimator.settings,
+        self.node.pipeline.estimator = SimpleNamespace(
+            settings=self.node.pipeline.estimator.settings,
+            constants=self.node.pipeline.estimator.constants,
             estimate=lambda *_: Estimate(self.truth(self.seconds), SPREAD, 0.01, None, 0.02),
             aim_covariance=lambda pose, roll: AIM_VARIANCE * np.eye(5),
         )
@@ -150,7 +151,7 @@ def test_both_covariances_of_the_odometry_are_full_and_positive_definite(mover):
         np.testing.assert_array_equal(covariance, covariance.T)
         np.linalg.cholesky(covariance)
     # No frame tells of the array's aim, and so the track by itself is that much too sure.
-    variances = mover.node.tracker.track().covariance.diagonal() + AIM_VARIANCE
+    variances = mover.node.pipeline.tracker.track().covariance.diagonal() + AIM_VARIANCE
     assert last.pose.covariance[0] == pytest.approx(variances[0], rel=1e-9)
     assert last.pose.covariance[35] == pytest.approx(variances[4], rel=1e-9)
     # Roll and roll rate are no measurements.

@@ -40,7 +40,7 @@ def test_a_match_waits_for_the_image_that_it_is_held_to(lab, scene_file, scene, 
     shower = Shower(lab, scene_file, scene, table=table_folder)
     image = ForwardModel(scene).expose([-6.0, 0, 0, 0, 0], np.random.default_rng(1))
     shower.clouds.publish(shower.message(shower.signature(image), 1))
-    lab.until(lambda: shower.node.pairs.waiting, "the signature")
+    lab.until(lambda: shower.node.waiting, "the signature")
     assert not shower.poses
     shower.images.publish(shower.picture(image, 1))
     lab.until(lambda: shower.poses, "a pose")

@@ -21,8 +21,6 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
@@ -108,9 +106,10 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     scene = load_scene(path)
     save_table(table := build_table(scene), tmp_path / "table")
     estimator = Estimator(table)
-    tracker = Tracker(TrackerSettings(), constants=constants_of(ForwardModel(scene)))
     commands = [(int(stamp) - 10**7, np.array([0.2, 0, 0]), np.zeros(3)) for stamp in stamps[7:9]]
-    expected = list(replay(images[:count], stamps[:count], estimator, tracker, commands=commands))
+    expected = list(
+        replay(images[:count], stamps[:count], estimator, TrackerSettings(), commands=commands)
+    )
     lab.begin({"scene": str(path), "estimator_node:table": str(tmp_path / "table")})
     lab.start(FeatureNode)
     node = lab.start(EstimatorNode)
@@ -122,7 +121,9 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     for stamp, linear, angular in commands:
         at = Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9))
         helm.publish(twist_to_message(linear, angular, at))
-    lab.until(lambda: node.tracker._own_motion.age_ns(stamps[9]) < 2 * 10**8, "the commands")
+    lab.until(
+        lambda: node.pipeline.tracker._own_motion.age_ns(stamps[9]) < 2 * 10**8, "the commands"
+    )
     for frame, image in zip(expected, images, strict=False):
         seconds, rest = divmod(frame.stamp_ns, 10**9)
         stamp = Time(sec=seconds, nanosec=rest)
@@ -139,8 +140,7 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
 
 def test_what_is_written_reads_back_by_other_readers(drive, estimator, tmp_path):
     poses, stamps, images = drive
-    tracker = Tracker(TrackerSettings(), constants=constants_of(estimator._model))
-    frames = list(replay(images[:10], stamps[:10], estimator, tracker))
+    frames = list(replay(images[:10], stamps[:10], estimator, TrackerSettings()))
     known = poses.copy()
     known[0] = np.nan
     rolls = np.where(np.isnan(known[:, 0]), np.nan, 0.2)
@@ -206,7 +206,7 @@ def test_the_command_writes_a_folder_and_tells_errors_and_refusals(
     for word in (f"{IMAGES} images", f"{IMAGES - 3} poses", "no pose: 1 x frozen", "rms error"):
         assert word in told
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == IMAGES + 1
-    assert "it exists" in run("estimate", bag, *words, code=1)
+    assert "it exists" in run("estimate", bag, *words, code=2)
 
 
 def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path, capsys):

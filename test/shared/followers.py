@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from uuv_optical_array.estimation.tracking.enter import tell
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.tracking.enter import tell
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker

@@ -16,9 +16,8 @@ from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.pipeline import Frame
+from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.recording.results import write_results
@@ -71,13 +70,11 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     recording = read_bag(args, scene, poses_needed=False)
     estimator = Estimator(scene, args.method).wait()
-    tracker = None
-    if args.track:
-        tracker = Tracker(TrackerSettings(), constants=estimator.constants)
-    frames: list[Frame] = []
+    tracking = TrackerSettings() if args.track else None
+    frames: list[Answer] = []
     started, exit_code = time.monotonic(), 0
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
-    answers = replay(images, stamps_ns, estimator, tracker, processes or None, commands)
+    answers = replay(images, stamps_ns, estimator, tracking, processes or None, commands)
     with closing(answers):
         try:
             for frame in progress.over(answers, total=len(recording.images)):
@@ -94,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     return exit_code
 
 
-def report(frames: Sequence[Frame], recording: Recording, took_s: float, tracked: bool) -> str:
+def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracked: bool) -> str:
     """Return what was found in words."""
     posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
     span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0

@@ -1,7 +1,6 @@
-"""An image through all stages, as the nodes have them: checks, key parameters, pose, track."""
+"""An image through all stages, the same on a vehicle, in a replay and in a study."""
 
-from collections.abc import Iterator
-from functools import partial
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,72 +8,173 @@ import numpy as np
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
-from uuv_optical_array.estimation.signature.features import (
-    FeatureSettings,
-    key_parameters,
-    no_pattern,
-)
+from uuv_optical_array.estimation.signature.features import FeatureSettings, no_pattern
 from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
-from uuv_optical_array.estimation.tracking.enter import enter, entered, tell
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.track import POSE, Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
 
+DEFAULT_TRACKING = TrackerSettings()
 
-class Frame(NamedTuple):
-    """What is said of one image.
+
+class Answer(NamedTuple):
+    """What comes of one image.
 
     Parameters
     ----------
     stamp_ns
         Of the image, ns.
-    parameters
-        Key parameters, shape ``(5,)``; ``None`` where the image shows no lamp.
     estimate
         The pose of this image by itself; ``None`` where there is none.
     track
-        The track with it; ``None`` where there is none or none is wanted.
+        The track with it; ``None`` where there is no pose, or no tracker.
     reason
         Why there is no pose; empty where there is one.
     """
 
     stamp_ns: int
-    parameters: Array | None
     estimate: Estimate | None
     track: Track | None
     reason: str
 
 
 class Pipeline:
-    """Estimate images as they come, each with what the track has learnt by then.
+    """Answer images as they come, each with what the track has learnt by then.
+
+    `answer` does all of it. A node calls `estimate`, publishes the pose, and then calls `track`.
 
     Parameters
     ----------
     estimator
         Of the scene.
-    tracker
-        Gets every frame that has a pose; ``None``: one with the default settings, which learns the
-        scene's unknown constants.
+    tracking
+        Settings of the tracker, which learns the scene's unknown constants; ``None``: no tracker.
+    min_peak_counts
+        As of `FeatureSettings`.
 
     Attributes
     ----------
     estimator : Estimator
         May be replaced by another one of the same scene.
+    tracker : Tracker or None
+        Takes every frame that has a pose.
     """
 
-    def __init__(self, estimator: Estimator, tracker: Tracker | None = None) -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        tracking: TrackerSettings | None = DEFAULT_TRACKING,
+        min_peak_counts: float = FeatureSettings.min_peak_counts,
+    ) -> None:
         self.estimator = estimator
-        self._tracker = tracker or Tracker(TrackerSettings(), constants=estimator.constants)
+        self._scene, self._min_peak_counts = estimator.scene, min_peak_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
+        self.track_with(tracking)
+
+    def track_with(self, tracking: TrackerSettings | None) -> None:
+        """Begin a new track with these settings, or do without one."""
+        constants = self.estimator.constants
+        self.tracker = None if tracking is None else Tracker(tracking, constants=constants)
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
-        """Tell the track how the follower is commanded to move from a stamp on, as `tell` does."""
-        tell(self._tracker, stamp_ns, linear, angular)
+        """Tell the tracker how the follower is commanded to move from a stamp on.
 
-    def answer(self, stamp_ns: int, image: Array) -> Frame:
-        """Return what is said of the next image.
+        Parameters
+        ----------
+        stamp_ns
+            Of the command, ns.
+        linear, angular
+            In the follower's frame, m/s and rad/s, shape ``(3,)`` each; the roll rate is ignored.
+
+        Raises
+        ------
+        ValueError
+            As `Tracker.command`.
+        """
+        if self.tracker is not None:
+            self.tracker.command(stamp_ns, [*linear, *angular[1:]])
+
+    def check(self, image: Array) -> None:
+        """Refuse the next image of a stream where it shows no lamp, or repeats the one before.
+
+        Parameters
+        ----------
+        image
+            Counts, shape ``(side, side)``.
+
+        Raises
+        ------
+        NoPose
+            With the reason.
+        """
+        check_full_scale(image, self._scene)
+        if reason := no_pattern(image, self._min_peak_counts):
+            raise NoPose(reason)
+        self._frozen.check(image, lambda: np.asarray(image))
+
+    def estimate(
+        self,
+        stamp_ns: int,
+        image: Array | None,
+        parameters: Array | None = None,
+        roll: float = 0.0,
+    ) -> Estimate:
+        """Return the pose of the next frame, which the tracker has taken and found no outlier.
+
+        Parameters
+        ----------
+        stamp_ns
+            Of the image, ns.
+        image
+            Counts, shape ``(side, side)``; ``None``: a match of the key parameters does without.
+        parameters
+            Its key parameters, shape ``(5,)``; ``None``: worked out from the image.
+        roll
+            Of the follower, rad.
+
+        Raises
+        ------
+        NoPose
+            As `check`, `Estimator.estimate` and `Tracker.take`, and for a late frame: it enters the
+            track, whose newer pose is out.
+        """
+        if image is not None:
+            self.check(image)
+        expected = None if self.tracker is None else self.tracker.expected(stamp_ns)
+        estimate = self.estimator.estimate(image, parameters, roll, expected)
+        if image is None:
+            assert parameters is not None
+            self._frozen.check(
+                parameters, lambda: self._frozen.profiles(estimate.pose, roll, parameters)
+            )
+        if self.tracker is not None and self._take(stamp_ns, estimate, image, roll) != stamp_ns:
+            raise NoPose("late frame: it entered the track, whose newer pose is out")
+        return estimate
+
+    def _take(self, stamp_ns: int, estimate: Estimate, image: Array | None, roll: float) -> int:
+        """Let the tracker take a frame, by its readings where these are as good as linear."""
+        assert self.tracker is not None
+        pose, covariance = estimate.pose, estimate.covariance
+        if estimate.readings is None or image is None:
+            return self.tracker.take(stamp_ns, pose, covariance, lasting=1 - estimate.clear)
+        near = self.estimator.lineariser(estimate, image, roll)
+        return self.tracker.take(stamp_ns, pose, covariance, estimate.readings, near)
+
+    def track(self, roll: float = 0.0) -> Track | None:
+        """Return the track at its newest frame, in which the follower had a roll, rad.
+
+        Its covariance has the aim of the array, too, of which no frame and so no tracker knows.
+        """
+        if self.tracker is None:
+            return None
+        track = self.tracker.track()
+        joint = track.joint_covariance.copy()
+        joint[POSE, POSE] += self.estimator.aim_covariance(track.pose, roll)
+        return replace(track, joint_covariance=joint)
+
+    def answer(self, stamp_ns: int, image: Array) -> Answer:
+        """Return what comes of the next image.
 
         Parameters
         ----------
@@ -83,50 +183,8 @@ class Pipeline:
         image
             Counts, shape ``(side, side)``; the roll of the follower is taken as 0.
         """
-        ((parameters, why_not),) = shown(image[None], self.estimator, self._frozen)
-        expected = self._tracker.expected(stamp_ns)
-        answer = estimated(self.estimator, image, parameters, why_not, expected)
-        if isinstance(answer, str):
-            return Frame(stamp_ns, parameters, None, None, answer)
         try:
-            enter(self._tracker, self.estimator, stamp_ns, answer, image)
-        except NoPose as no_pose:
-            return Frame(stamp_ns, parameters, None, None, str(no_pose))
-        track = entered(self._tracker, self.estimator)
-        return Frame(stamp_ns, parameters, answer, track, "")
-
-
-def shown(
-    images: Array, estimator: Estimator, frozen: FrozenFrames
-) -> Iterator[tuple[Array | None, str]]:
-    """Yield the key parameters of each image, or why it shows no lamp."""
-    scene = estimator.scene
-    lowest = FeatureSettings.min_peak_counts
-    dark = [no_pattern(image, lowest) or "" for image in images]
-    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
-    for image, of_image, why_not in zip(images, parameters, dark, strict=True):
-        try:
-            check_full_scale(image, scene)
-            if why_not:
-                raise NoPose(why_not)
-            frozen.check(image, partial(np.asarray, image))
+            estimate = self.estimate(stamp_ns, image)
         except NoPose as reason:
-            yield None, str(reason)
-            continue
-        yield of_image, ""
-
-
-def estimated(
-    estimator: Estimator,
-    image: Array,
-    parameters: Array | None,
-    reason: str,
-    expected: Expected | None = None,
-) -> Estimate | str:
-    """Return the pose of an image, or why there is none."""
-    if parameters is None:
-        return reason
-    try:
-        return estimator.estimate(image, parameters, 0.0, expected)
-    except NoPose as no_pose:
-        return str(no_pose)
+            return Answer(stamp_ns, None, None, str(reason))
+        return Answer(stamp_ns, estimate, self.track(), "")

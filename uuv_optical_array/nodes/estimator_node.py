@@ -12,33 +12,25 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.estimation.estimator import (
-    Estimate,
-    Estimator,
-    EstimatorSettings,
-    Method,
-    NoPose,
-)
-from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_image
+from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, Method
+from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.estimation.signature.plausibility import check_image
 from uuv_optical_array.estimation.table.disk import load_table
 from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
-from uuv_optical_array.estimation.tracking.enter import enter, entered, tell
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track
-from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
     StampOrder,
-    StampPairs,
     body_beside,
     features_from_message,
     image_from_message,
@@ -78,7 +70,7 @@ PARAMETERS = {
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
         True,
-        Quantity("whether array/image is read, against which the sam methods hold a match"),
+        Quantity("whether array/image is read, by which the sam methods check a match"),
         True,
     ),
     "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu"), True),
@@ -122,15 +114,16 @@ PARAMETERS = {
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}
 OF_TRACKER = {"tracking", *parameters_of(TrackerSettings)}
 FIT: Method = "least_squares"
+WAITING = 20  # stamps of which only the image or only the key parameters have come
 
 
 class EstimatorNode(Node):
-    """Publish a pose for each signature that the scene can answer, and nothing else.
+    """Publish a pose for each image that the scene can explain, and nothing else.
 
     Parameters
     ----------
     hand_over
-        Takes each track after it is published. With it neither signatures nor images come by
+        Takes each track after it is published. With it neither key parameters nor images come by
         topic: a node of the same process calls `on_frame`.
     options
         As of `Node`.
@@ -145,26 +138,24 @@ class EstimatorNode(Node):
         )
         self.check(self.parameters["method"])
         self.scene = load_scene(self.parameters["scene"])
+        self.model = ForwardModel(self.scene)
+        self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
         self.order = StampOrder()
         self.afterwards = Afterwards(self)
-        self.pairs = StampPairs()
         self.diagnostics = Diagnostics(self)
-        self.model = ForwardModel(self.scene)
-        self.frozen = FrozenFrames(self.model)
-        self.constants = constants_of(self.model)
-        self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
-        self.tracker = self.tracker_for(self.parameters.settings(TrackerSettings))
+        self.waiting: dict[int, dict[str, Any]] = {}
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
-        self.estimator: Estimator | None = None
+        self.pipeline: Pipeline | None = None  # none while there is no table that it could search
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.tracks = publish(self, Odometry, "relative_odometry")
         self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
         if hand_over is None:
-            subscribe(self, PointCloud2, "array/features", self.on_features)
-            if self.parameters["use_image"]:
+            with_image = self.parameters["use_image"]
+            subscribe(self, PointCloud2, "array/features", self.on_features, newest=with_image)
+            if with_image:
                 subscribe(self, Image, "array/image", self.on_image)
         if self.parameters["use_imu"]:
             subscribe(self, Imu, "imu", self.on_imu)
@@ -195,7 +186,7 @@ class EstimatorNode(Node):
             )
 
     def place_beacon(self) -> None:
-        """Tell once where the lamp is on the leader, so that the frames are one tree."""
+        """Publish once where the lamp is on the leader, so that the frames are one tree."""
         parent, child = self.parameters.frame("leader_frame"), self.beacon_frame
         if not parent:
             return
@@ -210,46 +201,72 @@ class EstimatorNode(Node):
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
         self.check(changes.get("method", self.parameters["method"]))
-        tracker, table, estimator = self.tracker, self.table, self.estimator
-        settings = self.parameters.settings(EstimatorSettings, changes)
-        if changes.keys() & OF_TRACKER:
-            tracker = self.tracker_for(self.parameters.settings(TrackerSettings, changes))
-        if "table" in changes:
-            path = changes["table"]
-            table = load_table(path, self.scene) if path else None
-        if changes.keys() & OF_ESTIMATOR:
+        tracking = None
+        if changes.get("tracking", self.parameters["tracking"]):
+            tracking = self.parameters.settings(TrackerSettings, changes)
+        table, pipeline = self.table, self.pipeline
+        if path := changes.get("table"):
+            table = load_table(path, self.scene)
+        elif path is not None:
+            table = None
+        elif pipeline is None:
+            return  # its table could not be read
+        if pipeline is None or changes.keys() & OF_ESTIMATOR:
+            settings = self.parameters.settings(EstimatorSettings, changes)
             estimator = Estimator(table or self.scene, **asdict(settings))
+            if settings.method != FIT:
+                table = estimator.table  # the next one need not build it again
         # Nothing is refused from here on.
-        self.tracker, self.table, self.estimator = tracker, table, estimator
-        if "table" in changes:
+        self.afterwards.finish()
+        self.table = table
+        if pipeline is None:
+            # The feature node has decided what is too dim.
+            self.pipeline = Pipeline(estimator, tracking, min_peak_counts=0.0)
             self.diagnostics.fail("")
-
-    def tracker_for(self, settings: TrackerSettings) -> Tracker:
-        """Return a tracker that knows nothing yet of the scene's unknown constants."""
-        return Tracker(settings, constants=self.constants)
+        elif changes.keys() & OF_ESTIMATOR:
+            pipeline.estimator = estimator
+        if pipeline is not None and changes.keys() & OF_TRACKER:
+            pipeline.track_with(tracking)
 
     def on_features(self, message: PointCloud2) -> None:
-        """Keep a signature for its image, or match it by itself."""
+        """Keep the key parameters for their image, or match them by themselves."""
         if self.parameters["use_image"]:
             self.join(message.header, features=message)
         else:
             self.unpack(message, None)
 
     def on_image(self, message: Image) -> None:
-        """Keep an image for its signature."""
+        """Keep an image for its key parameters."""
         self.join(message.header, image=message)
 
     def join(self, header: Header, **message: Any) -> None:
-        """Answer when both the signature and the image of a stamp are there."""
-        pair, left = self.pairs.add(stamp_ns(header), **message)
-        if left is not None and "features" in left:
-            self.diagnostics.refuse("no image: array/image has none with the signature's stamp")
-        if pair is not None:
-            self.unpack(pair["features"], pair["image"])
+        """Answer when key parameters and image of a stamp are there; the oldest stamps leave."""
+        stamp = stamp_ns(header)
+        pair = self.waiting.setdefault(stamp, {})
+        pair.update(message)
+        if len(pair) == 2:
+            self.unpack(**self.waiting.pop(stamp))
+        elif len(self.waiting) > WAITING and "features" in self.waiting.pop(
+            next(iter(self.waiting))
+        ):
+            self.diagnostics.refuse("no image: array/image has none with the features' stamp")
 
-    def on_frame(self, header: Header, parameters: Array | None, readings: Array) -> None:
-        """Answer what the feature node of the same process made of an image, and the image."""
-        self.answer(header, parameters, readings if self.parameters["use_image"] else None)
+    def unpack(self, features: PointCloud2, image: Image | None) -> None:
+        """Answer key parameters and their image where they belong together."""
+        try:
+            parameters, counts = features_from_message(features), None
+            if parameters is not None and image is not None:
+                counts = image_from_message(image, self.scene.array)
+                # They are worked out a second time to refuse two exposures under one stamp.
+                check_image(parameters, counts, self.scene)
+        except (NoPose, ValueError) as reason:
+            self.diagnostics.refuse(str(reason))
+            return
+        self.answer(features.header, parameters, counts)
+
+    def on_frame(self, header: Header, parameters: Array | None, image: Array) -> None:
+        """Answer an image and its key parameters, of the feature node of the same process."""
+        self.answer(header, parameters, image if self.parameters["use_image"] else None)
 
     def on_imu(self, message: Imu) -> None:
         """Keep the follower's roll."""
@@ -260,9 +277,11 @@ class EstimatorNode(Node):
             self.diagnostics.refuse(f"imu, {reason}")
 
     def on_command(self, message: TwistStamped) -> None:
-        """Tell the track how the follower moves by itself."""
+        """Tell the tracker how the follower moves by itself."""
         try:
-            tell(self.tracker, stamp_ns(message.header), *twist_from_message(message))
+            command = twist_from_message(message)
+            if self.pipeline is not None:
+                self.pipeline.command(stamp_ns(message.header), *command)
         except (Refused, ValueError) as reason:
             self.diagnostics.refuse(f"cmd_vel, {reason}")
 
@@ -278,20 +297,8 @@ class EstimatorNode(Node):
             )
         return self.roll_rad
 
-    def unpack(self, features: PointCloud2, image: Image | None) -> None:
-        """Answer a signature and its image where they belong together."""
-        try:
-            parameters, readings = features_from_message(features), None
-            if parameters is not None and image is not None:
-                readings = image_from_message(image, self.scene.array)
-                check_image(parameters, readings, self.scene)
-        except (NoPose, ValueError) as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        self.answer(features.header, parameters, readings)
-
-    def answer(self, header: Header, parameters: Array | None, readings: Array | None) -> None:
-        """Publish what one image says, or say why it says nothing.
+    def answer(self, header: Header, parameters: Array | None, image: Array | None) -> None:
+        """Publish the pose of one image, or say why there is none.
 
         Parameters
         ----------
@@ -299,33 +306,19 @@ class EstimatorNode(Node):
             Of the image.
         parameters
             Its key parameters, shape ``(5,)``; ``None`` where there is no light.
-        readings
-            The image itself, counts, shape ``(side, side)``; ``None``: a match does without.
+        image
+            Counts, shape ``(side, side)``; ``None``: a match does without.
         """
         self.afterwards.finish()
-        stamp, tracking = stamp_ns(header), self.parameters["tracking"]
+        pipeline = self.pipeline
         try:
-            if not tracking:
-                self.order.check(header)
-            if self.estimator is None:
+            if pipeline is None:
                 raise Refused("no table: see the error")
             if parameters is None:
                 raise Refused("no light: the feature node found none to match")
-            if readings is not None:
-                self.frozen.check(readings, lambda: readings)
             roll = self.roll_at(header)
-            expected = self.tracker.expected(stamp) if tracking else None
-            estimate = self.estimator.estimate(readings, parameters, roll, expected)
-            if readings is None:
-                self.frozen.check(
-                    parameters, lambda: self.frozen.profiles(estimate.pose, roll, parameters)
-                )
-            if tracking:
-                newest = enter(self.tracker, self.estimator, stamp, estimate, readings, roll)
-                # A track puts late frames in their place first.
-                if newest != stamp:
-                    raise Refused("late frame: it entered the track, whose newer pose is out")
-                self.order.check(header)
+            estimate = pipeline.estimate(stamp_ns(header), image, parameters, roll)
+            self.order.check(header)
         except (NoPose, ValueError) as reason:
             self.diagnostics.refuse(str(reason))
             return
@@ -335,31 +328,17 @@ class EstimatorNode(Node):
         )
         pose = pose_to_message(estimate.pose, covariance, header, roll)
         if self.poses.publish(pose):
-            follow_up = self.follow_up
-            tracker, estimator = self.tracker if tracking else None, self.estimator
-            self.afterwards(lambda: follow_up(estimate, pose, roll, tracker, estimator))
+            self.afterwards(lambda: self.follow_up(estimate, pose, roll, pipeline))
 
     def follow_up(
         self,
         estimate: Estimate,
         pose: PoseWithCovarianceStamped,
         roll: float,
-        tracker: Tracker | None,
-        estimator: Estimator,
+        pipeline: Pipeline,
     ) -> None:
-        """Publish what else there is of a pose that is out.
-
-        Parameters
-        ----------
-        estimate, pose, roll
-            What was published, and its message.
-        tracker
-            The one that it is in, if any.
-        estimator
-            That it is from.
-        """
-        header = pose.header
-        track = None if tracker is None else entered(tracker, estimator, roll)
+        """Publish what else there is of a pose that is out: track, leader, transform, figures."""
+        header, track = pose.header, pipeline.track(roll)
         below_base = self.parameters["tf_parent"] == "base"
         if self.leaders.heard or below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
@@ -373,18 +352,30 @@ class EstimatorNode(Node):
             self.send_transform(header, child, pose.pose.pose)
         if track is not None:
             self.publish_track(track, header, roll)
-        self.diagnostics.answer(stamp_ns(header), lambda: self.figures(estimator, estimate, track))
+        self.diagnostics.answer(
+            stamp_ns(header), lambda: self.figures(pipeline.estimator, estimate, track)
+        )
+
+    def publish_track(self, track: Track, header: Header, roll: float) -> None:
+        """Publish pose and twist of the track."""
+        odometry = relative_odometry(track, roll, self.parameters["roll_std_rad"])
+        pose = pose_to_message(odometry.pose, odometry.covariance, header, roll)
+        message = odometry_to_message(pose, self.child_frame, odometry.twist, odometry.spread)
+        self.tracks.publish(message)
+        if self.hand_over is not None:
+            self.hand_over(message)
 
     def figures(
         self, estimator: Estimator, estimate: Estimate, track: Track | None
     ) -> dict[str, str]:
         """Return what the diagnostics show of an answer."""
+        method = estimator.settings.method
         return {
             "table_margin": self.margin(estimate.pose),
-            "method": estimator.settings.method,
-            **({"fit": estimator.state_of_fit} if estimator.settings.method == FIT else {}),
+            "method": method,
+            **({"fit": estimator.state_of_fit} if method == FIT else {}),
             **figures(estimate),
-            **({} if track is None else self.learnt(track)),
+            **({} if track is None else self.learnt(estimator, track)),
         }
 
     def margin(self, pose: Array) -> str:
@@ -394,9 +385,9 @@ class EstimatorNode(Node):
         inside = 1 - np.abs(2 * pose - low - high) / span
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
 
-    def learnt(self, track: Track) -> dict[str, str]:
+    def learnt(self, estimator: Estimator, track: Track) -> dict[str, str]:
         """Return what the diagnostics show of what a track knows, and what to do about it."""
-        changes = scene_changes(self.model, self.constants, track.constants)
+        changes = scene_changes(self.model, estimator.constants, track.constants)
         return {
             "own_motion": track.own_motion,
             **{
@@ -405,15 +396,6 @@ class EstimatorNode(Node):
             },
             **{f"scene_{change.key}": change.text for change in changes},
         }
-
-    def publish_track(self, track: Track, header: Header, roll: float) -> None:
-        """Publish pose and twist of the track."""
-        found = relative_odometry(track, roll, self.parameters["roll_std_rad"])
-        pose = pose_to_message(found.pose, found.covariance, header, roll)
-        message = odometry_to_message(pose, self.child_frame, found.twist, found.spread)
-        self.tracks.publish(message)
-        if self.hand_over is not None:
-            self.hand_over(message)
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

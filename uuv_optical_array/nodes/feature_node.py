@@ -25,13 +25,7 @@ from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     stamp_ns,
 )
-from uuv_optical_array.nodes.shared.node import (
-    Afterwards,
-    publish,
-    run,
-    subscribe,
-    subscribe_newest,
-)
+from uuv_optical_array.nodes.shared.node import Afterwards, publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import SCENE, Parameters, parameters_of
 
 PARAMETERS = {
@@ -46,7 +40,7 @@ class FeatureNode(Node):
     Parameters
     ----------
     hand_over
-        Takes header, key parameters or ``None``, and readings of each image before they are
+        Takes header, key parameters or ``None``, and counts of each image before the parameters are
         published. With it only the newest of the images that wait is served.
     options
         As of `Node`.
@@ -65,16 +59,7 @@ class FeatureNode(Node):
         self.features = publish(self, PointCloud2, "array/features")
         self.afterwards = Afterwards(self)
         self.hand_over = hand_over
-        if hand_over is None:
-            subscribe(self, Image, "array/image", self.on_image)
-        else:
-            self.diagnostics.pass_over(0)
-            subscribe_newest(self, Image, "array/image", self.on_newest)
-
-    def on_newest(self, message: Image, passed_over: int) -> None:
-        """Serve an image that others were passed over for."""
-        self.diagnostics.pass_over(passed_over)
-        self.on_image(message)
+        subscribe(self, Image, "array/image", self.on_image, newest=hand_over is not None)
 
     def on_image(self, message: Image) -> None:
         """Publish the key parameters of one image."""

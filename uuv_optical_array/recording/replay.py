@@ -1,4 +1,4 @@
-"""A recording estimated anew, by the checks and in the order of the feature and estimator nodes."""
+"""A recording estimated anew, by the same pipeline as on a vehicle."""
 
 import gc
 import math
@@ -11,12 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.estimator import Estimate, Estimator
-from uuv_optical_array.estimation.pipeline import Frame, Pipeline, estimated, shown
-from uuv_optical_array.estimation.signature.plausibility import FrozenFrames
-from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.pipeline import Answer, Pipeline
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 
 CHUNK_FRAMES = 64  # estimated by one process at a time
 
@@ -25,10 +24,10 @@ def replay(
     images: Array,
     stamps_ns: NDArray[np.int64],
     estimator: Estimator,
-    tracker: Tracker | None = None,
+    tracking: TrackerSettings | None = None,
     processes: int | None = None,
     commands: Sequence[tuple[int, Array, Array]] = (),
-) -> Generator[Frame, None, None]:
+) -> Generator[Answer, None, None]:
     """Estimate images in order; those behind each other only where a track is wanted.
 
     Parameters
@@ -39,9 +38,9 @@ def replay(
         Ascending, ns, shape ``(m,)``.
     estimator
         Takes the roll as 0.
-    tracker
-        Takes each frame and tells the next what it learnt of the constants, so that one comes after
-        the other; ``None``: no track, and images are spread over processes.
+    tracking
+        Settings of a tracker, which takes each frame and knows the constants better for the next,
+        so that one comes after the other; ``None``: no track, and images are spread over processes.
     processes
         How many at a time, >= 1; ``None``: one a core.
     commands
@@ -49,32 +48,45 @@ def replay(
 
     Yields
     ------
-    Frame
+    Answer
         One for each image, as soon as it is there.
     """
-    if tracker is not None:
-        frames, told = Pipeline(estimator, tracker), 0
+    pipeline = Pipeline(estimator, tracking)
+    if tracking is not None:
+        sent = 0
         for image, stamp in zip(images, stamps_ns, strict=True):
-            while told < len(commands) and commands[told][0] <= stamp:
-                frames.command(*commands[told])
-                told += 1
-            yield frames.answer(int(stamp), image)
+            while sent < len(commands) and commands[sent][0] <= stamp:
+                pipeline.command(*commands[sent])
+                sent += 1
+            yield pipeline.answer(int(stamp), image)
         return
-    frozen = FrozenFrames(ForwardModel(estimator.scene))
-    signatures = list(shown(images, estimator, frozen))
 
-    def of_chunk(chunk: int) -> list[Estimate | str]:
-        rows = range(chunk * CHUNK_FRAMES, min((chunk + 1) * CHUNK_FRAMES, len(images)))
-        return [estimated(estimator, images[i], *signatures[i]) for i in rows]
+    def refused(image: Array) -> str:
+        try:
+            pipeline.check(image)
+        except NoPose as reason:
+            return str(reason)
+        return ""
 
-    answers = _spread(of_chunk, math.ceil(len(images) / CHUNK_FRAMES), processes)
-    each = (answer for chunk in answers for answer in chunk)
-    for stamp, (parameters, _), answer in zip(stamps_ns, signatures, each, strict=True):
-        said = (None, None, answer) if isinstance(answer, str) else (answer, None, "")
-        yield Frame(int(stamp), parameters, *said)
+    reasons = list(map(refused, images))  # in order, as frozen frames show only so
+
+    def of_chunk(chunk: int) -> list[Answer]:
+        answers = []
+        for i in range(chunk * CHUNK_FRAMES, min((chunk + 1) * CHUNK_FRAMES, len(images))):
+            estimate, reason = None, reasons[i]
+            if not reason:
+                try:
+                    estimate = estimator.estimate(images[i])
+                except NoPose as no_pose:
+                    reason = str(no_pose)
+            answers.append(Answer(int(stamps_ns[i]), estimate, None, reason))
+        return answers
+
+    for answers in _spread(of_chunk, math.ceil(len(images) / CHUNK_FRAMES), processes):
+        yield from answers
 
 
-Work = Callable[[int], list[Estimate | str]]
+Work = Callable[[int], list[Answer]]
 _work: list[Work] = []  # of a process of the pool
 
 
@@ -84,11 +96,11 @@ def _begin(work: Work) -> None:
     _work.append(work)
 
 
-def _do(chunk: int) -> list[Estimate | str]:
+def _do(chunk: int) -> list[Answer]:
     return _work[0](chunk)
 
 
-def _spread(work: Work, chunks: int, processes: int | None) -> Iterator[list[Estimate | str]]:
+def _spread(work: Work, chunks: int, processes: int | None) -> Iterator[list[Answer]]:
     """Yield what each chunk gives, in order, from processes where there are several of both."""
     processes = min(processes or os.cpu_count() or 1, chunks)
     if processes <= 1:

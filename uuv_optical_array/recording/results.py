@@ -12,7 +12,7 @@ from uuv_optical_array.core.geometry import Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
-from uuv_optical_array.estimation.pipeline import Frame
+from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.recording.bag import BagWriter, message_types
 from uuv_optical_array.recording.images import Recording
@@ -20,7 +20,7 @@ from uuv_optical_array.recording.images import Recording
 COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 
 
-def write_results(folder: Path, frames: Sequence[Frame], recording: Recording) -> list[str]:
+def write_results(folder: Path, frames: Sequence[Answer], recording: Recording) -> list[str]:
     """Write all results.
 
     Parameters
@@ -51,7 +51,7 @@ def write_results(folder: Path, frames: Sequence[Frame], recording: Recording) -
     return names
 
 
-def write_csv(path: Path, frames: Iterable[Frame]) -> None:
+def write_csv(path: Path, frames: Iterable[Answer]) -> None:
     """Write a line for each image: the pose and its standard deviations, or why there is none."""
     columns = ["stamp_s", *COLUMNS, *(f"std_{name}" for name in COLUMNS), "misfit", "no_pose"]
     rows = []
@@ -76,7 +76,7 @@ def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:
             file.write(f"{_seconds(stamp)} {' '.join(f'{value:.9f}' for value in numbers)}\n")
 
 
-def write_bag(path: Path, frames: Iterable[Frame]) -> None:
+def write_bag(path: Path, frames: Iterable[Answer]) -> None:
     """Write the topics that the estimator node publishes, each message at its own stamp."""
     types = message_types()
     with BagWriter(path) as bag:
@@ -87,7 +87,7 @@ def write_bag(path: Path, frames: Iterable[Frame]) -> None:
                 bag.write(topic, kind, frame.stamp_ns, bytes(data))
 
 
-def _messages(types: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
+def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
     """Yield topic and message of a frame, of the types of `message_types`."""
 
     def make(kind: str, *values: Any) -> Any:

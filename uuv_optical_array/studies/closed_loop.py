@@ -16,7 +16,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.settings import Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.pipeline import Frame, Pipeline
+from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ATTENUATION, POWER
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
@@ -76,7 +76,7 @@ class Moment(NamedTuple):
     leader_rotation: Array
     pose: Array
     image: Array
-    frame: Frame
+    frame: Answer
     leads: bool
 
 

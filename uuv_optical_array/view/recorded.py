@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.pipeline import Frame
+from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.view.page import Page
@@ -22,7 +21,7 @@ LONGEST_WAIT_S = 1.0  # from one image to the next, whatever gap the recording h
 def sights_of(
     recording: Recording,
     estimator: Estimator,
-    progress: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
+    progress: Callable[[Iterable[Answer]], Iterable[Answer]] = iter,
 ) -> Iterator[Sight]:
     """Yield what the page shows of each image, tracked, in their order.
 
@@ -35,9 +34,8 @@ def sights_of(
     progress
         Wraps the frames, to show how far it is.
     """
-    tracker = Tracker(TrackerSettings(), constants=estimator.constants)
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
-    frames = replay(images, stamps_ns, estimator, tracker, commands=commands)
+    frames = replay(images, stamps_ns, estimator, TrackerSettings(), commands=commands)
     for i, frame in enumerate(progress(frames)):
         true = recording.poses[i]
         track = frame.track
@@ -102,7 +100,7 @@ def play(
     estimator: Estimator,
     recording: Recording,
     goes_on: Callable[[float], bool] = lambda t_s: True,
-    progress: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
+    progress: Callable[[Iterable[Answer]], Iterable[Answer]] = iter,
 ) -> None:
     """Show a recording on a page.
 

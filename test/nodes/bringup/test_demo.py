@@ -27,7 +27,7 @@ def odometry(tenths, x, surge):
 def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     lab.begin()
     record = FollowRecord((-6.0, 0.0, 0.0))
-    recorder = RecorderNode(record, ArraySettings("planar", 2))
+    recorder = RecorderNode(record, ArraySettings("planar", 2), "leader/odometry")
     lab.nodes.append(recorder)
 
     def take(tenths):

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -12,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import UInt8
 
-from uuv_optical_array.nodes.shared.node import run_together, spin, start, subscribe_newest
+from uuv_optical_array.nodes.shared.node import run_together, spin, start, subscribe
 
 
 @pytest.fixture
@@ -98,16 +99,17 @@ def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(exec
         pytest.skip("this rclpy has no events executor, whose queue is tested")
     executor = EventsExecutor()
     node = Node("node", use_global_arguments=False)
-    while_served, done = {1: (2, 3, 4, 5, 6), 6: (7, 8)}, []
+    while_served, passed_over, done = {1: (2, 3, 4, 5, 6), 6: (7, 8)}, [], []
+    node.diagnostics = SimpleNamespace(pass_over=passed_over.append, watch=lambda topic: None)
 
-    def serve(message, passed_over):
-        done.append((message.data, passed_over))
+    def serve(message):
+        done.append((message.data, passed_over[-1]))
         answers.publish(message)
         for number in while_served.get(message.data, ()):
             images.publish(UInt8(data=number))
 
     images, answers = (node.create_publisher(UInt8, name, 10) for name in ("images", "answers"))
-    subscribe_newest(node, UInt8, "images", serve)
+    subscribe(node, UInt8, "images", serve, newest=True)
     node.create_subscription(UInt8, "answers", lambda message: done.append(message.data), 10)
     executor.add_node(node)
     spin(executor, lambda: images.get_subscription_count() + answers.get_subscription_count() < 2)

@@ -51,15 +51,11 @@ class RecorderNode(Node):
     leader
         Topic of the odometry of the leader of all, who need not be the one that is followed.
     options
-        Of `Node`.
+        As of `Node`.
     """
 
     def __init__(
-        self,
-        record: FollowRecord,
-        array: ArraySettings,
-        leader: str = "leader/odometry",
-        **options: Any,
+        self, record: FollowRecord, array: ArraySettings, leader: str, **options: Any
     ) -> None:
         super().__init__("recorder_node", **options)
         self.record, self.array = record, array
@@ -142,24 +138,17 @@ def options_of(follower: Follower) -> dict[str, Any]:
     }
 
 
-def follower_nodes(
-    leader: str | None, options: dict[str, Any]
-) -> tuple[RecorderNode, FormationNode, list[Node]]:
-    """Return recorder and formation node of a follower, and all but its vehicle.
+def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, list[Node]]:
+    """Return the recorder of a follower, and all of its nodes but its vehicle.
 
-    `leader` is the topic of the leader's odometry where a fleet has one, else None.
+    `leader` is the topic of the odometry of the leader of all.
     """
-    formation, simulator = FormationNode(**options), SimulatorNode(**options)
+    simulator, formation = SimulatorNode(**options), FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]))
-    array = simulator.scene.array
-    recorder = RecorderNode(record, array, leader or "leader/odometry", **options)
+    recorder = RecorderNode(record, simulator.scene.array, leader, **options)
     simulator.hand_over = recorder.on_truth
-    estimator = EstimatorNode(**options)
-    return (
-        recorder,
-        formation,
-        [recorder, formation, simulator, FeatureNode(**options), estimator],
-    )
+    nodes = [formation, recorder, simulator, FeatureNode(**options), EstimatorNode(**options)]
+    return recorder, nodes
 
 
 def follow(
@@ -200,17 +189,20 @@ def follow(
         topics of this one, whether it was there first or comes later.
     """
     start(["--ros-args", *ros_args])
-    executor, interrupted = SingleThreadedExecutor(), False
+    executor = SingleThreadedExecutor()
     try:
         refuse_company([follower.namespace for follower in fleet] or [""])
-        leader = "/leader/odometry" if fleet else None
+        leader = "/leader/odometry" if fleet else "leader/odometry"
         options = [options_of(follower) for follower in fleet] or [{}]
         recorders = []
         for of_one in options:
-            recorder, formation, nodes = follower_nodes(leader, of_one)
+            recorder, nodes = follower_nodes(leader, of_one)
             recorders.append(recorder)
+            if bag is not None:
+                nodes.append(BagRecorderNode(bag, **of_one))
             for node in nodes:
                 executor.add_node(node)
+        light_timeout_s = nodes[0].get_parameter("light_timeout_s").value
         if fleet:
             alone = {"vehicles": "leader", "followers": len(fleet)}
             options.append(
@@ -219,9 +211,6 @@ def follow(
         # Vehicles come last, so that none moves before the nodes are there.
         for of_one in options:
             executor.add_node(VehiclesNode(**of_one))
-        if bag is not None:
-            for of_one in options[: len(recorders)]:
-                executor.add_node(BagRecorderNode(bag, **of_one))
         first, records = recorders[0], [recorder.record for recorder in recorders]
         clock = first.get_clock()
         ready_ns = clock.now().nanoseconds
@@ -243,8 +232,8 @@ def follow(
             on_tick(first.record, elapsed_s(first.started_ns))
 
         first.create_timer(0.2, tick)
-        interrupted = interrupted or spin(executor, goes_on)
-        return records, formation.parameters["light_timeout_s"], interrupted
+        interrupted = spin(executor, goes_on)
+        return records, light_timeout_s, interrupted
     except ParameterException as error:
         raise ValueError(str(error)) from None
     finally:

@@ -114,41 +114,6 @@ class StampOrder:
         raise Refused(f"stamp not later: {stamp * 1e-9:.9f} s came after {newest * 1e-9:.9f} s")
 
 
-class StampPairs:
-    """Join messages of several topics by their stamp, and keep a few that wait.
-
-    Parameters
-    ----------
-    topics
-        How many messages make a whole.
-    length
-        Stamps kept waiting; the oldest leaves first.
-    """
-
-    def __init__(self, topics: int = 2, length: int = 20) -> None:
-        self._topics, self._length = topics, length
-        self.waiting: dict[int, dict[str, Any]] = {}
-
-    def add(
-        self, stamp: int, **message: Any
-    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
-        """Add one message, by the name of its topic.
-
-        Returns
-        -------
-        whole : dict or None
-            The messages of this stamp by topic, once all are there.
-        left : dict or None
-            Those of the stamp that had to leave.
-        """
-        self.waiting.setdefault(stamp, {}).update(message)
-        if len(self.waiting[stamp]) == self._topics:
-            return self.waiting.pop(stamp), None
-        if len(self.waiting) > self._length:
-            return None, self.waiting.pop(next(iter(self.waiting)))
-        return None, None
-
-
 def image_to_message(image: Array, header: Header) -> Image:
     """Pack an image of counts, shape ``(rows, columns)``, 0 to 65535, as mono16."""
     pixels = np.ascontiguousarray(image, dtype="<u2")

@@ -3,13 +3,11 @@
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Pose, TransformStamped
-from rclpy.clock import Clock, ClockType  # type: ignore[attr-defined]
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -103,73 +101,52 @@ class Afterwards:
 
 
 def subscribe(
-    node: Any, message_type: type, topic: str, callback: Callable[[Any], None]
+    node: Any,
+    message_type: type,
+    topic: str,
+    callback: Callable[[Any], None],
+    newest: bool = False,
 ) -> Subscription:
     """Create a subscription with sensor-data QoS that parameters can override.
 
-    The node's ``diagnostics`` tell where the topic has more than one publisher.
+    The node's ``diagnostics`` tell where the topic has more than one publisher. With `newest` the
+    queue is longer, and of the messages that wait in it only the newest is served; the diagnostics
+    count the others.
     """
-    subscription = node.create_subscription(
-        message_type,
-        topic,
-        callback,
-        qos_profile_sensor_data,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
-    node.diagnostics.watch(subscription.topic_name)
-    return subscription
+    take, qos = callback, qos_profile_sensor_data
+    if newest:
+        node.diagnostics.pass_over(0)
+        qos = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
+        taken: list[Any] = []
 
+        def serve() -> None:
+            message = taken[-1]
+            node.diagnostics.pass_over(len(taken) - 1)
+            taken.clear()
+            callback(message)
 
-def subscribe_newest(
-    node: Node, message_type: type, topic: str, callback: Callable[[Any, int], None]
-) -> Subscription:
-    """Create a subscription that serves only the newest of the messages that wait.
-
-    Its QoS is that of `subscribe` with a longer queue, and parameters can override it. The callback
-    gets the message and the number of older ones passed over for it, of which `WAITING` are kept.
-    It is served behind what the executor has to do already, so that at overload others have their
-    turn between two messages.
-    """
-    taken: list[Any] = []
-
-    def take(message: Any) -> None:
-        if not taken and node.executor is not None:
-            node.executor.create_task(serve)
-        taken.append(message)
-        waiting = subscription.handle
-        with waiting:
-            while newer := waiting.take_message(message_type, False):
-                taken.append(newer[0])
-
-    def serve() -> None:
-        newest, passed_over = taken[-1], len(taken) - 1
-        taken.clear()
-        callback(newest, passed_over)
+        def take(message: Any) -> None:
+            scheduled, queue = bool(taken), subscription.handle
+            taken.append(message)
+            with queue:
+                while newer := queue.take_message(message_type, False):
+                    taken.append(newer[0])
+            if len(taken) == 1:
+                serve()
+            elif not scheduled:
+                # Behind what the executor has to do already, so that at overload others have their
+                # turn between two messages.
+                node.executor.create_task(serve)
 
     subscription = node.create_subscription(
         message_type,
         topic,
         take,
-        QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT),
+        qos,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
+    node.diagnostics.watch(subscription.topic_name)
     return subscription
-
-
-def from_thread(node: Node, callback: Callable[[], None]) -> Callable[[], None]:
-    """Return what any thread calls to have a callback served by the node's executor, once.
-
-    A timer looks for the call: the events executor knows no guard conditions.
-    """
-    called = threading.Event()
-
-    def look() -> None:
-        if called.is_set():
-            called.clear()
-            callback()
-
-    node.create_timer(0.1, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    return called.set
 
 
 def transform_publisher(

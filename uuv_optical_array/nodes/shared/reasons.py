@@ -1,43 +1,16 @@
-"""Every text and value that a node can show on ``/diagnostics``, with cause and cure, or meaning.
+"""Every text and value that a node can show on ``/diagnostics``: cause and cure, or meaning.
 
-The kind of a text stands before its colon; what a topic's name and a comma come before is of that
-topic's messages.
+The kind of a text stands before its colon; a topic's name and a comma may come before the kind.
 """
 
 from typing import NamedTuple
 
 
 class Reason(NamedTuple):
-    """What is behind a text.
-
-    Parameters
-    ----------
-    cause
-        Why it appears.
-    cure
-        What the reader does.
-    """
+    """Why a text appears, and what to do about it."""
 
     cause: str
     cure: str
-
-
-class Value(NamedTuple):
-    """What a value of a status is.
-
-    Parameters
-    ----------
-    names
-        Of this value and of those that go with it, as Markdown.
-    of
-        The nodes that show it.
-    meaning
-        What it says, with its unit.
-    """
-
-    names: str
-    of: str
-    meaning: str
 
 
 _DRIVER = "The node that publishes the topic does not keep to the README's topics table."
@@ -164,17 +137,6 @@ WARNINGS = {
         "Set the clocks (NTP, PTP); check who publishes `/clock`.",
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
-    "compiling least_squares, once on a machine": Reason(
-        "The fit is compiled at the first start, and a quick one answers, less sure.",
-        "Wait a minute or two, or start once before the dive.",
-    ),
-    "building the signature table, once on a machine": Reason(
-        "The scene's table is built at the first start, and a coarse one answers.",
-        "Wait some seconds, or set `table`.",
-    ),
-    "a coarse table answers, the signature table was not built": Reason(
-        "Building the table failed, by memory or disk.", "Free some; see the text."
-    ),
     "follower waits": Reason(
         "The demonstration's follower is alone and starts behind the leader that it finds.",
         "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
@@ -195,106 +157,84 @@ ERRORS = {
         "No pose of the scene's table has light.", "Correct the scene's `table` or its lamp."
     ),
 }
-# Counts are since the start, all else is of the last message that was answered, or
-# of the last second.
+
+# Names as Markdown, the nodes that show them, and the meaning with its unit. Counts are since the
+# start; all else is of the last message that was answered, or of the last second.
 VALUES = (
-    Value(
-        "`answered`, `refused`, `refused: ...`",
-        "all",
-        "messages answered, refused, and refused by kind",
-    ),
-    Value(
+    ("`answered`, `refused`, `refused: ...`", "all", "messages answered, refused, and by kind"),
+    (
         "`passed_over`",
-        "feature, in `follower_node`",
-        "images that were not looked at because a newer one had come",
+        "feature in `follower_node`, estimator",
+        "images that were left out because a newer one had come",
     ),
-    Value(
+    (
         "`Events in window`, `Events since startup`, `Duration of window (s)`, `Actual "
         "frequency (Hz)`",
         "all",
         "answers in the last five seconds; their rate",
     ),
-    Value(
+    (
         "`Earliest timestamp delay:`, `Latest timestamp delay:`",
         "all",
         "least and largest age of the stamps when they were answered, s",
     ),
-    Value(
-        "`Timestamp jitter (s)`",
-        "all",
-        "standard deviation of the time between stamps",
-    ),
-    Value(
-        "`cure: ...`",
-        "all",
-        "what to do about each text of the message",
-    ),
-    Value(
-        "`peak_counts`",
-        "simulator, feature",
-        "brightest detector, counts",
-    ),
-    Value(
+    ("`Timestamp jitter (s)`", "all", "standard deviation of the time between stamps"),
+    ("`cure: ...`", "all", "what to do about each text of the message"),
+    ("`peak_counts`", "simulator, feature", "brightest detector, counts"),
+    (
         "`light_level`, `saturated_share`",
         "feature",
         "brightest detector, and share of detectors at full scale: near 0 the light is dim, "
         "at 1 it saturates",
     ),
-    Value(
-        "`range_m`",
-        "simulator, formation",
-        "distance behind the lamp, m",
-    ),
-    Value(
+    ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
+    (
         "`method`, `fit`",
         "estimator",
-        "the method that answers, and whether its fit is compiled",
+        "the method, and whether its fit runs compiled or, with the same answers, as it stands",
     ),
-    Value(
+    (
         "`angle_rad`, `runner_up_angle_rad`",
         "estimator",
         "spectral angle to the nearest signatures",
     ),
-    Value(
+    (
         "`misfit`, `runner_up_misfit`",
         "estimator",
-        "chance that an honest image leaves larger residuals; where it stays near 0, the "
-        "sea is not the scene",
+        "probability that an image of this scene leaves larger residuals; where it stays near 0, "
+        "the sea is not the scene",
     ),
-    Value(
+    (
         "`unobservable`",
         "estimator",
         "degrees of freedom of which the image says next to nothing",
     ),
-    Value(
+    (
         "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
         "estimator",
         "standard deviations of the pose, m and rad",
     ),
-    Value(
+    (
         "`table_margin`",
         "estimator",
-        "how far inside of the table the pose is, and on which axis: 1 in its middle, 0 at "
-        "its edge, negative beyond",
+        "how far inside of the scene's `table` the pose is, and on which axis: 1 in its middle, 0 "
+        "at its edge, negative beyond",
     ),
-    Value(
+    (
         "`own_motion`",
         "estimator",
-        "whether the track is told by `cmd_vel` how the follower moves: not, where no command came "
-        "for `command_timeout_s`, or by another clock; `contradicted`, where the images show "
-        "another motion: the vehicle does not obey, or the commands are not in m/s and rad/s along "
-        "its own axes. Then they are not used; where that lasts, set `use_commands` to false",
+        "whether the track knows from `cmd_vel` how the follower moves: `told`; `not told`, where "
+        "no command came for `command_timeout_s`, or by another clock; `contradicted`, where the "
+        "images show another motion: the vehicle does not obey, or the commands are not in m/s and "
+        "rad/s along its own axes. Then they are not used; where that lasts, set `use_commands` to "
+        "false",
     ),
-    Value(
+    (
         "`learnt_...`",
         "estimator",
         "what the track has learnt of a constant that the scene does not know",
     ),
-    Value(
-        "`scene_...`",
-        "estimator",
-        "what to write into the scene, because the sea differs",
-    ),
+    ("`scene_...`", "estimator", "what to write into the scene, because the sea differs"),
 )
 REASONS = {**REFUSALS, **WARNINGS, **ERRORS}
 

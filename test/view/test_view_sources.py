@@ -55,7 +55,7 @@ def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
             paper.buttons["start again"]()
         return len(paper.seen) < 7
 
-    simulate(paper, lambda: estimator, 1, goes_on)
+    simulate(paper, estimator, 1, goes_on)
     peaks = [sight.image.max() for sight in paper.seen]
     assert min(peaks[:3]) > 50 > 10 > max(peaks[3:])  # counts; only noise without the lamp
     np.testing.assert_allclose(

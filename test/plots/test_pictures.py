@@ -18,11 +18,11 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
-from uuv_optical_array.plots.studies import design, eren2017, tradeoff
+from uuv_optical_array.plots.studies import design, tradeoff
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
-from uuv_optical_array.studies.eren2017.monte_carlo import METHODS
+from uuv_optical_array.studies.approach import METHODS
 from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -72,8 +72,6 @@ def test_every_method_has_one_colour_of_its_own(drawn):
         if len(dots.get_offsets()) == 1
     }
     assert points == {each.median_ms: colours[each.method] for each in rows}
-    # The other picture of methods.
-    assert eren2017.METHOD_COLOURS is colours
 
 
 def crowded(factor):

@@ -15,22 +15,22 @@ from scipy.stats import kstest, norm, uniform
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.eren2017 import monte_carlo
-from uuv_optical_array.studies.eren2017.approach import (
-    CASES,
-    FRAMES,
-    RANGES_M,
-    Choices,
-    believed,
-    draw_offsets,
-    expose,
-)
-from uuv_optical_array.studies.eren2017.monte_carlo import (
+from uuv_optical_array.studies import approach
+from uuv_optical_array.studies.approach import (
     METHODS,
     ApproachErrors,
     all_cases,
     as_object,
+    by_docking,
     simulate,
+)
+from uuv_optical_array.studies.approach_cases import (
+    CASES,
+    FRAMES,
+    Choices,
+    assumed_scene,
+    draw_offsets,
+    expose,
 )
 
 WIDTH = 10.23  # 1 % of 1023 counts
@@ -56,14 +56,9 @@ run = functools.partial(command_line.run, "study", "approach")
 # --- Paths ---------------------------------------------------------------------------------------
 
 
-def test_a_run_is_41_frames_from_8_5_to_4_5_m():
-    assert FRAMES == 41
-    for case in CASES.values():
-        np.testing.assert_allclose(case.path[:, 0], -np.linspace(8.5, 4.5, 41))
-
-
-def test_a_dive_goes_down_by_its_pitch():
+def test_a_dive_goes_down_by_its_pitch_from_8_5_to_4_5_m():
     path = CASES["dive"].path
+    np.testing.assert_allclose(path[:, 0], -np.linspace(8.5, 4.5, 41))
     np.testing.assert_allclose(path[:, 2], -np.tan(np.radians(10)) * np.linspace(0, 4, 41))
     np.testing.assert_allclose(np.degrees(path[:, 3]), 10)
     assert not path[:, [1, 4]].any()
@@ -71,6 +66,7 @@ def test_a_dive_goes_down_by_its_pitch():
 
 def test_a_zigzag_leaves_and_comes_back():
     path = CASES["zigzag"].path
+    np.testing.assert_allclose(path[:, 0], -np.linspace(8.5, 4.5, 41))
     np.testing.assert_allclose(path[0, 1:3], [-0.2, 0.1])
     assert path[-1, 1] == pytest.approx(-0.2, abs=1e-12)
     np.testing.assert_allclose(path[:, 2], 0.1)
@@ -114,9 +110,9 @@ def test_offsets_have_the_papers_spread(share):
         ("averaged", WIDTH / 2, ((WIDTH**2 / 12 + 1 / 12) / 10) ** 0.5),
     ],
 )
-def test_noise_is_the_one_named_and_the_estimator_believes_it(tank, noise, mean, std):
+def test_noise_is_the_one_named_and_the_estimator_assumes_it(tank, noise, mean, std):
     case = CASES["zigzag"]
-    scene = believed(tank, case, Choices(noise))
+    scene = assumed_scene(tank, case, Choices(noise))
     # Without the converter, whose rounding is taken into account apart.
     effects = {name: values for name, values in scene.effects.items() if name != "adc"}
     plain = dataclasses.replace(scene, effects=effects)
@@ -138,7 +134,7 @@ def test_noise_is_the_one_named_and_the_estimator_believes_it(tank, noise, mean,
         assert kstest(residual, uniform(0, WIDTH).cdf).pvalue > 1e-3
         assert residual.min() >= 0
         assert residual.max() <= WIDTH
-    # What the estimator believes of a reading, rounding included.
+    # The variance that the estimator assumes of a reading, rounding included.
     variance, slope = ForwardModel(scene).variance(np.array(500.0))
     rounding = 0 if noise == "averaged" else 1 / 12
     assert variance == pytest.approx(std**2 + rounding, rel=1e-9)
@@ -146,7 +142,9 @@ def test_noise_is_the_one_named_and_the_estimator_believes_it(tank, noise, mean,
 
 
 def test_the_lamp_stays_the_same_in_murkier_water(tank):
-    clear, murky = (believed(tank, CASES[name], Choices()) for name in ("zigzag", "zigzag, murky"))
+    clear, murky = (
+        assumed_scene(tank, CASES[name], Choices()) for name in ("zigzag", "zigzag, murky")
+    )
     poses = CASES["zigzag"].path
     clear_light, murky_light = (
         ForwardModel(scene).light(poses) - scene.effects["ambient"]["level_counts"]
@@ -163,7 +161,7 @@ def test_a_scene_without_attenuation_is_refused(tank):
     prior = dataclasses.replace(tank.prior, k_std_per_m=0.0)
     clear = dataclasses.replace(tank, effects=effects, prior=prior)
     with pytest.raises(ValueError, match=r"no effects.attenuation; add it"):
-        believed(clear, CASES["dive"], Choices())
+        assumed_scene(clear, CASES["dive"], Choices())
 
 
 # --- Statistics ----------------------------------------------------------------------------------
@@ -189,9 +187,7 @@ def test_statistics_of_planted_errors_are_the_closed_ones():
     )
 
 
-@pytest.mark.usefixtures("sketched")
-def test_an_interrupt_keeps_the_batches_before_it(tank, monkeypatch):
-    monkeypatch.setattr(monte_carlo, "BATCH", 2)
+def test_an_interrupt_keeps_the_batches_before_it(tank):
     batches = []
 
     def stop(count):
@@ -199,19 +195,11 @@ def test_an_interrupt_keeps_the_batches_before_it(tank, monkeypatch):
         if len(batches) == 2:
             raise KeyboardInterrupt
 
-    found = simulate(tank, CASES["dive"], Choices(), 10, np.random.default_rng(4), stop)
+    rng = np.random.default_rng(4)
+    result = simulate(tank, CASES["dive"], Choices(), 10, rng, stop, batch=2)
     assert batches == [2, 2]
-    assert found.runs == 4
-    assert all(errors.shape == (4, FRAMES, 5) for errors in found.errors.values())
-
-
-def test_an_interrupt_before_the_first_batch_is_passed_on(tank, monkeypatch):
-    def stop(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(monte_carlo, "by_moments", stop)
-    with pytest.raises(KeyboardInterrupt):
-        simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(4))
+    assert result.runs == 4
+    assert all(errors.shape == (4, FRAMES, 5) for errors in result.errors.values())
 
 
 def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother():
@@ -221,7 +209,7 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother():
             return first, None
 
     first = np.array([[np.nan] * 5, [1.0] * 5])
-    poses = monte_carlo.by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
+    poses = by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
     assert np.isnan(poses[0]).all()
     assert (poses[1] == 1).all()
 
@@ -234,17 +222,17 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
 ):
     # Two of the three, for the time.
     cases = {name: CASES[name] for name in ("dive", "zigzag, murky")}
-    monkeypatch.setattr(monte_carlo, "CASES", cases)
+    monkeypatch.setattr(approach, "CASES", cases)
     picture = tmp_path / "approach.png"
     run("--scene", tank_file, "--runs", 2, "--seed", 5, "--json", "--output", picture)
-    told = json.loads(capsys.readouterr().out)
-    assert told["picture"] == str(picture)
+    result = json.loads(capsys.readouterr().out)
+    assert result["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
     again = simulate(tank, CASES["dive"], Choices(), 2, np.random.default_rng(5))
-    assert told["cases"]["dive"] == as_object(CASES["dive"], again)
-    assert told["asked_runs"] == 2
-    assert list(told["cases"]) == list(cases)
-    for name, case in told["cases"].items():
+    assert result["cases"]["dive"] == as_object(CASES["dive"], again)
+    assert result["asked_runs"] == 2
+    assert list(result["cases"]) == list(cases)
+    for name, case in result["cases"].items():
         assert case["runs"] == 2
         assert case["published"]["end_95"]["x_m"] == CASES[name].published.end_95[0]
         assert list(case["methods"]) == list(METHODS)
@@ -253,50 +241,55 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
             assert list(values["ratio_to_bound"])[-1] == "4.5 m"
         # The estimators that look at the whole image find the lamp.
         assert abs(case["methods"]["docking"]["mean_end"]["x_m"]) < 0.5
-    assert told["cases"]["dive"]["published"]["start_95"]["yaw_deg"] is None
+    assert result["cases"]["dive"]["published"]["start_95"]["yaw_deg"] is None
+
+
+def planted(runs, error=0.0):
+    errors = {method: np.full((runs, FRAMES, 5), error) for method in METHODS}
+    return ApproachErrors(errors, np.ones((FRAMES, 5)), np.ones((FRAMES, 5)))
 
 
 @pytest.mark.usefixtures("sketched")
-def test_it_prints_tables_of_the_runs_it_has(tank_file, tmp_path, capsys, monkeypatch):
-    simulated = monte_carlo.simulate
-
-    def interrupted(tank, case, choices, runs, rng, done):
-        if case is CASES["zigzag"]:
-            raise KeyboardInterrupt
-        return simulated(tank, case, choices, 1, rng, done)
-
-    monkeypatch.setattr(monte_carlo, "simulate", interrupted)
-    run("--scene", tank_file, "--runs", 1, "--output", tmp_path / "cut.png")
+def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
+    tank_file, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(approach, "simulate", lambda *_: planted(2))
+    assert [name for name, _ in all_cases(None, Choices(), 2, 1)] == list(CASES)
+    assert [name for name, _ in all_cases(None, Choices(), 3, 1)] == ["dive"]
+    run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png")
     text = capsys.readouterr().out
-    assert "dive, runs: 1" in text
+    assert "dive, runs: 2" in text
     assert "zigzag" not in text
     # The aim: a fifth of 0.43, 0.20 and 0.28 m, and angles as published.
     (aim,) = [line for line in text.splitlines() if "the aim" in line]
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
-    monkeypatch.setattr(
-        monte_carlo, "simulate", lambda *words: (_ for _ in ()).throw(KeyboardInterrupt)
-    )
-    run("--scene", tank_file, code=130)
+
+
+@pytest.mark.parametrize("words", [(), ("--choices",)])
+def test_an_interrupt_before_the_first_runs_measures_nothing(
+    tank_file, tmp_path, capsys, monkeypatch, words
+):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(approach, "calibrate", interrupted)
+    run("--scene", tank_file, *words, "--output", tmp_path / "none.png", code=130)
     assert "interrupted: nothing measured" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
 
 
 def test_choices_are_compared(tank_file, capsys, monkeypatch):
-    planted = ApproachErrors(
-        {method: np.full((1, FRAMES, 5), 0.25) for method in METHODS},
-        np.ones((FRAMES, 5)),
-        np.ones((FRAMES, 5)),
-    )
-    asked = []
+    simulated = []
 
-    def simulated(tank, case, choices, runs, rng, done):
-        asked.append((tank.lamp.beam_sigma_deg, choices.noise, choices.offset_share))
-        return planted
+    def simulate(tank, case, choices, *_):
+        simulated.append((tank.lamp.beam_sigma_deg, choices.noise, choices.offset_share))
+        return planted(1, 0.25)
 
-    monkeypatch.setattr(monte_carlo, "simulate", simulated)
+    monkeypatch.setattr(approach, "simulate", simulate)
     run("--scene", tank_file, "--choices", "--runs", 1)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + 3 * (1 + 5 * len(METHODS))
-    assert asked[::3] == [
+    assert simulated[::3] == [
         (8.0, "uniform", 1.0),
         (8.0, "gaussian", 1.0),
         (8.0, "averaged", 1.0),
@@ -309,25 +302,16 @@ def test_choices_are_compared(tank_file, capsys, monkeypatch):
     assert rows[0]["methods"]["moments"]["end_95"]["x_m"] == pytest.approx(0.25)
 
 
-@pytest.mark.parametrize(("runs", "cases"), [(1, list(CASES)[:1]), (2, list(CASES))])
-def test_a_case_that_was_cut_short_is_the_last(monkeypatch, runs, cases):
-    errors = {method: np.zeros((runs, FRAMES, 5)) for method in METHODS}
-    planted = ApproachErrors(errors, np.ones((FRAMES, 5)), np.ones((FRAMES, 5)))
-    monkeypatch.setattr(monte_carlo, "simulate", lambda *words: planted)
-    assert [name for name, _ in all_cases(None, Choices(), 2, 1)] == cases
-
-
 def test_bad_numbers_are_named():
     assert "--runs: 0 is out of bounds" in run("--runs", 0, code=2)
     assert "--seed: -1 is out of bounds" in run("--seed", -1, code=2)
 
 
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
-    assert len(RANGES_M) == FRAMES
-    found = simulate(tank, CASES["dive"], Choices(), 5, np.random.default_rng(6))
-    last = {m: np.sqrt(np.nanmean(found.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
+    result = simulate(tank, CASES["dive"], Choices(), 5, np.random.default_rng(6))
+    last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}
     assert (last["docking"][1:] < last["least_squares"][1:]).all()
     assert (last["docking"][:3] < last["moments"][:3] / 3).all()
-    ratio = np.sqrt(np.mean(found.ratio("least_squares")[20:] ** 2))
+    ratio = np.sqrt(np.mean(result.ratio("least_squares")[20:] ** 2))
     # 5 runs of 21 frames, each with nuisances of its own.
     assert 0.7 < ratio < 1.3

@@ -19,8 +19,8 @@ from uuv_optical_array.commands import (
     table,
     view,
 )
-from uuv_optical_array.commands.studies import advise, approach, design, tradeoff
-from uuv_optical_array.studies import accuracy, drives, limits, paper, robustness
+from uuv_optical_array.commands.studies import advise, design, tradeoff
+from uuv_optical_array.studies import accuracy, approach, drives, limits, paper, robustness
 
 COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
 STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)

@@ -1,8 +1,8 @@
-"""Approaches to a lamp, as Eren et al. (2017) simulate them.
+"""Approaches to a lamp, as Eren et al. (2017) simulate them: paths, water, noise, published errors.
 
-A follower closes from 8.5 m to 4.5 m at 0.5 m/s and sees 41 images. In each run the water's
-temperature (and so the detectors' gain) and its attenuation are off by a constant that nobody
-knows. Published are mean errors at the end and 95 % errors at the start and at the end.
+A follower closes from 8.5 m to 4.5 m at 0.5 m/s and takes 41 images. In each run the water's
+temperature (and so the detectors' gain) and its attenuation are off by unknown constants. Published
+are mean errors at the end and 95 % errors at the start and at the end.
 """
 
 import dataclasses
@@ -21,15 +21,14 @@ FRAMES = round((FAR_M - NEAR_M) / SPEED_M_PER_S * RATE_HZ) + 1
 TIMES_S = STEP_S * np.arange(FRAMES)
 RANGES_M = FAR_M - SPEED_M_PER_S * TIMES_S
 TURN_RATE_DEG_PER_S = 10.0
-FULL_SCALE = 1023.0
-NOISE_SHARE = 0.01  # of full scale
+NOISE_COUNTS = 0.01 * 1023.0  # 1 % of full scale
 AVERAGED = 10
 # 2 mV of 576 mV for each degree by which the water's temperature is off.
 GAIN_PER_C = -2 / 576
 TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 Noise = Literal["uniform", "gaussian", "averaged"]
-# How many times as good as the published ones errors at the end are to be: position, angles.
+# The aim is this many times smaller than the published errors at the end: position, angles.
 AIM = (5, 5, 5, 1, 1)
 
 
@@ -43,7 +42,7 @@ class Published:
 
     @property
     def aim(self) -> tuple[float, ...]:
-        """What 95 % of errors at the end are to be, in the same units."""
+        """The aim for the 95 % errors at the end, in the same units."""
         return tuple(value / share for value, share in zip(self.end_95, AIM, strict=True))
 
 
@@ -54,11 +53,11 @@ class Case:
     Parameters
     ----------
     k_per_m
-        Attenuation that method and estimator believe in.
+        Attenuation that method and estimator assume.
     path
         True poses, m and rad, shape ``(FRAMES, 5)``.
     published
-        What the paper found.
+        The paper's errors.
     """
 
     k_per_m: float
@@ -86,22 +85,17 @@ def _cases() -> dict[str, Case]:
     half = TIMES_S[-1] / 2
     yaw = np.clip((TIMES_S - half) * TURN_RATE_DEG_PER_S, -10.0, 10.0)
     dive, zigzag = _path((0.0, 0.0), level + 10.0, level), _path((-0.2, 0.1), level, yaw)
+    in_dive = Published(
+        (0.02, 0.02, 0.18, 5, 1), (0.83, 0.18, 0.22, 2, nan), (0.43, 0.20, 0.28, 1, 1)
+    )
+    in_zigzag = Published(
+        (0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)
+    )
+    in_murk = Published((0.26, 0.17, 0.01, 3, 4), (nan,) * 5, (0.36, 0.80, 0.86, 8, 9))
     return {
-        "dive": Case(
-            0.09,
-            dive,
-            Published(
-                (0.02, 0.02, 0.18, 5, 1), (0.83, 0.18, 0.22, 2, nan), (0.43, 0.20, 0.28, 1, 1)
-            ),
-        ),
-        "zigzag": Case(
-            0.09,
-            zigzag,
-            Published((0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)),
-        ),
-        "zigzag, murky": Case(
-            0.2, zigzag, Published((0.26, 0.17, 0.01, 3, 4), (nan,) * 5, (0.36, 0.80, 0.86, 8, 9))
-        ),
+        "dive": Case(0.09, dive, in_dive),
+        "zigzag": Case(0.09, zigzag, in_zigzag),
+        "zigzag, murky": Case(0.2, zigzag, in_murk),
     }
 
 
@@ -126,15 +120,15 @@ class Choices:
     offset_share: float = 1.0
 
 
-def believed(scene: Scene, case: Case, choices: Choices) -> Scene:
-    """Return the scene as an estimator should believe it to be.
+def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
+    """Return the scene that the estimators assume, with the uncertainty of its settings.
 
     Parameters
     ----------
     scene
-        The tank. Its lamp is kept, whatever the water.
+        The tank. Its lamp stays the same, whatever the water.
     case, choices
-        Give the water, the noise and what is known of both.
+        Give the water, the noise and the uncertainty of both.
 
     Returns
     -------
@@ -148,14 +142,14 @@ def believed(scene: Scene, case: Case, choices: Choices) -> Scene:
     """
     if "attenuation" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.attenuation; add it")
-    width = NOISE_SHARE * FULL_SCALE
+    width = NOISE_COUNTS
     level, sigma = (0.0, width) if choices.noise == "gaussian" else (width / 2, width / 12**0.5)
     if choices.noise == "averaged":
         # The scene adds a whole rounding to a mean of which each reading was rounded.
         sigma = ((sigma**2 + 1 / 12) / AVERAGED - 1 / 12) ** 0.5
     settings = scene.settings()
     settings["effects"]["ambient"] = {"level_counts": 0.0}
-    # What the same lamp gives in the water of the case.
+    # The reading that the same lamp gives in the water of the case.
     lamp = settings["lamp"]
     aligned = np.array([-lamp["reference_range_m"], 0.0, 0.0, 0.0, 0.0])
     off = {"attenuation.k_per_m": np.array(case.k_per_m - scene.effects["attenuation"]["k_per_m"])}
@@ -172,7 +166,7 @@ def believed(scene: Scene, case: Case, choices: Choices) -> Scene:
 
 
 def draw_offsets(choices: Choices, runs: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Draw what is off in each run: the logarithm of the gain and the attenuation in 1/m."""
+    """Draw the offsets of each run: of the logarithm of the gain, and of the attenuation, 1/m."""
     degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
     return {
         "lamp.power": np.log1p(GAIN_PER_C * degrees),
@@ -192,11 +186,11 @@ def expose(
     Parameters
     ----------
     model
-        Of the scene that `believed` returned.
+        Of the `assumed_scene`.
     path
         True poses, m and rad, shape ``(frames, 5)``.
     offsets
-        What `draw_offsets` returned, for n runs.
+        From `draw_offsets`, for n runs.
     noise
         As in `Choices`.
     rng
@@ -210,12 +204,11 @@ def expose(
     shape = (len(offsets["lamp.power"]), len(path))
     spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
     light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)
-    width = NOISE_SHARE * FULL_SCALE
     total = np.zeros_like(light)
     readings = AVERAGED if noise == "averaged" else 1
     for _ in range(readings):
         # The mean of unipolar noise is in the light, as an ambient level.
         error = rng.standard_normal(light.shape) if noise == "gaussian" else rng.random(light.shape)
-        image = light + width * (error if noise == "gaussian" else error - 0.5)
+        image = light + NOISE_COUNTS * (error if noise == "gaussian" else error - 0.5)
         total += model.converted(image)
     return total / readings

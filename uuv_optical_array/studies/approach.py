@@ -1,0 +1,492 @@
+"""``uuv_array study approach``: the Monte Carlo of Eren et al. (2017), by their method and ours."""
+
+import argparse
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.studies.approach_cases import (
+    CASES,
+    FRAMES,
+    RANGES_M,
+    STEP_S,
+    TIMES_S,
+    Case,
+    Choices,
+    Noise,
+    assumed_scene,
+    draw_offsets,
+    expose,
+)
+from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
+from uuv_optical_array.studies.errors import by_column
+from uuv_optical_array.studies.published import (
+    MomentCalibration,
+    calibrate,
+    dead_reckoned,
+    measure_moments,
+)
+
+DESCRIPTION = """\
+Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a
+lamp at 0.5 m/s and takes 41 images, in a dive and in a zigzag, in tank water and in murkier water.
+In every run temperature and attenuation are off by unknown constants. The published errors stand
+beside those of the published method built again (moments), of single images (least_squares), of
+these tracked (tracker), and of a smoother that takes lamp and water for constant (docking).
+docs/results/approach.md explains every choice."""
+
+EPILOG = """\
+examples:
+  uuv_array study approach                      100 runs of each case: about a minute
+  uuv_array study approach --runs 2000          as many as the paper: about 20 minutes
+  uuv_array study approach --noise gaussian     1 % as a standard deviation
+  uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
+Ctrl-C ends it early and reports the complete runs."""
+
+NUMBERS = {
+    "runs": options.Number(Quantity("runs of each case", "", 1, 1e6), 100),
+    "seed": options.Number(options.SEED, 1),
+}
+OFFSETS = {"whole": 1.0, "half": 0.5}
+BATCH = 20
+# The simulated vehicle holds its speed and does not drift.
+DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
+METHODS = ("moments", "least_squares", "tracker", "docking")
+SIGMA_95 = 1.96
+WIDE_BEAM_DEG = 15.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ApproachErrors:
+    """The errors in n runs of a case.
+
+    Parameters
+    ----------
+    errors
+        By method, estimate less truth, m and rad, shape ``(n, FRAMES, 5)``; nan without a pose.
+    bound
+        Least standard deviation from a single frame and the prior of lamp and water, the
+        Cramer-Rao bound, m and rad, shape ``(FRAMES, 5)``.
+    run_bound
+        The same from all frames so far and the motion of `DOCKING`.
+    """
+
+    errors: Mapping[str, Array]
+    bound: Array
+    run_bound: Array
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return len(self.errors[METHODS[0]])
+
+    def mean(self, method: str) -> Array:
+        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.asarray(np.nanmean(self.errors[method], axis=0))
+
+    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
+        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
+        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
+        # The slow way only where a frame has no pose.
+        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
+        return np.asarray(percentile(errors, 95, axis=0))
+
+    def ratio(self, method: str) -> Array:
+        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
+
+    def without_pose(self, method: str) -> int:
+        """Count the frames without a pose."""
+        return int(np.isnan(self.errors[method][..., 0]).sum())
+
+
+def simulate(
+    scene: Scene,
+    case: Case,
+    choices: Choices,
+    runs: int,
+    rng: np.random.Generator,
+    done: Callable[[int], object] = lambda runs: None,
+    batch: int = BATCH,
+) -> ApproachErrors:
+    """Run a case; an interrupt ends it with the complete batches.
+
+    Parameters
+    ----------
+    scene
+        The tank.
+    case, choices
+        What to run.
+    runs
+        How many, >= 1.
+    rng
+        Source of calibration, offsets and noise.
+    done
+        Called with the number of runs after every batch.
+    batch
+        Runs that are simulated together, >= 1.
+
+    Returns
+    -------
+    ApproachErrors
+        Of every method in `METHODS`.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Before the first batch was complete.
+    """
+    model = ForwardModel(assumed_scene(scene, case, choices))
+    moments = calibrate(model, rng)
+    estimator = Estimator(model.scene, "least_squares").wait()
+    batches: list[dict[str, Array]] = []
+    try:
+        for start in range(0, runs, batch):
+            count = min(batch, runs - start)
+            offsets = draw_offsets(choices, count, rng)
+            images = expose(model, case.path, offsets, choices.noise, rng)
+            single, tracked = _by_least_squares(estimator, images)
+            smoother = DockingSmoother(model, STEP_S, DOCKING)
+            poses = (
+                _by_moments(moments, images),
+                single,
+                tracked,
+                by_docking(smoother, images, single[:, 0]),
+            )
+            batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
+            done(count)
+    except KeyboardInterrupt:
+        if not batches:
+            raise
+    return ApproachErrors(
+        {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
+        cramer_rao_bound(model, case.path).std,
+        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
+    )
+
+
+def _by_moments(calibration: MomentCalibration, images: Array) -> Array:
+    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
+    return dead_reckoned(calibration.poses(measure_moments(images, calibration.spacing_m)))
+
+
+def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
+    """Estimate all frames of all runs, as single images and as a track."""
+    scene, runs = estimator.scene, len(images)
+    single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
+    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+    for run_number in range(runs):
+        tracker = Tracker(TrackerSettings())
+        for frame in range(FRAMES):
+            at = run_number, frame
+            with suppress(NoPose):
+                estimate = estimator.estimate(images[at], parameters[at])
+                single[at] = estimate.pose
+                stamp_ns = round(TIMES_S[frame] * 1e9)
+                tracked[at] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
+    return single, tracked
+
+
+def by_docking(smoother: DockingSmoother, images: Array, first: Array) -> Array:
+    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
+    poses = np.full((len(images), FRAMES, 5), np.nan)
+    started = np.flatnonzero(~np.isnan(first[:, 0]))
+    if len(started):
+        for frame in range(FRAMES):
+            poses[started, frame], _ = smoother.update(images[started, frame], first[started])
+    return poses
+
+
+def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
+    """Return the choices that are compared where the paper leaves one open, by name."""
+    wide = dataclasses.replace(
+        scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=WIDE_BEAM_DEG)
+    )
+    return {
+        "as by default": (scene, Choices()),
+        "noise gaussian": (scene, Choices("gaussian")),
+        "noise averaged": (scene, Choices("averaged")),
+        "offsets half": (scene, Choices(offset_share=0.5)),
+        f"beam {WIDE_BEAM_DEG:g} deg": (wide, Choices()),
+    }
+
+
+def all_cases(
+    scene: Scene,
+    choices: Choices,
+    runs: int,
+    seed: int,
+    done: Callable[[int], object] = lambda runs: None,
+) -> Iterator[tuple[str, ApproachErrors]]:
+    """Run case after case, each from the same seed; an interrupt ends it with the complete runs.
+
+    Parameters
+    ----------
+    scene, choices, runs, done
+        As in `simulate`.
+    seed
+        Of the random numbers, the same in every case.
+
+    Yields
+    ------
+    str
+        Name of the case, of `CASES`.
+    ApproachErrors
+        Its errors; after an interrupt those of fewer runs.
+    """
+    for name, case in CASES.items():
+        try:
+            result = simulate(scene, case, choices, runs, np.random.default_rng(seed), done)
+        except KeyboardInterrupt:
+            return
+        yield name, result
+        if result.runs < runs:
+            return
+
+
+def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
+    """Return a case as plain values, in m and deg."""
+    methods = {}
+    for method in METHODS:
+        ends = result.percentile_95(method) * IN_DEGREES
+        about_mean = result.percentile_95(method, about_mean=True) * IN_DEGREES
+        ratio = result.ratio(method)
+        methods[method] = {
+            "mean_end": by_column(result.mean(method)[-1] * IN_DEGREES),
+            "start_95": by_column(ends[0]),
+            "end_95": by_column(ends[-1]),
+            "start_95_about_mean": by_column(about_mean[0]),
+            "end_95_about_mean": by_column(about_mean[-1]),
+            "ratio_to_bound": {
+                f"{metres:g} m": by_column(ratio[frame])
+                for frame, metres in list(enumerate(RANGES_M.round(1)))[::5]
+            },
+            "without_pose": result.without_pose(method),
+        }
+    published = case.published
+    return {
+        "runs": result.runs,
+        "published": {name: by_column(values) for name, values in vars(published).items()},
+        "aim_end_95": by_column(published.aim),
+        "methods": methods,
+        "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
+        "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
+    }
+
+
+def _numbers(values: Mapping[str, float | None]) -> str:
+    shown = ("-" if value is None else f"{value:.3f}" for value in values.values())
+    return "".join(f"{text:>8}" for text in shown)
+
+
+def report(name: str, case: Mapping[str, Any]) -> str:
+    """Return the tables of a case, from `as_object`."""
+    heads = "".join(f"{head:>8}" for head in DOF_NAMES)
+    units = "".join(f"{unit:>8}" for unit in DOF_UNITS)
+    lines = [f"{name}, runs: {case['runs']}"]
+    for key, title in (
+        ("mean_end", "mean error at the end"),
+        ("start_95", "95 % of errors at the start"),
+        ("end_95", "95 % of errors at the end"),
+    ):
+        lines += [f"{title:<32}{heads}", f"{'':<32}{units}"]
+        lines.append(f"  {'published':<30}{_numbers(case['published'][key])}")
+        for method, values in case["methods"].items():
+            lines.append(f"  {method:<30}{_numbers(values[key])}")
+            if method == "moments" and key != "mean_end":
+                lines.append(f"  {'  about their mean':<30}{_numbers(values[f'{key}_about_mean'])}")
+    lines.append(f"  {'the aim':<30}{_numbers(case['aim_end_95'])}")
+    lines.append(f"  {'bound of one image':<30}{_numbers(case['bound_end_95'])}")
+    lines.append(f"  {'bound of all, with the motion':<30}{_numbers(case['run_bound_end_95'])}")
+    lines.append(f"{'least_squares, RMS over bound at':<32}{heads}")
+    for metres, ratio in case["methods"]["least_squares"]["ratio_to_bound"].items():
+        lines.append(f"  {metres:<30}{_numbers(ratio)}")
+    counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
+    lines.append(f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}")
+    return "\n".join(lines)
+
+
+def compare(scene: Scene, runs: int, seed: int) -> list[dict[str, Any]]:
+    """Run every choice in every case; an interrupt ends it with the rows so far."""
+    rows: list[dict[str, Any]] = []
+    plans = alternatives(scene)
+    with progress.counter(total=runs * len(plans) * len(CASES), unit="run") as bar:
+        for choice, (tank, choices) in plans.items():
+            results = dict(all_cases(tank, choices, runs, seed, bar.update))
+            rows += [
+                {"choice": choice, "case": name, **as_object(CASES[name], result)}
+                for name, result in results.items()
+            ]
+            if len(results) < len(CASES) or rows[-1]["runs"] < runs:
+                break
+    return rows
+
+
+def comparison(rows: list[dict[str, Any]]) -> str:
+    """Return the rows of `compare` as a table of the 95 % errors at the end."""
+    line = "{:<15}{:<17}{:<15}"
+    lines = [line.format("case", "choice", "method") + "".join(f"{dof:>8}" for dof in DOF_NAMES)]
+    for name in CASES:
+        of_case = [row for row in rows if row["case"] == name]
+        for i, row in enumerate(of_case):
+            if i == 0:
+                published = _numbers(row["published"]["end_95"])
+                lines.append(line.format(name, "", "published") + published)
+            for method, values in row["methods"].items():
+                start = line.format("", row["choice"] if method == METHODS[0] else "", method)
+                lines.append(start + _numbers(values["end_95"]))
+    return "\n".join(lines)
+
+
+PUBLISHED_COLOUR = "#e08a00"
+ROWS = {
+    "x, along the beam (m)": [0],
+    "worse of y, z (m)": [1, 2],
+    "worse of pitch, yaw (deg)": [3, 4],
+}
+
+
+def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
+    """Draw 95 % errors against range, a column a case.
+
+    Parameters
+    ----------
+    results
+        Of at least one case, by its name.
+    about
+        For the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(max(9.2, 4.6 * len(results)), 10.5), layout="constrained")
+    grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)
+    for column, (name, result) in enumerate(results.items()):
+        for axes, (title, dofs) in zip(grid[:, column], ROWS.items(), strict=True):
+            _draw_panel(axes, CASES[name].published, result, dofs)
+            if column == 0:
+                axes.set_ylabel(title, fontsize=12)
+        grid[0, column].set_title(f"{name}, K {CASES[name].k_per_m:g} /m", fontsize=12)
+        grid[-1, column].set_xlabel("behind the lamp (m)")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=11)
+    figure.suptitle(f"95 % of errors during an approach; {about}", fontsize=14)
+    return figure
+
+
+def _draw_panel(axes: Any, published: Any, result: ApproachErrors, dofs: list[int]) -> None:
+    from uuv_optical_array.plots.style import METHOD_COLOURS
+
+    def worst(values: Array) -> Array:
+        return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
+
+    for method in METHODS:
+        errors = worst(result.percentile_95(method))
+        axes.plot(RANGES_M, errors, color=METHOD_COLOURS[method], lw=2, label=method)
+    axes.plot(RANGES_M, SIGMA_95 * worst(result.bound), "k--", lw=1.2, label="bound of one image")
+    all_so_far = SIGMA_95 * worst(result.run_bound)
+    axes.plot(RANGES_M, all_so_far, "k:", lw=1.5, label="bound of all so far")
+    filled = {"color": PUBLISHED_COLOUR, "ms": 9, "mec": "k"}
+    hollow = {"mfc": "w", "mec": PUBLISHED_COLOUR, "mew": 2, "ms": 8}
+    for metres, errors in (
+        (RANGES_M[0], published.start_95),
+        (RANGES_M[-1], published.end_95),
+    ):
+        # fmax passes over what the paper does not give.
+        value = float(np.fmax.reduce(np.array(errors)[dofs]))
+        axes.plot(metres, value, "D", **filled, clip_on=False, zorder=5)
+    aim = float(np.max(np.array(published.aim)[dofs]))
+    axes.plot(RANGES_M[-1], aim, "D", **hollow, clip_on=False, zorder=6)
+    axes.plot([], [], "D", **filled, label="published")
+    axes.plot([], [], "D", **hollow, label="the aim")
+    axes.set(yscale="log", xlim=(RANGES_M[0], RANGES_M[-1]))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.grid(alpha=0.4, which="both", lw=0.4)
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "approach",
+        run,
+        "repeat the published Monte Carlo of approaches, with the published and our estimators",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "eren2017_tank")
+    options.add_numbers(parser, NUMBERS)
+    parser.add_argument(
+        "--noise",
+        choices=get_args(Noise),
+        default=Choices.noise,
+        help="what 1 %% of noise is: uniform from 0 to 1 %%, Gaussian with that standard "
+        "deviation, or the mean of 10 uniform readings (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--offsets",
+        choices=OFFSETS,
+        default="whole",
+        help="standard deviation of temperature and attenuation: 3 C and 0.015 /m, or half of "
+        "that (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--choices", action="store_true", help="compare what the paper leaves open, at the end"
+    )
+    options.add_json(parser)
+    outputs.add_picture(parser, "approach.png")
+    options.add_report(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the cases, print them and draw them."""
+    runs, seed = options.numbers_of(args, NUMBERS)
+    scene = load_scene(args.scene)
+    output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    origin: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
+    if args.choices:
+        rows = compare(scene, runs, seed)
+        if not rows:
+            print("interrupted: nothing measured")
+            return options.INTERRUPTED
+        print(json_text({**origin, "rows": rows}) if args.json else comparison(rows))
+        return 0
+    choices = Choices(args.noise, OFFSETS[args.offsets])
+    with progress.counter(total=runs * len(CASES), unit="run") as bar:
+        results = dict(all_cases(scene, choices, runs, seed, bar.update))
+    if not results:
+        print("interrupted: nothing measured")
+        return options.INTERRUPTED
+    from uuv_optical_array.plots.style import save
+
+    cases = {name: as_object(CASES[name], result) for name, result in results.items()}
+    about = f"noise {args.noise}, offsets {args.offsets}, seed {seed}"
+    save(draw(results, about), output)
+    if args.json:
+        origin |= {"noise": args.noise, "offsets": args.offsets, "cases": cases}
+        print(json_text({**origin, "picture": str(output)}))
+    else:
+        print(f"scene {scene.name}; {about}\n")
+        print("\n\n".join(report(name, case) for name, case in cases.items()))
+        print(f"picture: {output}")
+    return 0

@@ -18,12 +18,13 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
-from uuv_optical_array.plots.studies import design, tradeoff
+from uuv_optical_array.plots.studies import design
+from uuv_optical_array.studies import tradeoff
+from uuv_optical_array.studies.approach import METHODS
 from uuv_optical_array.studies.design.designs import Design
 from uuv_optical_array.studies.design.score import Score
 from uuv_optical_array.studies.design.study import ScoredDesign
-from uuv_optical_array.studies.approach import METHODS
-from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS
+from uuv_optical_array.studies.tradeoff_settings import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -60,18 +61,18 @@ def number_boxes(axes):
     ]
 
 
-def test_every_method_has_one_colour_of_its_own(drawn):
+def test_every_method_has_one_colour_of_its_own():
     colours = style.METHOD_COLOURS
     assert set(colours) >= {*ALL_METHODS, *METHODS}
     assert len(set(colours.values())) == len(colours)
     rows = [row(method, ms=1 + i, position=0.1 + i) for i, method in enumerate(ALL_METHODS)]
-    figure = drawn(tradeoff, tradeoff.draw_tradeoff, rows, "about", layout=False)
+    figure = tradeoff.draw(rows, "about")
     points = {
         float(dots.get_offsets()[0, 0]): to_hex(dots.get_facecolor()[0])
         for dots in figure.axes[0].collections
         if len(dots.get_offsets()) == 1
     }
-    assert points == {each.median_ms: colours[each.method] for each in rows}
+    assert points == {row.median_ms: colours[row.method] for row in rows}
 
 
 def crowded(factor):
@@ -90,8 +91,9 @@ def crowded(factor):
 
 
 @pytest.mark.parametrize("factor", [1, 300])
-def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(drawn, factor):
-    figure = drawn(tradeoff, tradeoff.draw_tradeoff, crowded(factor), "about")
+def test_numbers_of_the_tradeoff_lie_apart_and_beside_all_points(factor):
+    figure = tradeoff.draw(crowded(factor), "about")
+    figure.draw_without_rendering()
     for axes in figure.axes[:2]:
         boxes = number_boxes(axes)
         assert_apart(boxes)

@@ -9,11 +9,11 @@ import measured
 import pytest
 import yaml
 
-from uuv_optical_array.commands.studies import advise as command
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies import tradeoff_measurement
+from uuv_optical_array.studies.advise import Need, advise
 from uuv_optical_array.studies.results import Results
-from uuv_optical_array.studies.tradeoff.advice import Need, advise
-from uuv_optical_array.studies.tradeoff.results import Measurement, Origin
+from uuv_optical_array.studies.tradeoff_settings import Measurement, Origin
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
@@ -43,9 +43,7 @@ def folder(scene, tmp_path):
         row("sam", 5, 1024, position=0.6, p99=0.5),
         row(side=7, position=0.05, angle=1.0, p99=20.0),
     ]
-    Results(tmp_path / "tradeoff.csv", Measurement, Origin.here(scene, "quick", 300, 3)).append(
-        rows
-    )
+    Results(tmp_path / "tradeoff.csv", Measurement, Origin.here(scene, "quick", 3)).append(rows)
     return tmp_path
 
 
@@ -57,7 +55,7 @@ def test_cheapest_is_fewest_detectors_then_smallest_table_then_least_time():
         row(side=3, rows=1000, median_ms=9.1),
     ]
     for at in range(4):
-        assert advise([*others[:at], best, *others[at:]], NEED).row is best
+        assert advise([*others[:at], best, *others[at:]], NEED) == (best, {})
 
 
 @pytest.mark.parametrize(
@@ -72,20 +70,18 @@ def test_cheapest_is_fewest_detectors_then_smallest_table_then_least_time():
     ],
 )
 def test_each_limit_counts_and_published_methods_are_no_choice(flaw):
-    kept = row(side=21, position=0.2, angle=10.0, p99=100.0, without_pose=0.01, median_ms=99.0)
-    found = advise([row(side=2, **flaw), kept], NEED)
-    assert found.row is kept
-    assert found.lacks == {}
+    good = row(side=21, position=0.2, angle=10.0, p99=100.0, without_pose=0.01, median_ms=99.0)
+    assert advise([row(side=2, **flaw), good], NEED) == (good, {})
 
 
 def test_nearest_is_the_one_whose_worst_value_is_least_off():
     slow = row(position=0.1, angle=1.0, p99=160.0)
     both = row(position=0.3, angle=15.0, p99=1.0)
     coarse = row(position=0.5, angle=1.0, p99=1.0)
-    found = advise([slow, coarse, both, row(position=math.nan)], NEED)
-    assert found.row is both
-    assert found.lacks == pytest.approx({"position_m": 0.1, "angle_deg": 5.0})
-    assert advise([slow, coarse], NEED).lacks == pytest.approx({"p99_ms": 60.0})
+    nearest, excess = advise([slow, coarse, both, row(position=math.nan)], NEED)
+    assert nearest is both
+    assert excess == pytest.approx({"position_m": 0.1, "angle_deg": 5.0})
+    assert advise([slow, coarse], NEED)[1] == pytest.approx({"p99_ms": 60.0})
 
 
 def test_without_our_methods_there_is_no_advice():
@@ -107,7 +103,7 @@ def test_command_names_what_to_change(folder, scene, capsys):
     assert "method: least_squares" in out.partition("parameter of the estimator_node:")[2]
 
 
-def test_command_says_that_none_does_and_what_the_nearest_lacks(folder, capsys):
+def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, capsys):
     run("--rate", 100, "--position", 0.08, "--output", folder, code=1)
     out = capsys.readouterr().out
     assert out.startswith("no setting keeps 100 Hz, 0.08 m, 10 deg; the nearest: ")
@@ -118,51 +114,50 @@ def test_command_says_that_none_does_and_what_the_nearest_lacks(folder, capsys):
 
 def test_json_holds_the_same(folder, capsys):
     run("--rate", 100, "--position", 0.08, "--output", folder, "--json", code=1)
-    told = json.loads(capsys.readouterr().out)
-    assert set(told) == {
+    result = json.loads(capsys.readouterr().out)
+    assert set(result) == {
         *("scene", "asked", "met", "lacks", "found", "change", "measured", "settings"),
         *("load_average", "complete"),
     }
-    assert told["met"] is False
-    assert told["lacks"] == pytest.approx({"position_m": 0.02})
-    assert told["asked"] == {"rate_hz": 100.0, "position_m": 0.08, "angle_deg": 10.0}
-    assert told["found"]["table_rows"] == 100_000
-    assert told["change"]["estimator_node"] == {"method": "least_squares"}
-    assert told["change"]["scene"]["array"]["detectors_per_side"] == 5
-    assert told["settings"] == 6
+    assert result["met"] is False
+    assert result["lacks"] == pytest.approx({"position_m": 0.02})
+    assert result["asked"] == {"rate_hz": 100.0, "position_m": 0.08, "angle_deg": 10.0}
+    assert result["found"]["table_rows"] == 100_000
+    assert result["change"]["estimator_node"] == {"method": "least_squares"}
+    assert result["change"]["scene"]["array"]["detectors_per_side"] == 5
+    assert result["settings"] == 6
     run("--rate", 10, "--output", folder, "--json")
-    told = json.loads(capsys.readouterr().out)
-    assert told["met"] is True
-    assert told["lacks"] == {}
+    result = json.loads(capsys.readouterr().out)
+    assert result["met"] is True
+    assert result["lacks"] == {}
 
 
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
-def test_measurements_of_elsewhere_do_not_count(field, scene, tmp_path, capsys, monkeypatch):
-    origin = vars(Origin.here(scene, "quick", 300, 1)) | {field: "another"}
+def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, monkeypatch):
+    origin = vars(Origin.here(scene, "quick", 1)) | {field: "another"}
     Results(tmp_path / "tradeoff.csv", Measurement, Origin(**origin)).append([row(side=2)])
-    cache = tmp_path / "cache"
-    monkeypatch.setattr(command, "cache_folder", lambda scene: cache)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    stopped = []
 
-    def measure_rest(measured):
-        assert (measured.origin.mode, measured.folder) == ("quick", cache)
-        measured.settings.append([row(side=11, shape="planar")])
+    def measure(scene, group, frames, seed):
+        if stopped:
+            raise KeyboardInterrupt
+        stopped.append((frames, seed))
+        return [row(side=11, shape="planar")]
 
-    monkeypatch.setattr(command, "measure_rest", measure_rest)
-    run("--output", tmp_path)
+    monkeypatch.setattr(tradeoff_measurement, "measure", measure)
+    monkeypatch.setattr(
+        tradeoff_measurement, "expected_s", lambda scene, groups, frames: [1.0] * len(groups)
+    )
+    run("--output", tmp_path, "--json", code=130)
     out, err = capsys.readouterr()
-    assert "planar 11 x 11" in out
+    result = json.loads(out)
+    assert result["found"]["shape"] == "planar"
+    assert result["complete"] is False
+    assert "radius_m" not in result["change"]["scene"]["array"]
+    assert result["measured"].startswith(str(tmp_path / "cache"))
+    assert stopped == [(300, 1)]
     assert "another scene or machine" in err
-    assert "radius_m" not in out
-
-
-def test_nothing_measured_and_interrupted(scene, tmp_path, capsys, monkeypatch):
-    def measure_rest(measured):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "cache_folder", lambda scene: tmp_path)
-    monkeypatch.setattr(command, "measure_rest", measure_rest)
-    run("--output", tmp_path, code=130)
-    assert capsys.readouterr().out == "interrupted: nothing measured\n"
 
 
 @pytest.mark.parametrize("words", [("--rate", "0"), ("--position", "nan"), ("--angle", "-1")])

@@ -13,31 +13,35 @@ import pytest
 from command_line import assert_picture
 from measured import row
 
-from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import TableSettings, load_scene
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
-from uuv_optical_array.studies import accuracy, published
+from uuv_optical_array.studies import accuracy, tradeoff, tradeoff_measurement
 from uuv_optical_array.studies.results import Results
-from uuv_optical_array.studies.tradeoff import measurement
-from uuv_optical_array.studies.tradeoff import plan as planned
-from uuv_optical_array.studies.tradeoff import run as tradeoff_run
-from uuv_optical_array.studies.tradeoff import table_cost as table_cost_module
-from uuv_optical_array.studies.tradeoff.fronts import fronts, numbered
-from uuv_optical_array.studies.tradeoff.measurement import measure
-from uuv_optical_array.studies.tradeoff.plan import ALL_METHODS, PUBLISHED, SHAPES, Group, plan
-from uuv_optical_array.studies.tradeoff.results import (
+from uuv_optical_array.studies.tradeoff import draw_table_cost, fronts, numbered
+from uuv_optical_array.studies.tradeoff_measurement import measure, table_cost
+from uuv_optical_array.studies.tradeoff_settings import (
+    ALL_METHODS,
+    FRAMES,
+    PUBLISHED,
+    SHAPES,
+    Group,
     Measurement,
     Origin,
     TableCost,
     at_one_speed,
+    plan,
 )
-from uuv_optical_array.studies.tradeoff.table_cost import table_cost
 
-ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
+GROUPS = [
+    Group("curved", 3, 3, METHODS),
+    Group("curved", 5, 3, METHODS),
+    Group("planar", 3, 0, ("moments",)),
+    Group("planar", 3, 0, ("look_up",)),
+]
 
 
 @pytest.fixture(scope="module")
@@ -47,24 +51,11 @@ def scene():
 
 @pytest.fixture
 def small(monkeypatch):
-    """A trade-off of two arrays, one table size and both published methods, in seconds."""
-    monkeypatch.setattr(planned, "SIDES", (3,))
-    monkeypatch.setattr(planned, "SHAPES", ("curved",))
-    monkeypatch.setattr(planned, "STEPS", (3, 4))
-    monkeypatch.setattr(planned, "QUICK_STEPS", (3,))
-    monkeypatch.setattr(planned, "QUICK_OWN_STEPS", (3, 4))
-    monkeypatch.setattr(tradeoff_run, "FRAMES", {"quick": 5, "full": 6})
-    monkeypatch.setattr(published, "SAMPLES", 2)
-    span = Span(-0.3, 0.3, 3)
-    coarse = TableSettings(Span(-8.0, -4.0, 3), span, span, Span(-30, 30, 3), Span(-30, 30, 3))
-    monkeypatch.setattr(published, "GRID", coarse)
-    # Every other test of the command can do without a process of its own.
+    """A trade-off of a few settings, in seconds, without a process for the cost of a table."""
+    monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: GROUPS)
+    monkeypatch.setitem(FRAMES, "quick", 5)
     monkeypatch.setattr(
-        tradeoff_run,
-        "table_cost",
-        lambda table, steps, build_s, folder: TableCost(
-            steps, len(table.poses), build_s, 1.0, 0.1, 2.0, 3.0, 1.0
-        ),
+        tradeoff_measurement, "table_cost", lambda scene: TableCost(3, 243, 0.1, 2.0, 3.0, 1.0)
     )
 
 
@@ -74,7 +65,7 @@ run = functools.partial(command_line.run, "study", "tradeoff")
 # --- the front -----------------------------------------------------------------------------
 
 
-def test_settings_within_a_step_are_alike_and_the_simplest_is_kept():
+def test_settings_within_a_step_are_equal_and_the_simplest_is_on_the_front():
     rows = [
         row(side=7, position=0.500, ms=1.00),
         row(side=5, position=0.505, ms=1.01, rows=9999),
@@ -89,10 +80,10 @@ def test_a_slow_spell_of_the_machine_moves_no_setting_off_the_front():
     slow = row(position=0.5, ms=3.0, p99_ms=6.0, model_ms=1.5, models=2.0)
     rows = [slow, row(position=0.1, ms=2.0, p99_ms=3.0, model_ms=0.5, models=4.0)]
     assert fronts(rows)["position"].tolist() == [True, True]
-    told = at_one_speed(rows)
-    assert [line.model_ms for line in told] == [1.0, 1.0]
-    assert [line.median_ms for line in told] == pytest.approx([2.0, 4.0])
-    assert [line.p99_ms for line in told] == pytest.approx([4.0, 6.0])
+    scaled = at_one_speed(rows)
+    assert [line.model_ms for line in scaled] == [1.0, 1.0]
+    assert [line.median_ms for line in scaled] == pytest.approx([2.0, 4.0])
+    assert [line.p99_ms for line in scaled] == pytest.approx([4.0, 6.0])
     assert at_one_speed([]) == []
 
 
@@ -174,25 +165,19 @@ def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
     np.testing.assert_allclose(table.parameters, wanted, rtol=1e-12, atol=1e-12)
 
 
-def test_table_cost_counts_files_and_memory(scene, tmp_path):
-    table = build_table(Group("curved", 3, 9, METHODS).scene(scene))
-    found = table_cost(table, 9, 1.5, tmp_path)
-    rows = 9**5
-    assert found.table_rows == rows
-    # Two files of five doubles a row, and a page of headers and text.
-    assert found.file_mb * 1e6 == pytest.approx(80 * rows, abs=4096)
-    # The index holds six doubles and a number for each row.
-    assert 56 * rows / 1e6 < found.memory_mb < 10 * 56 * rows / 1e6
-    assert found.memory_mb <= found.peak_mb < found.memory_mb + 200
-    assert found.load_s > 0
-    assert list(tmp_path.iterdir()) == []
+def test_table_cost_counts_the_memory_of_table_and_index(scene):
+    cost = table_cost(Group("curved", 3, 9, METHODS).scene(scene))
+    assert (cost.steps, cost.table_rows) == (9, 9**5)
+    # The index has six doubles and a number for each row, the table ten doubles.
+    assert 56 * 9**5 / 1e6 < cost.memory_mb < 10 * 136 * 9**5 / 1e6
+    assert cost.memory_mb <= cost.peak_mb < cost.memory_mb + 400
+    assert cost.build_s > 0
 
 
-def test_table_that_no_process_can_open_is_one_line(scene, tmp_path, monkeypatch):
-    table = build_table(Group("curved", 3, 2, METHODS).scene(scene))
-    monkeypatch.setattr(table_cost_module, "save_table", lambda table, path: path.mkdir())
-    with pytest.raises(ValueError, match=r"table of 32 poses: a process cannot open it: .*Error"):
-        table_cost(table, 2, 1.0, tmp_path)
+def test_a_table_that_no_process_can_build_is_one_line(scene):
+    dark = dataclasses.replace(scene.lamp, reference_counts=1e-300)
+    with pytest.raises(ValueError, match=r"table of 2\^5 poses: a process cannot build it: .+"):
+        table_cost(dataclasses.replace(Group("curved", 3, 2, METHODS).scene(scene), lamp=dark))
 
 
 # --- the command ---------------------------------------------------------------------------
@@ -200,35 +185,48 @@ def test_table_that_no_process_can_open_is_one_line(scene, tmp_path, monkeypatch
 
 def counted(monkeypatch, stop_after=None):
     """Count what is measured, and press Ctrl-C before the group of that number."""
-    heard, honest = [], measurement.measure
+    groups = []
 
     def measured(scene, group, *others):
-        if len(heard) == stop_after:
+        if len(groups) == stop_after:
             raise KeyboardInterrupt
-        heard.append(group)
-        return honest(scene, group, *others)
+        groups.append(group)
+        return measure(scene, group, *others)
 
-    monkeypatch.setattr(tradeoff_run, "measure", measured)
-    return heard
+    monkeypatch.setattr(tradeoff_measurement, "measure", measured)
+    return groups
 
 
-@pytest.mark.usefixtures("sketched")
-def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, capsys, monkeypatch):
+@pytest.mark.usefixtures("sketched", "small")
+def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "out"
     first = counted(monkeypatch, stop_after=2)
     run("--output", folder, code=130)
-    kept = (folder / "tradeoff.csv").read_text()
-    assert len(kept.splitlines()) == 1 + 2 * len(METHODS)
+    out, error = capsys.readouterr()
+    assert "interrupted: 6 of 8 settings" in out
+    assert re.search(r"8 settings; about \d+ min; into ", error)
+    stopped = (folder / "tradeoff.csv").read_text()
+    assert len(stopped.splitlines()) == 1 + 2 * len(METHODS)
     for picture in ("tradeoff.png", "table_cost.png"):
-        assert_picture(folder / picture)
-    assert "interrupted: 6 of" in capsys.readouterr().out
+        assert_picture(folder / picture, least_height=400)
 
     second = counted(monkeypatch)
-    run("--output", folder)
-    assert not set(first) & set(second)
-    assert {*first, *second} == set(plan(scene, "quick"))
+    run("--output", folder, "--json")
+    assert (first, second) == (GROUPS[:2], GROUPS[2:])
     whole = (folder / "tradeoff.csv").read_text()
-    assert whole.startswith(kept)
+    assert whole.startswith(stopped)
+    result = json.loads(capsys.readouterr().out)
+    assert result["complete"] is True
+    assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
+    assert [str(folder / name) for name in ("tradeoff.png", "table_cost.png")] == result["pictures"]
+    lines = list(csv.DictReader(whole.splitlines()))
+    assert [line["method"] for line in lines] == [*METHODS, *METHODS, "moments", "look_up"]
+    for line, setting in zip(lines, result["settings"], strict=True):
+        for key, value in setting.items():
+            assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
+    assert set(result["fronts"]) == {"position", "angle"}
+    with (folder / "tables.csv").open(newline="") as file:
+        assert [int(line["steps"]) for line in csv.DictReader(file)] == [3]
 
     third = counted(monkeypatch)
     run("--output", folder, "--pictures", ".svg")
@@ -237,38 +235,33 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(small, scene, tmp_path, cap
     assert (folder / "tradeoff.csv").read_text() == whole
 
 
-def test_what_is_printed_is_what_the_file_holds(small, tmp_path, capsys):
-    run("--full", "--json", "--output", tmp_path)
-    out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert re.search(r"16 settings; about \d+ min; into ", err)
-    assert told["complete"] is True
-    assert (told["scene"], told["mode"], told["frames"]) == ("reference", "full", 6)
-    with (tmp_path / "tradeoff.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    assert len(lines) == len(told["settings"]) == 2 * (2 * len(METHODS) + len(PUBLISHED))
-    for line, setting in zip(lines, told["settings"], strict=True):
-        for key, value in setting.items():
-            assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
-    assert set(told["fronts"]) == {"position", "angle"}
-    assert [*map(str, (tmp_path / "tradeoff.png", tmp_path / "table_cost.png"))] == told["pictures"]
-    with (tmp_path / "tables.csv").open(newline="") as file:
-        assert [int(line["steps"]) for line in csv.DictReader(file)] == [3, 4]
+def test_the_picture_of_table_costs_has_a_line_for_each_array():
+    rows = [row(side=side, rows=rows, build_s=rows / 1e4) for side in (3, 5) for rows in (1e3, 1e4)]
+    costs = [TableCost(4, 1000, 0.1, 2.0, 3.0, 1.0), TableCost(6, 10000, 1.0, 20.0, 30.0, 1.0)]
+    build, memory = draw_table_cost(costs[::-1], rows, "about").axes
+    measured = [line for line in build.get_lines() if len(line.get_xdata())]
+    assert [tuple(line.get_ydata()) for line in measured] == [(0.1, 1.0), (0.1, 1.0)]
+    ready, peak = (tuple(line.get_ydata()) for line in memory.get_lines())
+    assert (ready, peak) == ((2.0, 20.0), (3.0, 30.0))
 
 
-def test_a_folder_of_another_run_is_refused_and_left_alone(small, tmp_path, monkeypatch):
-    Results(tmp_path / "tradeoff.csv", Measurement, ORIGIN).append([row()])
+@pytest.mark.usefixtures("small")
+def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path, monkeypatch):
+    other = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
+    Results(tmp_path / "tradeoff.csv", Measurement, other).append([row()])
     before = (tmp_path / "tradeoff.csv").read_bytes()
-    heard = counted(monkeypatch)
+    groups = counted(monkeypatch)
     error = run("--output", tmp_path, code=1)
     assert error.startswith(f"uuv_array study tradeoff: {tmp_path}/tradeoff.csv: ")
     assert "\n" not in error
-    assert heard == []
+    assert groups == []
     assert (tmp_path / "tradeoff.csv").read_bytes() == before
 
 
-def test_nothing_is_drawn_of_nothing(small, tmp_path, capsys, monkeypatch):
+@pytest.mark.usefixtures("small")
+def test_nothing_is_drawn_of_nothing(tmp_path, capsys, monkeypatch):
     counted(monkeypatch, stop_after=0)
+    monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: GROUPS[2:])
     run("--output", tmp_path, code=130)
     assert capsys.readouterr().out == "interrupted: nothing measured\n"
     assert list(tmp_path.iterdir()) == []
@@ -279,8 +272,8 @@ def test_seed_out_of_bounds_is_refused(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("name", ["tradeoff", "advise"])
-def test_help_has_examples(capsys, name):
-    command_line.run(name, "--help")
+@pytest.mark.parametrize("words", [("study", "tradeoff"), ("advise",)])
+def test_help_has_examples(capsys, words):
+    command_line.run(*words, "--help")
     examples = capsys.readouterr().out.partition("examples:")[2]
-    assert len(re.findall(rf"^  uuv_array {name}\b", examples, re.MULTILINE)) >= 3
+    assert len(re.findall(rf"^  uuv_array {' '.join(words)}\b", examples, re.MULTILINE)) >= 3

@@ -19,8 +19,17 @@ from uuv_optical_array.commands import (
     table,
     view,
 )
-from uuv_optical_array.commands.studies import advise, design, tradeoff
-from uuv_optical_array.studies import accuracy, approach, drives, limits, paper, robustness
+from uuv_optical_array.commands.studies import design
+from uuv_optical_array.studies import (
+    accuracy,
+    advise,
+    approach,
+    drives,
+    limits,
+    paper,
+    robustness,
+    tradeoff,
+)
 
 COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
 STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)

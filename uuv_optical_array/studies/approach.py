@@ -20,7 +20,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.studies.approach_cases import (
     CASES,
     FRAMES,
@@ -455,13 +455,12 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
-    options.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
     runs, seed = options.numbers_of(args, NUMBERS)
-    scene = load_scene(args.scene)
+    scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     origin: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
     if args.choices:

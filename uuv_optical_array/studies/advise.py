@@ -1,0 +1,258 @@
+"""``uuv_array advise``: the cheapest setting that meets a rate and an accuracy, as measured."""
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from uuv_optical_array.cli import options
+from uuv_optical_array.core.geometry import YAW, X
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import json_text
+from uuv_optical_array.estimation.estimator import METHODS
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import SPECIFICATION
+from uuv_optical_array.studies.results import read
+from uuv_optical_array.studies.tradeoff_measurement import SETTINGS_CSV, TradeoffRun
+from uuv_optical_array.studies.tradeoff_settings import (
+    MOST_WITHOUT_POSE,
+    Group,
+    Measurement,
+    Origin,
+    plan,
+    this_machine,
+)
+
+DESCRIPTION = """\
+Name the cheapest setting that meets a rate and an accuracy: array, size of the table, and method of
+the estimator. Cheapest is fewest detectors, then the smallest table, then the least time. A rate is
+met if the 99th percentile of a frame's time fits its period, an accuracy if the RMS errors of
+random poses 4 to 8 m behind the lamp do, and 99 % of frames must get a pose.
+
+It reads the measurements of `uuv_array study tradeoff` in this scene on this machine, from
+SCENE.tradeoff here or the folder that --output names. If there are none it makes those of the quick
+mode, and stores them in the user's cache. Exit code 1 means that no setting meets the need."""
+
+EPILOG = """\
+examples:
+  uuv_array advise --rate 10                                the paper's 0.2 m and 10 deg
+  uuv_array advise --rate 100 --position 0.1 --angle 2      faster and better
+  uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
+Ctrl-C while it measures keeps the results so far; the next call goes on."""
+
+# The fields of `Need`.
+NEEDS = {
+    "rate": options.Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
+    "position": options.Number(
+        Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), float(SPECIFICATION[X])
+    ),
+    "angle": options.Number(
+        Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
+        float(SPECIFICATION[YAW]),
+    ),
+}
+SEED = 1
+UNITS = {
+    "position_m": ("position", "m"),
+    "angle_deg": ("angle", "deg"),
+    "p99_ms": ("99th percentile", "ms"),
+    "without_pose": ("frames without a pose", "of all"),
+}
+
+
+@dataclass(frozen=True)
+class Need:
+    """The rate and the accuracy that a setting has to meet.
+
+    Parameters
+    ----------
+    rate_hz
+        Frames a second; 99 of 100 are to be done before the next one comes.
+    position_m, angle_deg
+        Largest root mean square error.
+    """
+
+    rate_hz: float
+    position_m: float
+    angle_deg: float
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The largest allowed value of each column of a `Measurement`."""
+        return {
+            "position_m": self.position_m,
+            "angle_deg": self.angle_deg,
+            "p99_ms": 1e3 / self.rate_hz,
+            "without_pose": MOST_WITHOUT_POSE,
+        }
+
+    def shares(self, row: Measurement) -> dict[str, float]:
+        """Return each measured value as a share of its limit; nan counts as infinite."""
+        shares = {name: getattr(row, name) / limit for name, limit in self.limits.items()}
+        return {name: math.inf if math.isnan(share) else share for name, share in shares.items()}
+
+
+def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[str, float]]:
+    """Choose the cheapest setting that meets a need, or the nearest to it.
+
+    The cheapest has the fewest detectors, then the smallest table, then the least median time. The
+    nearest is the one whose worst value is the least multiple of its limit. Published methods are
+    not considered: the estimator's node does not have them.
+
+    Parameters
+    ----------
+    rows
+        The measured settings.
+    need
+        The rate and the accuracy.
+
+    Returns
+    -------
+    row : Measurement
+        The setting.
+    excess : dict
+        By how much it exceeds the limits that it does not meet; empty where it meets all.
+
+    Raises
+    ------
+    ValueError
+        Where no row is of a method that the estimator has.
+    """
+    choices = [row for row in rows if row.method in METHODS]
+    if not choices:
+        raise ValueError(f"no setting of {', '.join(METHODS)} was measured; run it again to go on")
+
+    def cost(row: Measurement) -> tuple[float, tuple[float, ...]]:
+        return max(1.0, *need.shares(row).values()), row.effort
+
+    row = min(choices, key=cost)
+    shares = need.shares(row)
+    excess = {
+        name: getattr(row, name) - limit for name, limit in need.limits.items() if shares[name] > 1
+    }
+    return row, excess
+
+
+def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
+    """Return what to change for a setting: groups of the scene, and the node's parameter."""
+    group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
+    settings = group.scene(scene).settings()
+    return {
+        "scene": {"array": settings["array"], "table": settings["table"]},
+        "estimator_node": {"method": row.method},
+    }
+
+
+def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float]) -> str:
+    """Return the advice in words."""
+    needed = f"{need.rate_hz:g} Hz, {need.position_m:g} m, {need.angle_deg:g} deg"
+    lines = [f"{needed}: {row.label}"]
+    if excess:
+        lines = [f"no setting keeps {needed}; the nearest: {row.label}"]
+        for name, by in excess.items():
+            what, unit = UNITS[name]
+            limit = need.limits[name]
+            lines.append(
+                f"  {what} is {getattr(row, name):.3g} {unit}, "
+                f"{by:.2g} more than {limit:.3g} ({by / limit:+.0%})"
+            )
+    lines += [
+        "",
+        f"errors: {row.position_m:.3g} m, {row.angle_deg:.3g} deg RMS; "
+        f"{row.without_pose:.1%} of frames without a pose",
+        f"time: {row.median_ms:.3g} ms, 99th percentile {row.p99_ms:.3g} ms "
+        f"of {1e3 / need.rate_hz:.4g} ms; {row.models:.3g} forward models; without ROS",
+        "",
+        f"in the scene ({scene.name}):",
+    ]
+    for group, values in settings_of(scene, row)["scene"].items():
+        lines += [f"  {group}:", *(f"    {key}: {value}" for key, value in values.items())]
+    return "\n".join([*lines, "parameter of the estimator_node:", f"  method: {row.method}"])
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "advise",
+        run,
+        "name the cheapest setting that meets a rate and an accuracy",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "reference")
+    options.add_numbers(parser, NEEDS)
+    options.add_json(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder of `uuv_array study tradeoff` (default: SCENE.tradeoff here, else the cache)",
+    )
+
+
+def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin | None, list[Measurement], bool]:
+    """Return the measurements of this scene and machine: folder, origin, rows, and if complete."""
+    origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
+    if origin is not None and origin.is_here(scene):
+        return folder, origin, rows, True
+    if origin is not None:
+        print(
+            f"{folder / SETTINGS_CSV} is of another scene or machine, so it is not used",
+            file=sys.stderr,
+        )
+    machine = "".join(letter if letter.isalnum() else "-" for letter in this_machine())
+    name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
+    folder = files.cache_dir() / "tradeoff" / name
+    measured = TradeoffRun(scene, "quick", SEED, folder, plan(scene, "quick"))
+    complete = True
+    try:
+        measured.measure()
+    except KeyboardInterrupt:
+        complete = False
+    return folder, measured.origin, measured.rows, complete
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read the measurements or make them, and choose."""
+    need = Need(*options.numbers_of(args, NEEDS))
+    scene = options.scene_of(args)
+    given = files.user_path(args.output or f"{scene.name}.tradeoff")
+    folder, origin, rows, complete = _measured(scene, given)
+    if not rows or origin is None:
+        print("interrupted: nothing measured")
+        return options.INTERRUPTED
+    row, excess = advise(rows, need)
+    about = {
+        "measured": str(folder / SETTINGS_CSV),
+        "settings": len(rows),
+        "load_average": max(row.load_average for row in rows),
+        "complete": complete,
+    }
+    if args.json:
+        result = {
+            "scene": scene.name,
+            "asked": dataclasses.asdict(need),
+            "met": not excess,
+            "lacks": excess,
+            "found": row.columns(),
+            "change": settings_of(scene, row),
+            **about,
+        }
+        print(json_text(result))
+    else:
+        print(report(scene, need, row, excess))
+        print(
+            f"\nof {len(rows)} settings, {origin.frames} frames each, load average up to "
+            f"{about['load_average']:.1f}: {about['measured']}"
+        )
+        if not complete:
+            print("interrupted: some settings are not measured yet")
+    if not complete:
+        return options.INTERRUPTED
+    return 1 if excess else 0

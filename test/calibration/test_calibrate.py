@@ -366,7 +366,7 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     [
         (["--max-gap-s", "0"], "--max-gap-s"),
         (["--remap", "image:=bow/array/image"], "FROM is one of array/image"),
-        (["--position-std", "-1"], "--position-std"),
+        (["--pose-std", "-1", "0"], "--pose-std, position: -1.0 is out"),
         (["-o", "sea.txt"], ".yaml"),
         (["--noise", "--scene", "ideal"], "sensor_noise"),
     ],

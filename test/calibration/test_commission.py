@@ -44,14 +44,14 @@ def sent():
 def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys):
     bag = write_bag(tmp_path / "torch", [image_message(*each) for each in sent], "MCAP")
     output = tmp_path / "sea.yaml"
-    run("commission", "--bag", bag, "-o", output)
+    run("commission", bag, "-o", output)
     told = capsys.readouterr().out
     assert "readings are of other detectors" in told
     assert load_scene(output).array.wiring == WIRED
     # Again, from a scene that has a wiring already: the same, and its comments are kept.
     output.write_text(f"# My rig.\n{output.read_text('utf-8')}# Mine.\n", encoding="utf-8")
     for _ in range(2):
-        run("commission", "--bag", bag, "--scene", output, "-o", output)
+        run("commission", bag, "--scene", output, "-o", output)
         assert load_scene(output).array.wiring == WIRED
         comments = [line for line in output.read_text("utf-8").splitlines() if line[:1] == "#"]
         assert comments == [
@@ -66,7 +66,7 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys)
 def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
     frames = torch_run(5, np.random.default_rng(6))
     bag = write_bag(tmp_path / "torch", [image_message(*each) for each in frames], "MCAP")
-    run("commission", "--bag", bag, "-o", tmp_path / "sea.yaml")
+    run("commission", bag, "-o", tmp_path / "sea.yaml")
     assert "wiring: in reading order" in capsys.readouterr().out
     assert load_scene(tmp_path / "sea.yaml").array.wiring is None
 
@@ -75,7 +75,7 @@ def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
 def test_a_bag_that_ends_early_writes_nothing(sent, tmp_path):
     messages = [image_message(*each) for each in sent[: len(sent) // 2]]
     bag = write_bag(tmp_path / "torch", messages, "MCAP")
-    line = run("commission", "--bag", bag, "-o", tmp_path / "sea.yaml", code=1)
+    line = run("commission", bag, "-o", tmp_path / "sea.yaml", code=1)
     assert "ends before both sweeps" in line
     assert not (tmp_path / "sea.yaml").exists()
 

@@ -21,7 +21,7 @@ from uuv_optical_array.estimation.table.disk import load_table
 
 @contextlib.contextmanager
 def follow(*words, start_s=None):
-    """Run ``uuv_array follow --headless`` in a process of its own.
+    """Run ``uuv_array follow`` in a process of its own.
 
     The leader waits as long as ever for its follower, or as long as is given.
     """
@@ -29,7 +29,7 @@ def follow(*words, start_s=None):
     if start_s is not None:
         code = f"from uuv_optical_array.nodes.bringup import demo; demo.START_S = {start_s}; {code}"
     process = subprocess.Popen(
-        [python, option, code, "follow", "--headless", *map(str, words)],
+        [python, option, code, "follow", *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -60,7 +60,7 @@ def test_help_names_every_command(capsys):
     ("command", "options"),
     [
         ("table", ("--scene", "--output")),
-        ("follow", ("--duration", "--scene", "--seed", "--params-file", "--output", "--headless")),
+        ("follow", ("--duration", "--scene", "--seed", "--params-file", "--output")),
     ],
 )
 def test_help_of_a_command_explains_every_option_and_shows_examples(capsys, command, options):
@@ -135,10 +135,11 @@ def test_follow_refuses_a_duration_that_is_none(capsys, duration):
         (("--params-file", "/nowhere/p.yaml"), ("/nowhere/p.yaml", "no such file")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--seed", "-5"), ("seed", "-5", "from -1 to")),
+        (("--followers", "4", "--no-chain"), ("followers: 4", "from 1 to 3")),
     ],
 )
 def test_follow_refuses_what_a_node_refuses_in_one_line(tmp_path, words, named):
-    error = run("follow", "--headless", "--output", tmp_path / "x.png", *words, code=2)
+    error = run("follow", "--output", tmp_path / "x.png", *words, code=2)
     assert error.startswith("uuv_array follow: ")
     for word in named:
         assert word in error
@@ -147,7 +148,7 @@ def test_follow_refuses_what_a_node_refuses_in_one_line(tmp_path, words, named):
 
 def test_follow_refuses_a_damaged_parameter_file_in_one_line(tmp_path):
     (tmp_path / "p.yaml").write_text("/**: {", encoding="utf-8")
-    error = run("follow", "--headless", "--params-file", tmp_path / "p.yaml", code=1)
+    error = run("follow", "--params-file", tmp_path / "p.yaml", code=1)
     assert str(tmp_path / "p.yaml") in error
 
 

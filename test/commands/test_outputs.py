@@ -153,7 +153,7 @@ def test_the_suffix_says_what_a_picture_is(suffix, head, tmp_path):
 def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path, monkeypatch):
     figure = Figure()
     figure.subplots()
-    monkeypatch.setattr(scene, "draw_scene", lambda *given: save(figure, given[-1]))
+    monkeypatch.setattr(scene, "draw_scene", lambda *given: figure)
     error = run("render", "--output", "sea.png", code=1)
     assert error == f"uuv_array render: sea.png: {os.strerror(27)}"
     assert not list(tmp_path.iterdir())

@@ -116,13 +116,14 @@ def run_of(x_m=-6.0):
     return record
 
 
-def test_a_run_has_no_negative_zero_and_says_what_is_drawn(drawn):
-    figure = drawn(follow, follow.draw_follow, [run_of()])
+def test_a_run_has_no_negative_zero_and_says_what_is_drawn():
+    figure = follow.draw_follow([run_of()])
+    figure.draw_without_rendering()
     texts = [t.get_text() for t in figure.findobj(lambda artist: hasattr(artist, "get_text"))]
     for text in texts:
         assert not re.search(r"[-\N{MINUS SIGN}]0(\.0*)?(?![\d.])", text), text
     assert "reading (counts)" in texts
-    assert "where both are as the images are taken" in texts
+    assert "positions when the images are taken" in texts
     panels = [axes for part in figure.subfigs for axes in part.axes]
     for axes in panels:
         if axes.get_visible() and axes.get_xlabel() == "time (s)":
@@ -132,10 +133,10 @@ def test_a_run_has_no_negative_zero_and_says_what_is_drawn(drawn):
     assert scales == {(0.0, 240.0)}  # one colour bar is that of all
 
 
-def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors(drawn):
+def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors():
     own = load_scene("sunlit_shallow")
     images = ForwardModel(own).expose(scene.sheet_poses(), np.random.default_rng(0))
-    figure = drawn(scene, scene.draw_scene, own, images, layout=False)
+    figure = scene.draw_scene(own, images)
     panels = figure.subfigs[0].axes
     sheet = [axes for axes in panels if axes.get_aspect() == 1.0]
     assert len(sheet) == images.shape[0] * images.shape[1]

@@ -91,5 +91,5 @@ def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp
 
 
 def test_a_folder_that_is_there_is_not_written_to(tmp_path):
-    words = ("--headless", "--output", tmp_path / "x.png", "--record", tmp_path)
+    words = ("--output", tmp_path / "x.png", "--record", tmp_path)
     assert "it exists" in run("follow", *words, code=1)

@@ -1,4 +1,4 @@
-"""Where a command writes: looked at before its work begins, so that no result is lost."""
+"""Where a command writes; it is checked before the work begins, so that no result is lost."""
 
 import tempfile
 from collections.abc import Sequence
@@ -27,23 +27,35 @@ def add_picture(
     )
 
 
+def add_scene_file(parser: Any, default: str) -> None:
+    """Add the option that names the scene to write."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path(default),
+        metavar="FILE",
+        help="scene to write (default: %(default)s)",
+    )
+
+
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
-    """Return a file that is to be written.
+    """Return the path of a file that can be written.
 
     Parameters
     ----------
     path
         As the user gave it.
     option
-        By which it was given, for errors.
+        The option that gave it, for errors.
     suffixes
-        One of which it must have; empty: any.
+        The suffixes that it may have; empty: any.
 
     Raises
     ------
     OptionError
-        For another suffix, what is there and no file, or a folder that is missing or cannot be
-        written in.
+        For another suffix, a path that is no file, and a folder that is missing or cannot be
+        written.
     """
     path = files.user_path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -61,21 +73,21 @@ def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -
 def folder_to_write(
     path: str | Path, option: str, new: bool = False, replaced: bool = False
 ) -> Path:
-    """Return a folder that is to be made, with its parents, or written in.
+    """Return the path of a folder that can be written, or made with its parents.
 
     Parameters
     ----------
     path, option
         As in `file_to_write`.
     new
-        Whether it must not be there.
+        Whether it must not exist.
     replaced
-        Whether one that is there is replaced as a whole.
+        Whether an existing folder is replaced as a whole.
 
     Raises
     ------
     OptionError
-        Where it is there and must not be, for a file, or where it cannot be made or written in.
+        Where it exists and must not, is a file, or cannot be made or written.
     """
     path = files.user_path(path)
     if new and path.exists():
@@ -89,7 +101,7 @@ def folder_to_write(
 
 
 def _check_writable(folder: Path, path: Path, option: str) -> None:
-    """Raise OptionError where no byte can be written in a folder."""
+    """Raise OptionError where nothing can be written in a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"\n")

@@ -2,16 +2,15 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.calibration.parameters import NAMES
-from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.bag import add_bag, read_bag
+from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene
@@ -20,27 +19,23 @@ from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
 Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
-recorded bag whose poses are known by both odometries, and write the scene that they make. Each is
-printed with its standard error; what the bag does not tell is named, with what to drive for it, and
-stays as it was. Power and mean gain are one product: the geometric mean of the gains is 1.
-Where the residuals say that the model is wrong, no scene is written and the exit code is 1."""
+recorded bag whose poses are known from both odometries, and write the resulting scene. Each value
+is printed with its standard error. What the bag does not determine keeps its value and is named,
+with what to record for it. Power and mean gain are one product, so the geometric mean of the gains
+is 1. Where the residuals show that the model is wrong, no scene is written; the exit code is 1."""
 
 EPILOG = """\
 examples:
   ros2 bag record -o sea /array/image /leader/odometry /follower/odometry
   uuv_array calibrate sea --scene follow -o sea.yaml --picture residuals.png
   uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
-  uuv_array calibrate sea --position-std 0.02 --attitude-std-deg 0.5     odometry has errors
-  uuv_array calibrate sea --noise                                       fit the noise too
+  uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
+  uuv_array calibrate sea --noise                  fit the noise too
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
-NUMBERS = {
-    "position-std": options.Number(
-        Quantity("standard deviation of each position, x, y and z; 0: exact", "m", 0, 10), 0.0
-    ),
-    "attitude-std-deg": options.Number(
-        Quantity("standard deviation of each pitch and yaw; 0: exact", "deg", 0, 90), 0.0
-    ),
+STDS = {
+    "position": Quantity("standard deviation of x, y and z", "m", 0, 10),
+    "attitude": Quantity("of pitch and yaw", "deg", 0, 90),
 }
 LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
@@ -56,31 +51,44 @@ def add_parser(subparsers: options.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    add_bag(parser)
+    bag.add_bag(parser)
     options.add_scene(parser, "follow")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("calibrated.yaml"),
-        help="scene to write (default: %(default)s)",
-    )
+    outputs.add_scene_file(parser, "calibrated.yaml")
     outputs.add_picture(parser, None, "--picture", "draw the residuals")
     options.add_json(parser)
-    options.add_numbers(parser, NUMBERS)
+    parser.add_argument(
+        "--pose-std",
+        nargs=2,
+        type=float,
+        default=[0.0, 0.0],
+        metavar=("M", "DEG"),
+        help=" and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)",
+    )
     parser.add_argument(
         "--hold",
         action="append",
         default=[],
         choices=(*NAMES, "gains"),
-        help="what is known and stays as the scene has it; may be given again",
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="write the scene even where the model is wrong"
+        help="parameter that keeps the value of the scene; may be given again",
     )
     parser.add_argument(
         "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"
     )
+    parser.add_argument(
+        "--force", action="store_true", help="write the scene even where the model is wrong"
+    )
+
+
+def pose_std_of(args: argparse.Namespace) -> Array | None:
+    """Return the standard deviation of the poses, m and rad, ``(5,)``; ``None``: exact."""
+    with options.checking_options():
+        position, attitude = (
+            check(Annotated[float, quantity], value, f"--pose-std, {name}")
+            for (name, quantity), value in zip(STDS.items(), args.pose_std, strict=True)
+        )
+    if not position and not attitude:
+        return None
+    return np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
 
 
 def _digits(std: float) -> int:
@@ -98,19 +106,20 @@ def _row(parameter: FittedParameter) -> str:
     return line.rstrip()
 
 
-def _gains(found: Calibration) -> list[str]:
+def _gains(result: Calibration) -> list[str]:
     """Return the gains as a grid, or, of a large array, their spread."""
-    known = found.gain_std[np.isfinite(found.gain_std)]
+    known = result.gain_std[np.isfinite(result.gain_std)]
     if not known.size:
         return ["gains: as they were"]
     digits = _digits(float(known.min()))
     errors = f"std errors {known.min():.{digits}f} to {known.max():.{digits}f}"
     head = f"gains, geometric mean 1, rows from the top, columns from port ({errors}):"
-    if len(found.gains) > 9:
-        spread = f"{found.gains.min():.{digits}f} to {found.gains.max():.{digits}f}"
-        return [head, f"  {found.gains.size} from {spread}, spread {found.gains.std():.{digits}f}"]
+    gains = result.gains
+    if len(gains) > 9:
+        low, high, std = (f"{x:.{digits}f}" for x in (gains.min(), gains.max(), gains.std()))
+        return [head, f"  {gains.size} from {low} to {high}, spread {std}"]
     rows = []
-    for row, errors_of_row in zip(found.gains, found.gain_std, strict=True):
+    for row, errors_of_row in zip(gains, result.gain_std, strict=True):
         cells = [
             f"{gain:>{digits + 5}.{digits}f}" if np.isfinite(error) else "-".rjust(digits + 5)
             for gain, error in zip(row, errors_of_row, strict=True)
@@ -123,48 +132,45 @@ def _seconds(recording: Recording) -> Array:
     return recording.stamps_ns.astype(float) * 1e-9
 
 
-def report(found: Calibration, recording: Recording, bag: Path, start: str) -> str:
-    """Return what was found in words."""
+def report(result: Calibration, recording: Recording, path: Path, start: str) -> str:
+    """Return the fitted values and how well the model agrees, as text."""
     seconds, poses = _seconds(recording), recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
-        f"bag {bag}: {len(seconds)} images in {np.ptp(seconds):.1f} s, base_link "
+        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s, base_link "
         f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
         "its axis",
         *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
         "",
         f"{'parameter':<27}{'start: ' + start:>12}{'fitted':>14}{'std error':>12}  unit",
-        *map(_row, found.parameters),
+        *map(_row, result.parameters),
         "",
-        *_gains(found),
+        *_gains(result),
         "",
     ]
-    pairs = [
-        (abs(found.correlation[i, j]), f"{NAMES[i]} with {NAMES[j]} {found.correlation[i, j]:+.2f}")
-        for i in range(len(NAMES))
-        for j in range(i)
-        if np.isfinite(found.correlation[i, j])
-    ]
-    if pairs:
-        lines.append(f"strongest correlation: {max(pairs)[1]}")
+    correlations = np.tril(np.nan_to_num(result.correlation), -1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
+    if correlations[i, j]:
+        pair = f"{NAMES[i]} with {NAMES[j]} {correlations[i, j]:+.2f}"
+        lines.append(f"strongest correlation: {pair}")
     lines.append(
-        f"mean squared residual {found.misfit:.3f} of {int(found.uncensored.sum())} readings "
+        f"mean squared residual {result.misfit:.3f} of {int(result.uncensored.sum())} readings "
         "(1: the model explains them)"
     )
-    if found.outliers or found.outlying_images:
-        where = [f"{seconds[i]:.3f} s" for i in found.outlying_images[:SHOWN_IMAGES]]
-        more = ", ..." if len(found.outlying_images) > SHOWN_IMAGES else ""
+    if result.outliers or result.outlying_images:
+        where = [f"{seconds[i]:.3f} s" for i in result.outlying_images[:SHOWN_IMAGES]]
+        more = ", ..." if len(result.outlying_images) > SHOWN_IMAGES else ""
         at = f" (at {', '.join(where)}{more})" if where else ""
         lines.append(
-            f"outliers left out: {found.outliers} single readings, "
-            f"{len(found.outlying_images)} whole images{at}"
+            f"outliers left out: {result.outliers} single readings, "
+            f"{len(result.outlying_images)} whole images{at}"
         )
-    return "\n".join([*lines, *(f"note: {note}" for note in found.notes)])
+    return "\n".join([*lines, *(f"note: {note}" for note in result.notes)])
 
 
-def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
-    """Return what was found; what is not known is nan."""
+def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
+    """Return the result for `json_text`; what is not known is nan."""
     return {
         "images": len(recording.images),
         "left_out": dict(recording.refused),
@@ -176,38 +182,32 @@ def as_json(found: Calibration, recording: Recording) -> dict[str, Any]:
                 "std_error": p.std,
                 "note": p.note,
             }
-            for p in found.parameters
+            for p in result.parameters
         },
-        "gains": found.gains,
-        "gain_std_errors": found.gain_std,
-        "correlation": found.correlation,
-        "mean_squared_residual": found.misfit,
-        "outlying_readings": found.outliers,
-        "outlying_images_s": [float(_seconds(recording)[i]) for i in found.outlying_images],
-        "notes": list(found.notes),
-        "refusal": found.refusal,
-        "scene": found.scene.settings(),
+        "gains": result.gains,
+        "gain_std_errors": result.gain_std,
+        "correlation": result.correlation,
+        "mean_squared_residual": result.misfit,
+        "outlying_readings": result.outliers,
+        "outlying_images_s": [float(_seconds(recording)[i]) for i in result.outlying_images],
+        "notes": list(result.notes),
+        "refusal": result.refusal,
+        "scene": result.scene.settings(),
     }
 
 
 def run(args: argparse.Namespace) -> int:
     """Read the bag, fit, print and write."""
-    position, attitude = options.numbers_of(args, NUMBERS)
-    pose_std = None
-    if position or attitude:
-        pose_std = np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
-    scene, bag = options.scene_of(args), files.user_path(args.bag)
+    pose_std, scene = pose_std_of(args), options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
-    like = own_text(args.scene)
+    path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
-    picture = args.picture
-    if picture is not None:
-        picture = outputs.file_to_write(picture, "--picture", outputs.PICTURE)
+    picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)
     try:
-        recording = read_bag(args, scene)
+        recording = bag.read_bag(args, scene)
         with progress.counter(unit="step") as steps:
-            found = calibrate(
+            result = calibrate(
                 scene,
                 recording.images,
                 recording.poses,
@@ -220,29 +220,26 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
-    written = args.force or not found.refusal
+    written = args.force or not result.refusal
     if written:
-        comment = f"Calibrated by uuv_array calibrate from {bag.name}, starting from {scene.name}."
-        save_scene(found.scene, output, comment, like)
+        comment = f"Calibrated by uuv_array calibrate from {path.name}, starting from {scene.name}."
+        save_scene(result.scene, output, comment, text)
     if args.json:
-        print(json_text(as_json(found, recording)))
+        print(json_text(as_json(result, recording)))
     else:
-        print(report(found, recording, bag, scene.name))
+        print(report(result, recording, path, scene.name))
         if written:
             print(f"scene: {output}")
     if picture is not None:
         from uuv_optical_array.plots.calibration import draw_calibration
+        from uuv_optical_array.plots.style import save
 
-        draw_calibration(
-            found,
-            recording.poses,
-            recording.rolls,
-            _seconds(recording),
-            picture,
-            f"Calibration from {bag.name}: residuals of {int(found.uncensored.sum())} readings",
-        )
+        count = int(result.uncensored.sum())
+        title = f"Calibration from {path.name}: residuals of {count} readings"
+        poses, rolls, seconds = recording.poses, recording.rolls, _seconds(recording)
+        save(draw_calibration(result, poses, rolls, seconds, title), picture)
         if not args.json:
             print(f"picture: {picture}")
     if not written:
-        raise ValueError(f"{bag}: no scene written: {found.refusal}; --force writes it")
+        raise ValueError(f"{path}: no scene written: {result.refusal}; --force writes it")
     return 0

@@ -1,7 +1,6 @@
 """``uuv_array estimate``: poses of a recorded bag, worked out anew."""
 
 import argparse
-import math
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -10,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.cli.bag import add_bag, read_bag
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, wrapped
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.cli import bag, options, outputs, progress
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, wrapped
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Answer
@@ -23,12 +21,12 @@ from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.recording.results import write_results
 
 DESCRIPTION = """\
-Estimate every image of a recorded bag as feature and estimator node would, with the scene and the
-method of your choice, on all cores. Writes a folder: frames.csv (a line for each image), bag (MCAP,
-with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum. With
---track the frames are filtered, too, one after the other and with the follower's commands, where
-the bag has any (relative_odometry). The roll is taken as 0. A folder without metadata.yaml is read
-by its files, and of a file that is cut off what is whole."""
+Estimate every image of a recorded bag as feature and estimator node would, with any scene and
+method, on all cores. Writes a folder: frames.csv (a line for each image), bag (MCAP, with
+relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum. With --track
+the frames are also filtered, in their order and with the follower's commands if the bag has any
+(relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read by its
+files, and a truncated file as far as it is whole."""
 
 EPILOG = """\
 examples:
@@ -39,9 +37,7 @@ examples:
 Ctrl-C ends it early and writes what there is. Needs the extra `bags` (pip install
 'uuv_optical_array[bags]'), but no ROS."""
 
-NUMBERS = {
-    "processes": options.Number(Quantity("how many work at a time; 0: one a core", "", 0, 1024), 0)
-}
+PROCESSES = Quantity("number of processes; 0: one for each core", "", 0, 1024)
 
 
 def add_parser(subparsers: options.Subparsers) -> None:
@@ -49,32 +45,35 @@ def add_parser(subparsers: options.Subparsers) -> None:
     parser = options.add_command(
         subparsers, "estimate", run, "estimate the poses of a recorded bag", DESCRIPTION, EPILOG
     )
-    add_bag(parser, commands=True)
+    bag.add_bag(parser, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)
     parser.add_argument(
-        "--track", action="store_true", help="filter the frames, and learn the constants"
+        "--track", action="store_true", help="filter the frames, and estimate the scene's constants"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, help="folder to make (default: the bag's name _estimates)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder to make (default: that of the bag with _estimates)",
     )
-    options.add_numbers(parser, NUMBERS)
+    options.add_setting(parser, "processes", Setting(int, PROCESSES, 0, optional=False))
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, estimate, write and print."""
-    (processes,) = options.numbers_of(args, NUMBERS)
     output = outputs.folder_to_write(
         args.output or f"{args.bag.absolute().stem}_estimates", "--output", new=True
     )
     scene = options.scene_of(args)
-    recording = read_bag(args, scene, poses_needed=False)
+    recording = bag.read_bag(args, scene, poses_needed=False)
     estimator = Estimator(scene, args.method).wait()
     tracking = TrackerSettings() if args.track else None
     frames: list[Answer] = []
     started, exit_code = time.monotonic(), 0
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
-    answers = replay(images, stamps_ns, estimator, tracking, processes or None, commands)
+    answers = replay(images, stamps_ns, estimator, tracking, args.processes or None, commands)
     with closing(answers):
         try:
             for frame in progress.over(answers, total=len(recording.images)):
@@ -92,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracked: bool) -> str:
-    """Return what was found in words."""
+    """Return the numbers of images and poses and the errors, as text."""
     posed = [(i, frame.estimate.pose) for i, frame in enumerate(frames) if frame.estimate]
     span_s = (frames[-1].stamp_ns - frames[0].stamp_ns) * 1e-9 if frames else 0.0
     lines = [
@@ -102,18 +101,17 @@ def report(frames: Sequence[Answer], recording: Recording, took_s: float, tracke
     ]
     reasons = Counter(frame.reason.partition(":")[0] for frame in frames if frame.reason)
     lines += [f"  no pose: {count} x {reason}" for reason, count in reasons.most_common()]
-    found = {"relative_pose": posed}
+    poses = {"relative_pose": posed}
     if tracked:
-        of_tracks = [(i, frame.track.pose) for i, frame in enumerate(frames) if frame.track]
-        found["relative_odometry"] = of_tracks
-    for name, poses in found.items():
-        true = recording.poses[[i for i, _ in poses]]
+        poses["relative_odometry"] = [(i, f.track.pose) for i, f in enumerate(frames) if f.track]
+    for name, numbered in poses.items():
+        true = recording.poses[[i for i, _ in numbered]]
         known = ~np.isnan(true[:, 0])
         if known.any():
-            off = np.array([pose for _, pose in poses]) - true
-            errors = np.array([wrapped(state) for state in off[known]])
-            rms = np.sqrt(np.mean(errors**2, axis=0)) * [1, 1, 1, *[180 / math.pi] * 2]
-            each = zip(DOF_NAMES, rms, DOF_UNITS, strict=True)
-            told = ", ".join(f"{dof} {value:.3g} {unit}" for dof, value, unit in each)
-            lines.append(f"{name}, rms error by the bag's odometries: {told}")
+            differences = np.array([pose for _, pose in numbered]) - true
+            errors = np.array([wrapped(difference) for difference in differences[known]])
+            rms = np.sqrt(np.mean(errors**2, axis=0)) * IN_DEGREES
+            cells = zip(DOF_NAMES, rms, DOF_UNITS, strict=True)
+            text = ", ".join(f"{dof} {value:.3g} {unit}" for dof, value, unit in cells)
+            lines.append(f"{name}, rms error by the bag's odometries: {text}")
     return "\n".join(lines)

@@ -10,9 +10,10 @@ from rich.live import Live
 from rich.text import Text
 
 from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.control.fleet import MIN_SEPARATION_M, vee
+from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.recording.bag import BagWriter
 
@@ -21,19 +22,32 @@ A leader waits until its follower sees it, runs straight, turns, and changes dep
 keeps station behind it by the light of the leader's lamp alone. Simulator, feature, estimator,
 formation and vehicles node run in this one process, on real ROS 2 topics, with the parameters of
 follow.launch.py. At the end a summary is printed and a picture is written. Several followers swim
-in a V, each with nodes of its own in a namespace, as under formation.launch.py, by default in the
-scene formation; the exit code is 1 when two vehicles came too near to each other, too."""
+in a V, each with nodes of its own in a namespace, as in formation.launch.py, by default in the
+scene formation; the exit code is also 1 when two vehicles came too near to each other."""
 
 EPILOG = """\
 examples:
   uuv_array follow                          60 s of the default scene
-  uuv_array follow --seed 1 --headless      the same noise each time, and no live line
+  uuv_array follow --seed 1                 with the same noise each time
   uuv_array follow --scene sea.yaml         your own lamp, water and array
   uuv_array follow --record run             a bag for uuv_array estimate; needs the extra `bags`
-  uuv_array follow --followers 3            a V, the third follower lit by the first
-Ctrl-C ends the run early, reports what there is, and makes the exit code 130. While it runs,
-`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when the follower lost the
+  uuv_array follow --followers 3            a V; the third follower is lit by the first
+Ctrl-C ends the run early and reports what there is, with exit code 130. While it runs,
+`ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
+
+SETTINGS = {
+    "duration": Setting(
+        float, Quantity("length of the run from the leader's start", "s", 1e-3, 1e6), 60.0, False
+    ),
+    "seed": Setting(
+        int,
+        Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1),
+        None,
+        True,
+    ),
+    "followers": Setting(int, Quantity("how many followers", "", 1, MOST), 1, False),
+}
 
 
 def add_parser(subparsers: options.Subparsers) -> None:
@@ -46,35 +60,19 @@ def add_parser(subparsers: options.Subparsers) -> None:
         DESCRIPTION,
         EPILOG,
     )
-    parser.add_argument(
-        "--duration",
-        type=positive,
-        default=60.0,
-        metavar="S",
-        help="length in s, from the leader's start (default: 60)",
-    )
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
+    for name, setting in SETTINGS.items():
+        options.add_setting(parser, name, setting)
     parser.add_argument(
-        "--seed",
-        type=options.whole_number,
-        help="seed of the noise (default: the parameter file's, a new one)",
+        "--no-chain",
+        action="store_true",
+        help="the leader lights the third follower, too; there are at most three",
     )
     parser.add_argument(
         "--params-file",
         type=Path,
+        metavar="FILE",
         help="ROS parameters; what the file leaves out keeps its default (default: none)",
-    )
-    parser.add_argument(
-        "--followers",
-        type=options.whole_number,
-        default=1,
-        metavar="N",
-        help="how many followers (default: 1)",
-    )
-    parser.add_argument(
-        "--no-chain",
-        action="store_true",
-        help="the third follower is lit by the leader, too, and there are at most three",
     )
     outputs.add_picture(parser, "follow.png")
     parser.add_argument(
@@ -83,19 +81,10 @@ def add_parser(subparsers: options.Subparsers) -> None:
         metavar="DIR",
         help="write what the nodes publish as a bag, MCAP, to a new folder",
     )
-    parser.add_argument("--headless", action="store_true", help="no live line")
-
-
-def positive(text: str) -> float:
-    """Read a positive number of seconds."""
-    value = float(text)
-    if not 0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f"{text} s: give a positive number of seconds")
-    return value
 
 
 def live_line(record: FollowRecord, elapsed_s: float) -> Text:
-    """Return the line that is shown while the run goes on."""
+    """Return the line that a terminal shows while the run goes on."""
     stamps, errors = record.errors()
     if not len(stamps):
         return Text(f"{elapsed_s:5.1f} s   waiting for light")
@@ -111,34 +100,36 @@ def live_line(record: FollowRecord, elapsed_s: float) -> Text:
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; return 1 when the leader was lost."""
     picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    record = args.record and outputs.folder_to_write(args.record, "--record", new=True)
-    follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
+    bag_folder = args.record and outputs.folder_to_write(args.record, "--record", new=True)
+    if args.params_file is not None and not args.params_file.is_file():
+        raise options.OptionError(f"--params-file {args.params_file}: no such file")
+    with options.checking_options():
+        # One follower takes the station of its parameters.
+        fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)
+    if args.scene is None and fleet and args.params_file is None:
+        args.scene = "formation"
     ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
     if args.params_file is not None:
-        if not args.params_file.is_file():
-            raise options.OptionError(f"--params-file {args.params_file}: no such file")
         ros_args += ["--params-file", str(args.params_file)]
-    # One follower takes the station of its parameters.
-    fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)
-    scene = args.scene or ("formation" if fleet and args.params_file is None else None)
-    if scene is not None:
-        ros_args += ["-p", f"scene:={scene}"]
+    if args.scene is not None:
+        options.scene_of(args)
+        ros_args += ["-p", f"scene:={args.scene}"]
     if args.seed is not None:
         ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
-    # A line that is drawn over itself is for a terminal.
-    live_line_wanted = sys.stdout.isatty() and not args.headless
+    follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
+    terminal = sys.stdout.isatty()  # a file would get each line that the next one overwrites
     with Live(auto_refresh=False) as live:
 
         def on_tick(record: FollowRecord, elapsed_s: float) -> None:
-            if live_line_wanted:
+            if terminal:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        with BagWriter(record) if record else nullcontext() as bag:
+        with BagWriter(bag_folder) if bag_folder else nullcontext() as bag:
             records, light_timeout_s, interrupted = follow(
                 ros_args, args.duration, on_tick, fleet, bag
             )
-    if record:
-        print(f"bag: {record}")
+    if bag_folder:
+        print(f"bag: {bag_folder}")
     lost = []
     for number, record in enumerate(records, 1):
         name = f"follower {number}: " if fleet else ""
@@ -153,11 +144,11 @@ def run(args: argparse.Namespace) -> int:
             lost.append(f"two vehicles came nearer than {MIN_SEPARATION_M:g} m")
     if all(record.estimates for record in records):
         from uuv_optical_array.plots.follow import draw_follow
+        from uuv_optical_array.plots.style import save
 
-        draw_follow(records, picture)
+        save(draw_follow(records), picture)
         print(f"picture: {picture}")
-    told = "; ".join(lost)
-    print(f"lost the leader: {told}" if lost else "followed the leader to the end")
+    print(f"lost the leader: {'; '.join(lost)}" if lost else "followed the leader to the end")
     if interrupted:
         return options.INTERRUPTED
     return 1 if lost else 0

@@ -1,6 +1,4 @@
-"""The picture of a calibration: residuals from every side, and the gains."""
-
-from pathlib import Path
+"""The picture of a calibration: residuals and gains."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,30 +9,32 @@ from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.plots.style import array_image, save, signed
+from uuv_optical_array.plots.style import array_image, signed
 
-DOTS = 1500  # readings drawn one by one; the bins count all
+DOTS = 1500  # readings that are drawn; the means are those of all
 BINS = 20
 LEAST = 10  # readings in a bin that is drawn
 EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
 DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 
 
-def _against(axes: Axes, across: Array, found: Calibration, label: str, log: bool = False) -> None:
-    """Draw residuals against something, and the mean of each bin with its standard error."""
-    uncensored, residuals = found.uncensored, found.residuals
+def _draw_residuals(
+    axes: Axes, across: Array, result: Calibration, label: str, log: bool = False
+) -> None:
+    """Draw residuals against another quantity, and the mean of each bin with its standard error."""
+    uncensored, residuals = result.uncensored, result.residuals
     x, y = across[uncensored], residuals[uncensored]
     order = np.argsort(x)
-    some = order[:: max(1, len(x) // DOTS)]  # as dense along the axis as all of them are
+    some = order[:: max(1, len(x) // DOTS)]  # spread along the axis as all of them are
     axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
-    out = ~found.used & np.isfinite(found.gain_std.ravel())
+    out = ~result.used & np.isfinite(result.gain_std.ravel())
     if out.any():
         edge = np.clip(residuals[out], -EDGE, EDGE)
         axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)
     if log:
         axes.set_xscale("log")
     if len(x):
-        # As many readings in each bin, so that each mean is as sure.
+        # Each bin has as many readings, so that the means have the same standard error.
         parts = [part for part in np.array_split(order, BINS) if len(part) >= LEAST]
         middle = [np.median(x[part]) for part in parts]
         mean = [y[part].mean() for part in parts]
@@ -43,17 +43,17 @@ def _against(axes: Axes, across: Array, found: Calibration, label: str, log: boo
             middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
             label="mean of a twentieth\nof them, 2 std errors",
         )  # fmt: skip
-        every_x = across[uncensored | out]
         if log:
-            axes.set_xlim(every_x.min() / 1.1, every_x.max() * 1.1)
+            drawn = across[uncensored | out]
+            axes.set_xlim(drawn.min() / 1.1, drawn.max() * 1.1)
     axes.axhline(0, color="k", lw=0.8)
     axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.3, EDGE + 0.3))
     axes.grid(alpha=0.3)
 
 
-def _histogram(axes: Axes, found: Calibration) -> None:
+def _draw_histogram(axes: Axes, result: Calibration) -> None:
     """Draw the distribution of the residuals beside the normal one."""
-    residuals = found.residuals[found.uncensored]
+    residuals = result.residuals[result.uncensored]
     edges = np.linspace(-EDGE, EDGE, 61).tolist()
     axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
     x = np.linspace(-EDGE, EDGE, 241)
@@ -61,17 +61,17 @@ def _histogram(axes: Axes, found: Calibration) -> None:
     axes.set(
         xlabel="residual (std of a reading)",
         ylabel="density",
-        title=f"mean square {found.misfit:.2f}; 1 where the model explains the data",
+        title=f"mean square {result.misfit:.2f}; 1 where the model explains the data",
         xlim=(-EDGE, EDGE),
     )
     axes.legend(fontsize=8, loc="upper right")
     axes.grid(alpha=0.3)
 
 
-def _gains(figure: Figure, axes: Axes, found: Calibration) -> None:
+def _draw_gains(figure: Figure, axes: Axes, result: Calibration) -> None:
     """Draw the gains, in per cent of the mean, with their standard errors."""
-    off = 100 * (found.gains - 1)
-    known = np.isfinite(found.gain_std)
+    off = 100 * (result.gains - 1)
+    known = np.isfinite(result.gain_std)
     limit = max(1e-3, float(np.abs(off[known]).max()) if known.any() else 1.0)
     shown = np.where(known, off, np.nan)
     axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
@@ -81,47 +81,41 @@ def _gains(figure: Figure, axes: Axes, found: Calibration) -> None:
         for (row, column), value in np.ndenumerate(shown):
             colour = "white" if abs(value) > 0.6 * limit else "black"
             if np.isfinite(value):
-                text = f"{signed(value, 1)}\n±{100 * found.gain_std[row, column]:.2f}"
+                text = f"{signed(value, 1)}\n±{100 * result.gain_std[row, column]:.2f}"
                 axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
     figure.colorbar(mesh, ax=axes, label="gain (% off the mean), ± std error")
-    held = "" if known.any() else ": as they were"
-    axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{held}")
+    note = "" if known.any() else ": as they were"
+    axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{note}")
 
 
 def draw_calibration(
-    found: Calibration, poses: Array, rolls: Array, seconds: Array, path: Path, title: str
-) -> None:
+    result: Calibration, poses: Array, rolls: Array, seconds: Array, title: str
+) -> Figure:
     """Draw the residuals against counts, range, angle and time, their distribution, and the gains.
 
     Parameters
     ----------
-    found
-        What the calibration found.
+    result
+        The calibration.
     poses, rolls
         Of the m images, m and rad, shapes ``(m, 5)`` and ``(m,)``.
     seconds
-        Moment of each, s, shape ``(m,)``.
-    path
-        Picture, written whole or not at all.
+        Time of each, s, shape ``(m,)``.
     title
-        Above all.
+        Of the picture.
     """
-    rays = ForwardModel(found.scene).rays(poses, rolls)
+    rays = ForwardModel(result.scene).rays(poses, rolls)
+    times = np.broadcast_to((seconds - seconds.min())[:, None], result.mean.shape)
+    off_axis = np.degrees(np.sqrt(2 * rays[HALF_SQUARE]))
     figure = Figure(figsize=(16, 9), layout="constrained")
     grid = figure.subplots(2, 3)
-    lit = np.maximum(found.mean, 0.1)
-    _against(grid[0, 0], lit, found, "expected reading (counts)", log=True)
-    _against(grid[0, 1], rays[RANGE], found, "range from lamp to detector (m)")
-    _against(
-        grid[0, 2],
-        np.degrees(np.sqrt(2 * rays[HALF_SQUARE])),
-        found,
-        "angle off the beam's axis (deg)",
-    )
-    moments = np.broadcast_to((seconds - seconds.min())[:, None], found.mean.shape)
-    _against(grid[1, 0], moments, found, "time in the bag (s)")
-    _histogram(grid[1, 1], found)
-    _gains(figure, grid[1, 2], found)
+    counts = np.maximum(result.mean, 0.1)
+    _draw_residuals(grid[0, 0], counts, result, "expected reading (counts)", log=True)
+    _draw_residuals(grid[0, 1], rays[RANGE], result, "range from lamp to detector (m)")
+    _draw_residuals(grid[0, 2], off_axis, result, "angle off the beam's axis (deg)")
+    _draw_residuals(grid[1, 0], times, result, "time in the bag (s)")
+    _draw_histogram(grid[1, 1], result)
+    _draw_gains(figure, grid[1, 2], result)
     grid[0, 0].legend(fontsize=8, loc="upper left")
     figure.suptitle(title, fontsize=13)
-    save(figure, path)
+    return figure

@@ -1,7 +1,6 @@
 """The picture of a run."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,23 +9,24 @@ from matplotlib.figure import Figure
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
 from uuv_optical_array.forward.working_volume import SPECIFICATION
-from uuv_optical_array.plots.style import SPECIFIED, array_image, save, signed
+from uuv_optical_array.plots.style import SPECIFIED, array_image, signed
 
 LEADER = "#e08a00"
 FOLLOWERS = ("#1f6fb4", "#2f9e61", "#b03a8c", "#7a5230", "#5b6bd6")
 MOMENTS = 6
 
 
-def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]) -> None:
+def _draw_paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]) -> None:
+    """Draw the paths of all vehicles from above and from the side."""
     paths = [records[0].leader_path, *(record.follower_path for record in records)]
-    together = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
+    stamps = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
     above, side = figure.subplots(1, 2)
     for axes, vertical, title in (
         (above, 1, "from above"),
         (side, 2, "from the side, z stretched"),
     ):
-        axes.plot([], [], color="0.6", lw=0.8, label="where both are as the images are taken")
-        leader_then = position_at(paths[0], together)
+        axes.plot([], [], color="0.6", lw=0.8, label="positions when the images are taken")
+        leader_places = position_at(paths[0], stamps)
         for number, path in enumerate(paths):
             line = np.array(list(path.values()))
             name = f"follower {number}" if len(records) > 1 else "follower"
@@ -35,7 +35,7 @@ def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]
                 line[:, 0], line[:, vertical], color=colour, label=name if number else "leader"
             )
             axes.plot(*line[-1, [0, vertical]], "o", color=colour)
-            for pair in np.stack([position_at(path, together), leader_then], axis=1):
+            for pair in np.stack([position_at(path, stamps), leader_places], axis=1):
                 axes.plot(pair[:, 0], pair[:, vertical], color="0.6", lw=0.8, zorder=0)
         axes.set(
             title=title, xlabel="x (m)", ylabel="y, port (m)" if vertical == 1 else "z, up (m)"
@@ -48,7 +48,8 @@ def _paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]
     side.set_ylim(min(low, -2.5), max(high, 2.5))
 
 
-def _errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
+def _draw_errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
+    """Draw the errors of the estimates and of the station over time."""
     for i, axes in enumerate(figure.subplots(1, 5)):
         axes.axhspan(
             -SPECIFICATION[i], SPECIFICATION[i], color=SPECIFIED, alpha=0.2, lw=0,
@@ -58,32 +59,24 @@ def _errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
         for number, record in enumerate(records):
             stamps, errors = record.errors()
             at_station, off_station = record.station_errors()
-            shown, station = errors[:, i] * IN_DEGREES[i], off_station[:, i] * IN_DEGREES[i]
+            error, station = errors[:, i] * IN_DEGREES[i], off_station[:, i] * IN_DEGREES[i]
             colour = FOLLOWERS[number % len(FOLLOWERS)]
-            axes.plot(stamps, shown, ".", ms=2.5, color=colour, label="estimate less truth")
+            axes.plot(stamps, error, ".", ms=2.5, color=colour, label="estimate less truth")
             line = "0.2" if len(records) == 1 else colour
             axes.plot(at_station, station, color=line, lw=1, label="truth less station")
-            limit = max(limit, 1.1 * np.abs([*shown, *station]).max())
+            limit = max(limit, 1.1 * np.abs([*error, *station]).max())
         title = f"{DOF_NAMES[i]}, specification ±{SPECIFICATION[i]:g} {DOF_UNITS[i]}"
         axes.set_title(title, fontsize=10)
         axes.set(xlabel="time (s)", ylabel=f"error of {DOF_NAMES[i]} ({DOF_UNITS[i]})")
         axes.set_ylim(-limit, limit)
         axes.grid(alpha=0.3)
-        if i == 0:
-            handles, labels = axes.get_legend_handles_labels()
-            shown_once = dict(zip(labels[:3], handles[:3], strict=True))
-    figure.legend(
-        list(shown_once.values()),
-        list(shown_once),
-        loc="outside lower center",
-        ncols=3,
-        fontsize=9,
-        frameon=False,
-        markerscale=3,
-    )
+        handles, labels = axes.get_legend_handles_labels()
+    place: Any = {"loc": "outside lower center", "ncols": 3, "frameon": False}
+    figure.legend(handles[:3], labels[:3], fontsize=9, markerscale=3, **place)
 
 
-def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
+def _draw_images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
+    """Draw what the array reads at some moments."""
     grid = figure.subplots(1, MOMENTS)
     brightest = max(float(record.images[moment].max()) for moment in moments)
     for moment, axes in zip(moments, grid, strict=False):
@@ -102,36 +95,33 @@ def _images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
         axes.set_visible(False)
 
 
-def draw_follow(records: Sequence[FollowRecord], path: Path) -> None:
-    """Draw a run: the paths, the five errors over time, the first array's image at a few moments.
+def draw_follow(records: Sequence[FollowRecord]) -> Figure:
+    """Draw a run: the paths, the five errors over time, the first array's image at some moments.
 
     Parameters
     ----------
     records
-        The run as each follower saw it, at least one.
-    path
-        Picture, written whole or not at all.
+        The run of each follower, at least one.
 
     Raises
     ------
     ValueError
-        For a run without a single pose: there is nothing to draw.
+        For a run without a pose: there is nothing to draw.
     """
     first = records[0]
-    both = [stamp for stamp in first.images if stamp in first.truth]
-    if not both or not all(len(record.errors()[0]) for record in records):
+    stamps = [stamp for stamp in first.images if stamp in first.truth]
+    if not stamps or not all(len(record.errors()[0]) for record in records):
         raise ValueError("picture: no pose in this run, so nothing to draw")
-    picks = np.unique(np.linspace(0, len(both) - 1, MOMENTS).round().astype(int))
-    moments = [both[pick] for pick in picks]
+    picks = np.unique(np.linspace(0, len(stamps) - 1, MOMENTS).round().astype(int))
+    moments = [stamps[pick] for pick in picks]
     figure = Figure(figsize=(15, 11), layout="constrained")
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 3.4, 3.2])
-    top, middle, bottom = parts
-    _paths(top, records, moments)
-    _errors(middle, records)
-    _images(bottom, first, moments)
+    _draw_paths(parts[0], records, moments)
+    _draw_errors(parts[1], records)
+    _draw_images(parts[2], first, moments)
     several = len(records) > 1
-    who = "Followers keep station" if several else "A follower keeps station"
-    figure.suptitle(f"{who} behind a leader by light alone", fontsize=14)
-    whose = " of the first follower" if several else ""
-    bottom.suptitle(f"images of the array{whose} at its true poses", fontsize=10)
-    save(figure, path)
+    subject = "Followers keep station" if several else "A follower keeps station"
+    figure.suptitle(f"{subject} behind a leader by light alone", fontsize=14)
+    owner = " of the first follower" if several else ""
+    parts[2].suptitle(f"images of the array{owner} at its true poses", fontsize=10)
+    return figure

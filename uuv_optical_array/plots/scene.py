@@ -1,6 +1,5 @@
 """The picture of a scene: what its array reads, as a sheet of images and profiles."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.plots.style import array_image, detector_ticks, save
+from uuv_optical_array.plots.style import array_image, detector_ticks
 
 COLUMNS = (  # title, degree of freedom, m or deg
     ("aligned", "x", 0.0),
@@ -35,10 +34,11 @@ def sheet_poses() -> Array:
     return sheet
 
 
-def _sheet(figure: Any, images: Array) -> None:
+def _draw_images(figure: Any, images: Array) -> None:
+    """Draw an image for each pose of the sheet."""
     grid = figure.subplots(len(RANGES_M), len(COLUMNS))
     for range_m, row, axes_row in zip(RANGES_M, images, grid, strict=True):
-        # A row has one scale, of its own least and largest reading: background hides no pattern.
+        # Each row has a scale of its own, so that background light does not hide the pattern.
         low, high = row.min(), max(row.max(), row.min() + 1)
         for (title, _, _), image, axes in zip(COLUMNS, row, axes_row, strict=True):
             mesh = array_image(axes, image, vmin=low, vmax=high)
@@ -52,7 +52,8 @@ def _sheet(figure: Any, images: Array) -> None:
         figure.colorbar(mesh, ax=axes_row, pad=0.01, aspect=12, label="reading (counts)")
 
 
-def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
+def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
+    """Draw the profiles through the peak of some columns of the sheet, and their gradients."""
     side = images.shape[-1]
     colours = colormaps["viridis"](np.linspace(0, 0.85, len(RANGES_M)))
     grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
@@ -64,16 +65,12 @@ def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
             for row, range_m in enumerate(RANGES_M):
                 image, (peak_column, peak_row) = images[row, column], at[row, column]
                 profile = image[peak_row] if across else image[:, peak_column]
-                shown = {
-                    "color": colours[row],
-                    "lw": 1.6,
-                    "marker": "o",
-                    "ms": 3 if side < 9 else 0,
-                }
-                axes[0].plot(detectors, profile, label=f"{range_m:g} m", **shown)
-                axes[1].plot(detectors, np.gradient(profile), **shown)
-            way = "horizontal" if across else "vertical"
-            axes[0].set_title(f"{COLUMNS[column][0]}\n{way}", fontsize=10)
+                size = 3 if side < 9 else 0
+                style = {"color": colours[row], "lw": 1.6, "marker": "o", "ms": size}
+                axes[0].plot(detectors, profile, label=f"{range_m:g} m", **style)
+                axes[1].plot(detectors, np.gradient(profile), **style)
+            direction = "horizontal" if across else "vertical"
+            axes[0].set_title(f"{COLUMNS[column][0]}\n{direction}", fontsize=10)
             axes[1].set_xlabel("column" if across else "row", fontsize=9)
             detector_ticks(axes[1].xaxis, most=4)
     for row, name in zip(grid, ("profile (counts)", "gradient\n(counts/detector)"), strict=True):
@@ -88,7 +85,7 @@ def _profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
     figure.legend(handles, labels, loc="outside right center", fontsize=10, title="behind the lamp")
 
 
-def draw_scene(scene: Scene, images: Array, path: Path) -> None:
+def draw_scene(scene: Scene, images: Array) -> Figure:
     """Draw images and profiles of a scene.
 
     Parameters
@@ -97,17 +94,15 @@ def draw_scene(scene: Scene, images: Array, path: Path) -> None:
         The scene.
     images
         What its array reads at `sheet_poses`, counts, shape ``(ranges, columns, side, side)``.
-    path
-        Picture, written whole or not at all.
     """
     figure = Figure(figsize=(13, 15), layout="constrained")
-    parts: Any = figure.subfigures(2, 1, height_ratios=[2.3, 1])
-    _sheet(parts[0], images)
-    _profiles(parts[1], images, scene.full_scale_counts)
+    sheet, profiles = figure.subfigures(2, 1, height_ratios=[2.3, 1])
+    _draw_images(sheet, images)
+    _draw_profiles(profiles, images, scene.full_scale_counts)
     side = scene.array.detectors_per_side
     figure.suptitle(
         f"Scene {scene.name}: readings of the {side} x {side} array with base_link 4 to 8 m behind "
         "the lamp\nimages: each row has its own scale, from its least to its largest reading",
         fontsize=12,
     )
-    save(figure, path)
+    return figure

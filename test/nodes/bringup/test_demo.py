@@ -85,7 +85,7 @@ def refused(folder, *words, meanwhile=lambda: None):
     """Run ``uuv_array follow`` until it refuses; return the line of its error."""
     picture = folder / "x.png"
     process = subprocess.Popen(
-        [*PROGRAM, "follow", "--headless", "--scene", "reference", "--output", picture, *words],
+        [*PROGRAM, "follow", "--scene", "reference", "--output", picture, *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -37,9 +37,15 @@ def make_model(array="curved", reference=(900.0, 4.0), **effects):
     return ForwardModel(scene_from_settings(settings, "test"))
 
 
-@pytest.mark.parametrize("reference", [(900.0, 4.0), (12.5, 7.3)])
-@pytest.mark.parametrize("water", list(WATER))
-@pytest.mark.parametrize("array", list(ARRAYS))
+@pytest.mark.parametrize(
+    ("array", "water", "reference"),
+    [
+        ("planar", "clear", (900.0, 4.0)),
+        ("planar, even", "dim and blurred", (12.5, 7.3)),
+        ("curved", "blurred", (12.5, 7.3)),
+        ("curved, even", "dim", (900.0, 4.0)),
+    ],
+)
 def test_the_aligned_array_reads_the_reference_at_the_reference_range(array, water, reference):
     counts, range_m = reference
     model = make_model(array, reference, **WATER[water])
@@ -77,14 +83,6 @@ def test_the_expected_image_is_the_light_within_the_electronics_limits():
     assert light.max() > 500 > light.min()
     expected = [[min(value, 500.0) for value in row] for row in light]
     np.testing.assert_array_equal(model.expected([-3.0, 0, 0, 0, 0]), expected)
-
-
-def test_the_expected_image_never_changes_and_draws_nothing():
-    model = make_model(**NOISY)
-    first = model.expected(ASIDE).copy()
-    model.expose(ASIDE, np.random.default_rng(12))
-    np.testing.assert_array_equal(model.expected(ASIDE), first)
-    np.testing.assert_array_equal(make_model(**NOISY).expected(ASIDE), first)
 
 
 def test_readings_scatter_about_the_expected_image():

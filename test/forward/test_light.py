@@ -102,14 +102,6 @@ def test_the_beam_is_gaussian_in_the_off_axis_angle_and_round(eta, around, r, si
     assert one_detector(facing(place), sigma) == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
 
-def test_twice_sigma_off_the_axis_the_beam_is_down_to_one_over_e_squared():
-    # W, the 1/e^2 radius, is twice sigma_rho (eqs 3 and 4).
-    off_axis = 2 * SIGMA
-    at_w = one_detector(facing((-math.cos(off_axis), math.sin(off_axis), 0.0)))
-    on_axis = one_detector([-1.0, 0, 0, 0, 0])
-    assert at_w / on_axis == pytest.approx(math.exp(-2), rel=1e-13)
-
-
 @given(r_axial=st.floats(0.5, 30), eta=st.floats(0.0, 1.2), k=st.floats(0, 1))
 def test_beer_dims_along_the_slant_path(r_axial, eta, k):
     range_m = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])[RANGE]
@@ -236,20 +228,6 @@ def test_the_whole_chain_is_that_of_the_second_forward_model(
     expected = second_forward.light(model.scene.settings(), (x, y, z, pitch, yaw), roll)
     found = model.light((x, y, z, pitch, yaw), roll)
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-9)
-
-
-@pytest.mark.parametrize("shape", [(6,), (2, 3), (0,)])
-def test_stacks_of_poses_give_the_stack_of_their_images(shape):
-    model = make_model({"shape": "planar", "detectors_per_side": 4}, 8.0, 0.1)
-    rng = np.random.default_rng(3)
-    poses = rng.uniform([-8, -1, -1, -0.5, -0.5], [-4, 1, 1, 0.5, 0.5], (*shape, 5))
-    rolls = rng.uniform(-1, 1, shape)
-    together = model.light(poses, rolls)
-    assert together.shape == (*shape, 4, 4)
-    for index in np.ndindex(*shape):
-        alone = model.light(poses[index], rolls[index])
-        assert alone.shape == (4, 4)
-        np.testing.assert_allclose(together[index], alone, rtol=1e-13)
 
 
 @given(

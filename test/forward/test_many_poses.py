@@ -6,23 +6,15 @@ import sys
 import numpy as np
 import pytest
 import second_forward
-from drawn_effects import SHAPES, scene_with
+from drawn_effects import scene_with
 from effect_settings import middle_settings
 
 from uuv_optical_array.estimation.table.signature_table import build_table
-from uuv_optical_array.forward import model as model_module
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
-
-WATER = {
-    "attenuation": {"k_per_m": 0.15},
-    "ambient": {"level_counts": 7.0},
-    "forward_scatter": {"window_m": 0.3},
-    "responsivity": {"spread": 0.1, "seed": 1},
-}
 
 
 def table_poses(count, seed=1):
@@ -41,36 +33,23 @@ def test_a_million_readings_are_those_of_the_second_forward_model():
         np.testing.assert_allclose(light[i], expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", EFFECTS)
-@pytest.mark.parametrize("readings", [1, 9, 64, 1000])
-def test_the_size_of_a_block_changes_nothing(monkeypatch, shape, name, readings):
-    model = ForwardModel(scene_with({name: middle_settings(name)}, shape, 5))
+def test_a_stack_of_several_blocks_is_each_of_its_rows(name):
+    model = ForwardModel(scene_with({name: middle_settings(name)}))
     rng = np.random.default_rng(2)
-    poses, rolls = table_poses(14).reshape(2, 7, 5), rng.uniform(-1, 1, (2, 7))
-    offsets = {key: rng.uniform(-0.1, 0.1, (2, 7)) for key in model.nuisances}
-    moments = rng.uniform(0, 100, (2, 7))
-
-    def everything():
-        light = model.light(poses, rolls, offsets, moments)
-        return light, *model.linearised(poses, rolls, offsets)
-
-    whole = everything()
-    monkeypatch.setattr(model_module, "BLOCK_READINGS", readings)
-    for found, expected in zip(everything(), whole, strict=True):
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13 * scale)
-
-
-@pytest.mark.parametrize("names", [[], ["ambient"], ["forward_scatter"], list(WATER)], ids=str)
-def test_a_stack_of_poses_with_effects_is_each_of_its_rows(names):
-    model = ForwardModel(scene_with({name: WATER[name] for name in names}))
-    poses, rolls = table_poses(5000).reshape(50, 100, 5), np.linspace(-1, 1, 100)
-    light = model.light(poses, rolls)
-    assert light.shape == (50, 100, 5, 5)
-    for some, expected in zip(poses[::7], light[::7], strict=True):
-        alone = np.stack([model.light(pose, roll) for pose, roll in zip(some, rolls, strict=True)])
-        np.testing.assert_allclose(alone, expected, rtol=1e-12, atol=1e-11)
+    poses, rolls = table_poses(4200).reshape(2, 2100, 5), rng.uniform(-1, 1, (2, 2100))
+    offsets = {key: rng.uniform(-0.1, 0.1, (2, 2100)) for key in model.nuisances}
+    times = rng.uniform(0, 100, (2, 2100))
+    light = model.light(poses, rolls, offsets, times)
+    image, jacobian = model.linearised(poses, rolls, offsets)
+    for place in [(0, 0), (0, 2047), (0, 2048), (1, 7), (1, 2099)]:
+        own = {key: values[place] for key, values in offsets.items()}
+        expected = model.linearised(poses[place], rolls[place], own)
+        found = light[place], image[place], jacobian[place]
+        alone = model.light(poses[place], rolls[place], own, times[place])
+        for some, other in zip(found, (alone, *expected), strict=True):
+            scale = np.abs(other).max()
+            np.testing.assert_allclose(some, other, rtol=1e-12, atol=1e-13 * scale)
 
 
 def test_a_table_has_the_peaks_of_each_pose_alone():

@@ -43,17 +43,6 @@ def test_many_moments_at_once_are_each_alone_and_come_again_by_the_seed(chosen):
         np.testing.assert_allclose(together[place], alone, rtol=1e-12)
 
 
-@pytest.mark.parametrize("chosen", [FLICKER, DRIFT, PLUME], ids=["flicker", "drift", "plume"])
-def test_very_many_moments_give_the_same_as_few(chosen):
-    model = model_with(**chosen)
-    rng = np.random.default_rng(6)
-    poses = np.array(AHEAD) + 0.1 * rng.standard_normal((4000, 5))
-    moments = rng.uniform(0, 100, 4000)
-    many = model.expose(poses, time_s=moments)
-    few = model.expose(poses[::40], time_s=moments[::40])
-    np.testing.assert_allclose(many[::40], few, rtol=1e-9)
-
-
 def test_a_flicker_is_a_sine_of_the_time():
     model, still = model_with(**FLICKER), model_with().light(AHEAD)
     for time_s in (0.0, 0.0025, 0.0071, 12.3456):

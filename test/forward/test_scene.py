@@ -45,29 +45,16 @@ FULL = {
         "yaw_deg": [-20.0, 20.0, 5],
     },
 }
-# Another valid value of each key, drawn from its documented range.
+# Another valid value of a key of each kind, from its documented range.
 VALUES = {
     "lamp.beam_sigma_deg": st.floats(0.1, 90),
-    "lamp.reference_counts": st.floats(1, 1e6),
-    "lamp.reference_range_m": st.floats(0.1, 1000),
     "array.detectors_per_side": st.integers(2, 501),
-    "array.width_m": st.floats(0.01, 0.45),
     "array.bow_m": st.floats(-50, 50),
-    "array.radius_m": st.floats(0.3, 100),
     "effects.attenuation.k_per_m": st.floats(0, 10),
-    "effects.forward_scatter.window_m": st.floats(1e-3, 10),
-    "effects.sensor_noise.sigma_counts": st.floats(0, 1e6),
-    "effects.saturation.level_counts": st.floats(1, 1e6),
     "effects.adc.bits": st.integers(1, 16),
     "signature.peak": st.sampled_from(["detector", "subdetector"]),
-    "signature.peak_weight": st.floats(1e-6, 1e6),
-    "signature.position_weight": st.floats(1e-6, 1e6),
-    "signature.skewness_weight": st.floats(1e-6, 1e6),
     "signature.lift": st.floats(0, 1e6),
     "table.x_m": st.tuples(st.floats(-1000, -500), st.floats(-4, 1000), st.integers(2, 10_000)),
-    "table.y_m": st.tuples(st.floats(-1000, -1), st.floats(1, 1000), st.integers(2, 10_000)),
-    "table.z_m": st.tuples(st.floats(-1000, -1), st.floats(1, 1000), st.integers(2, 10_000)),
-    "table.pitch_deg": st.tuples(st.floats(-90, -1), st.floats(1, 90), st.integers(2, 10_000)),
     "table.yaw_deg": st.tuples(st.floats(-180, -1), st.floats(1, 180), st.integers(2, 10_000)),
 }
 MISSING = object()
@@ -212,42 +199,26 @@ def test_full_scale_is_the_lowest_limit_or_else_the_reference_reading(effects, e
             ["zzz: unknown key", "known here: lamp, array, signature, table, prior, effects"],
         ),
         ("array.colour", "red", ["array.colour: unknown key", "known here: shape, detectors"]),
-        ("signature.weights", 1, ["signature.weights: unknown key", "did you mean"]),
         ("lamp.beam_sigma_deg", "8 deg", ["'8 deg' is not a number", "without a unit", "90 deg"]),
         ("lamp.beam_sigma_deg", True, ["lamp.beam_sigma_deg: True is not a number"]),
-        ("lamp.beam_sigma_deg", None, ["lamp.beam_sigma_deg: None is not a number"]),
-        ("lamp.beam_sigma_deg", [8.0], ["lamp.beam_sigma_deg: [8.0] is not a number"]),
         ("lamp.beam_sigma_deg", 0.09, ["0.09 is out of bounds", "from 0.1 to 90 deg"]),
-        ("lamp.beam_sigma_deg", 91, ["91 is out of bounds", "from 0.1 to 90 deg"]),
         ("lamp.beam_sigma_deg", math.nan, ["nan is out of bounds", "from 0.1 to 90 deg"]),
         ("lamp.reference_counts", math.inf, ["inf is out of bounds", "1 to 1e+06 counts"]),
         ("array.detectors_per_side", 5.0, ["5.0 is not a whole number", "from 2 to 501"]),
-        ("array.detectors_per_side", 1, ["1 is out of bounds", "from 2 to 501"]),
         ("array.shape", "sphere", ["array.shape: 'sphere'", "choose planar or curved"]),
-        ("array.shape", True, ["array.shape: True", "choose planar or curved"]),
-        ("array.shape", ["planar"], ["array.shape: ['planar']", "choose planar or curved"]),
         ("array.shape", "planar", ["array.radius_m: 0.32 m, but a planar array has none"]),
         ("array.radius_m", MISSING, ["array.radius_m: missing", "curved"]),
-        ("array.radius_m", None, ["array.radius_m: missing", "curved"]),
         ("array.radius_m", 0.28, ["array.radius_m: 0.28 m is too small", "0.2828 m", "larger"]),
         ("lamp", MISSING, ["lamp.beam_sigma_deg: missing", "add it to the scene"]),
-        ("lamp", None, ["lamp.beam_sigma_deg: missing", "add it to the scene"]),
-        ("lamp.reference_range_m", MISSING, ["lamp.reference_range_m: missing", "add it"]),
         ("lamp", [8.0], ["lamp: [8.0] is not a mapping"]),
-        ("array", "curved", ["array: 'curved' is not a mapping"]),
-        ("effects.adc.bits", 17, ["effects.adc.bits: 17 is out of bounds", "from 1 to 16"]),
         ("table.x_m", -5.0, ["table.x_m: -5.0 is not a span", "[from, to, how many]"]),
-        ("table.x_m", [-8.0, -4.0], ["table.x_m", "is not a span", "[from, to, how many]"]),
         ("table.x_m", [-8.0, "-4 m", 5], ["table.x_m[1]: '-4 m' is not a number"]),
-        ("table.x_m", [math.nan, -4.0, 5], ["table.x_m[0]: nan is out of bounds"]),
         ("table.x_m", [-1001, -4.0, 5], ["table.x_m[0]: -1001 is out", "from -1000 to 1000 m"]),
         ("table.x_m", [-8.0, -4.0, 5.0], ["table.x_m[2]: 5.0 is not a whole number"]),
         ("table.x_m", [-8.0, -4.0, 10_001], ["table.x_m[2]: 10001 is out", "1 to 10000 values"]),
         ("table.x_m", [-4.0, -8.0, 5], ["table.x_m: [-4, -8, 5] is no span", "from < to"]),
         ("table.x_m", [-8.0, -4.0, 1], ["table.x_m: [-8, -4, 1] is no span", "at least 2"]),
-        ("table.x_m", [-4.0, -4.0, 2], ["table.x_m: [-4, -4, 2] is no span", "twice with 1"]),
         ("table.pitch_deg", [-91, 0, 2], ["table.pitch_deg[0]: -91", "from -90 to 90 deg"]),
-        ("signature.lift", -1.0, ["signature.lift: -1.0 is out of bounds", "0 to 1e+06"]),
     ],
 )
 def test_a_wrong_setting_is_refused_with_its_key_value_bound_and_cure(path, value, words):
@@ -256,9 +227,9 @@ def test_a_wrong_setting_is_refused_with_its_key_value_bound_and_cure(path, valu
         assert word in message
 
 
-@pytest.mark.parametrize("values", [None, [], "lamp", 3])
-def test_settings_that_are_no_mapping_are_refused(values):
-    assert f"{values!r} is not a mapping of groups" in refusal(values)
+def test_settings_that_are_no_mapping_are_refused():
+    for values in (None, [], "lamp", 3):
+        assert f"{values!r} is not a mapping of groups" in refusal(values)
 
 
 def test_each_numeric_key_takes_its_bounds_and_nothing_beyond():
@@ -285,14 +256,14 @@ def test_each_numeric_key_takes_its_bounds_and_nothing_beyond():
     ("text", "words"),
     [
         (b"lamp: [8.0", ["not YAML"]),
-        (b"lamp: {a: 1}}\n", ["not YAML"]),
         (b"\tlamp: 1", ["not YAML"]),
         (b"\x80\x04\x95\xff\xfe", ["not YAML"]),
         (b"lamp: \x00\x01", ["not YAML"]),
+        (b"lamp: 2001-99-99", ["not YAML"]),
+        (b"lamp: " + b"9" * 5000, ["not YAML"]),
         (b"", ["None is not a mapping of groups"]),
         (b"just words", ["'just words' is not a mapping of groups"]),
     ],
-    ids=["open bracket", "extra brace", "tab", "not UTF-8", "control bytes", "empty", "a word"],
 )
 def test_a_file_that_holds_no_scene_is_refused_by_name(tmp_path, text, words):
     file = tmp_path / "broken.yaml"
@@ -345,8 +316,8 @@ def test_any_changed_value_changes_the_fingerprint_and_is_the_only_difference(da
     assert str(before) in line.split(" there and ")[1]
 
 
-@pytest.mark.parametrize("name", list(FULL["effects"]))
-def test_an_effect_left_out_changes_the_fingerprint_and_reads_absent(name):
+def test_an_effect_left_out_changes_the_fingerprint_and_reads_absent():
+    name = "adc"
     scene, other = valid(FULL), valid(changed(f"effects.{name}", MISSING))
     assert other.fingerprint != scene.fingerprint
     (line,) = scene.differences(other)
@@ -366,7 +337,6 @@ def test_settings_survive_yaml_and_give_an_equal_scene(data):
         for parent in parents:
             group = group[parent]
         group[last] = list(value) if isinstance(value, tuple) else value
-    assume(values["array"]["radius_m"] > 0.71 * values["array"]["width_m"])
     scene = valid(values)
     again = valid(yaml.safe_load(yaml.safe_dump(scene.settings())))
     assert again == scene
@@ -396,16 +366,6 @@ def test_minus_zero_is_zero_in_the_fingerprint():
     plus, minus = (valid(changed("signature.lift", zero)) for zero in (0.0, -0.0))
     assert plus == minus
     assert plus.fingerprint == minus.fingerprint
-
-
-@pytest.mark.parametrize(
-    "text", ["lamp: 2001-99-99", "lamp: " + "9" * 5000], ids=["no such day", "5000 digits"]
-)
-def test_yaml_that_breaks_while_a_value_is_built_is_refused_by_file(tmp_path, text):
-    file = tmp_path / "broken.yaml"
-    file.write_text(text)
-    with pytest.raises(ValueError, match=r"scene .*broken\.yaml: not YAML"):
-        load_scene(file)
 
 
 @pytest.mark.parametrize(

@@ -96,12 +96,6 @@ def test_readings_scatter_about_the_expected_image():
     np.testing.assert_allclose(readings.std(axis=0), deviation, rtol=6 / np.sqrt(2 * number))
 
 
-def test_noise_comes_before_saturation_so_that_no_reading_exceeds_the_level():
-    model = make_model(saturation={"level_counts": 600.0}, sensor_noise={"sigma_counts": 50.0})
-    readings = model.expose(np.broadcast_to([-4.0, 0, 0, 0, 0], (50, 5)), np.random.default_rng(17))
-    assert readings.max() == 600.0
-
-
 @pytest.mark.parametrize(("level", "largest"), [(2000.0, 1023), (700.4, 700)])
 def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, largest):
     model = make_model(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from differences import assert_close, differentiate
-from drawn_effects import SHAPES, poses, scene_with
+from drawn_effects import poses, scene_with
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -81,23 +81,6 @@ def test_the_jacobian_is_the_derivative_of_the_light(
     image, jacobian = model.linearised(pose, roll, offsets)
     np.testing.assert_allclose(image, light(at), rtol=1e-12)
     assert_close(jacobian, differentiate(light, at))
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_many_poses_at_once_have_the_jacobians_of_each(shape):
-    model = make_model(shape, 4)
-    rng = np.random.default_rng(1)
-    many = np.array(ALIGNED) + 0.2 * rng.standard_normal((2, 3, 5))
-    roll = 0.2 * rng.standard_normal((2, 3))
-    offsets = {name: 0.01 * rng.standard_normal((2, 3)) for name in NUISANCES}
-    image, jacobian = model.linearised(many, roll, offsets)
-    assert image.shape == (2, 3, 16)
-    assert jacobian.shape == (2, 3, 16, 5 + len(NUISANCES))
-    for i in np.ndindex(2, 3):
-        own = {name: values[i] for name, values in offsets.items()}
-        one_image, one_jacobian = model.linearised(many[i], roll[i], own)
-        np.testing.assert_allclose(image[i], one_image, rtol=1e-12)
-        np.testing.assert_allclose(jacobian[i], one_jacobian, rtol=1e-9, atol=1e-9)
 
 
 def test_a_detector_that_faces_away_has_no_slope_and_no_light():

@@ -252,26 +252,21 @@ def test_each_numeric_key_takes_its_bounds_and_nothing_beyond():
             assert f"{path}: {beyond!r} is out of bounds" in refusal(changed(path, beyond))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (b"lamp: [8.0", ["not YAML"]),
-        (b"\tlamp: 1", ["not YAML"]),
-        (b"\x80\x04\x95\xff\xfe", ["not YAML"]),
-        (b"lamp: \x00\x01", ["not YAML"]),
-        (b"lamp: 2001-99-99", ["not YAML"]),
-        (b"lamp: " + b"9" * 5000, ["not YAML"]),
-        (b"", ["None is not a mapping of groups"]),
-        (b"just words", ["'just words' is not a mapping of groups"]),
-    ],
-)
-def test_a_file_that_holds_no_scene_is_refused_by_name(tmp_path, text, words):
+def test_a_file_that_holds_no_scene_is_refused_by_name(tmp_path):
     file = tmp_path / "broken.yaml"
-    file.write_bytes(text)
-    with pytest.raises(ValueError, match="broken") as caught:
-        load_scene(file)
-    for word in words:
-        assert word in str(caught.value)
+    for text, words in (
+        (b"lamp: [8.0", "not YAML"),
+        (b"\tlamp: 1", "not YAML"),
+        (b"\x80\x04\x95\xff\xfe", "not YAML"),
+        (b"lamp: \x00\x01", "not YAML"),
+        (b"lamp: 2001-99-99", "not YAML"),
+        (b"lamp: " + b"9" * 5000, "not YAML"),
+        (b"", "None is not a mapping of groups"),
+        (b"just words", "'just words' is not a mapping of groups"),
+    ):
+        file.write_bytes(text)
+        with pytest.raises(ValueError, match=rf"scene .*broken.*{words}"):
+            load_scene(file)
 
 
 def test_a_nan_or_a_unit_in_a_file_is_refused_by_key(tmp_path):

@@ -14,8 +14,7 @@ from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.enclaves import enclave
-from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, choices
+from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, choices, enclave
 from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"

@@ -52,7 +52,7 @@ def send_image(lab, node, i):
     image[0, -1] = 100 + i
     node.images.publish(image_to_message(image, header(i, "array")))
     stamp = START_NS + i * 10**8
-    lab.until(lambda: node.waiting and node.waiting[-1].stamp_ns == stamp, f"image {i}")
+    lab.until(lambda: node.waiting and node.waiting[-1][0] == stamp, f"image {i}")
 
 
 def send_track(lab, node, i, frame="beacon", child="base_link"):

@@ -120,13 +120,8 @@ WAITING = 20  # stamps of which only the image or only the key parameters have c
 class EstimatorNode(Node):
     """Publish a pose for each image that the scene can explain, and nothing else.
 
-    Parameters
-    ----------
-    hand_over
-        Takes each track after it is published. With it neither key parameters nor images come by
-        topic: a node of the same process calls `on_frame`.
-    options
-        As of `Node`.
+    `hand_over` takes each track after it is published; with it neither key parameters nor images
+    come by topic: a node of the same process calls `on_frame`.
     """
 
     def __init__(self, hand_over: Callable[[Odometry], None] | None = None, **options: Any) -> None:
@@ -300,14 +295,8 @@ class EstimatorNode(Node):
     def answer(self, header: Header, parameters: Array | None, image: Array | None) -> None:
         """Publish the pose of one image, or say why there is none.
 
-        Parameters
-        ----------
-        header
-            Of the image.
-        parameters
-            Its key parameters, shape ``(5,)``; ``None`` where there is no light.
-        image
-            Counts, shape ``(side, side)``; ``None``: a match does without.
+        The key parameters are ``None`` where there is no light, the image where a match does
+        without.
         """
         self.afterwards.finish()
         pipeline = self.pipeline

@@ -37,13 +37,8 @@ PARAMETERS = {
 class FeatureNode(Node):
     """Publish one point of five fields for each image; no point where there is no light.
 
-    Parameters
-    ----------
-    hand_over
-        Takes header, key parameters or ``None``, and counts of each image before the parameters are
-        published. With it only the newest of the images that wait is served.
-    options
-        As of `Node`.
+    `hand_over` takes header, key parameters or ``None``, and counts of each image before the
+    parameters are published; with it only the newest of the images that wait is served.
     """
 
     def __init__(

@@ -40,12 +40,7 @@ PARAMETERS = {
 class FormationNode(Node):
     """Command the follower to its station; slow it to a stop when the light is lost.
 
-    Parameters
-    ----------
-    subscribed
-        Whether tracks come by topic; otherwise `on_track` is called by a node of the same process.
-    options
-        As of `Node`.
+    Tracks come by topic where it is `subscribed`; else a node of the same process calls `on_track`.
     """
 
     def __init__(self, subscribed: bool = True, **options: Any) -> None:

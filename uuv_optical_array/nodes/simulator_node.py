@@ -56,14 +56,9 @@ WAITING = 50  # follower poses kept until the leader's odometry catches up
 
 
 class SimulatorNode(Node):
-    """Publish what the array would read at each pose of the follower.
+    """Publish what the array would read at each pose of the follower; options as of `Node`.
 
-    Parameters
-    ----------
-    hand_over
-        Takes header and true pose, m and rad, shape ``(5,)``, of each image that is published.
-    options
-        As of `Node`.
+    `hand_over` takes header and true pose, m and rad, shape ``(5,)``, of each published image.
     """
 
     def __init__(
@@ -82,7 +77,7 @@ class SimulatorNode(Node):
         seed = self.parameters["seed"]
         self.rng = np.random.default_rng(None if seed < 0 else seed)
         self.leader = Trajectory(self.parameters["max_gap_s"])
-        self.leader_frame = ""
+        self.leader_frame, self.axes = "", self.parameters["odometry_axes"]
         self.waiting: deque[Odometry] = deque()
         self.order = StampOrder()
         self.diagnostics = Diagnostics(self)
@@ -92,14 +87,10 @@ class SimulatorNode(Node):
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
 
-    def pose(self, message: Odometry) -> tuple[Array, Array]:
-        """Return position and quaternion of an odometry, in REP 103 axes."""
-        return odometry_pose(message, self.parameters["odometry_axes"])
-
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's pose and serve the follower poses that waited for it."""
         try:
-            self.leader.add(stamp_ns(message.header), *self.pose(message))
+            self.leader.add(stamp_ns(message.header), *odometry_pose(message, self.axes))
         except Refused as reason:
             self.diagnostics.refuse(f"leader/odometry, {reason}")
             return
@@ -110,7 +101,7 @@ class SimulatorNode(Node):
         """Queue the follower's pose."""
         try:
             self.order.check(message.header)
-            self.pose(message)
+            odometry_pose(message, self.axes)
         except Refused as reason:
             self.diagnostics.refuse(f"follower/odometry, {reason}")
             # Where the clock was set back, poses of the old time would wait for ever.
@@ -147,7 +138,7 @@ class SimulatorNode(Node):
                 f"follower/odometry in {follower.header.frame_id!r}; both must share one"
             )
         beacon = leader_position + leader_rotation @ np.array(self.parameters["beacon_position_m"])
-        position, quaternion = self.pose(follower)
+        position, quaternion = odometry_pose(follower, self.axes)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
         moment = stamp_ns(follower.header) * 1e-9

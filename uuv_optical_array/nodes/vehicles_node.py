@@ -48,9 +48,7 @@ PARAMETERS = {
         ("both", "leader", "follower"),
     ),
     "followers": Parameter(
-        1,
-        Quantity("how many a leader alone waits for: follower_1/cmd_vel and so on", "", 1, 100),
-        True,
+        1, Quantity("a leader alone waits for so many: follower_1/cmd_vel, ...", "", 1, 100), True
     ),
     "vehicle_model": Parameter(
         "kinematic",

@@ -2,7 +2,7 @@
 
 from collections import deque
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -38,9 +38,7 @@ from uuv_optical_array.view.sight import Sight
 PARAMETERS = {
     "scene": SCENE,
     "host": Parameter(
-        LOOPBACK,
-        Quantity("address that the page is served at; 0.0.0.0 is for the whole network"),
-        True,
+        LOOPBACK, Quantity("address of the page; 0.0.0.0 is for the whole network"), True
     ),
     "port": Parameter(
         PORT, Quantity("port of the page, or the next that is free", "", 1, 65535), True
@@ -55,13 +53,6 @@ PARAMETERS = {
 WAITING = 10  # images that wait for a track that is late
 
 
-class _Waiting(NamedTuple):
-    """An image that waits for its track, and for the next image, by when the odometry is there."""
-
-    stamp_ns: int
-    image: Array
-
-
 class ViewNode(Node):
     """Show images and tracks, and the truth where there are odometries; options as of `Node`."""
 
@@ -72,19 +63,16 @@ class ViewNode(Node):
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
         self.diagnostics = Diagnostics(self)
-        self.waiting: deque[_Waiting] = deque()
+        # Stamp and image: they wait for the track, and for the next image and so the odometry.
+        self.waiting: deque[tuple[int, Array]] = deque()
         self.tracks: dict[int, Odometry] = {}
         self.first_ns = self.shown_ns = 0
         self.trajectories = {
             name: Trajectory(self.parameters["max_gap_s"]) for name in ("leader", "follower")
         }
-        namespace = self.get_namespace()
-        self.page = Page(
-            self.scene,
-            f"uuv_optical_array: topics of {namespace}",
-            self.parameters["host"],
-            self.parameters["port"],
-        )
+        title = f"uuv_optical_array: topics of {self.get_namespace()}"
+        address = self.parameters["host"], self.parameters["port"]
+        self.page = Page(self.scene, title, *address)
         self.get_logger().info(f"open {self.page.url} in a browser")
         subscribe(self, Image, "array/image", self.on_image)
         subscribe(self, Odometry, "relative_odometry", self.on_track)
@@ -115,13 +103,13 @@ class ViewNode(Node):
         except Refused as reason:
             self.diagnostics.refuse(str(reason))
             return
-        self.waiting.append(_Waiting(stamp, image))
+        self.waiting.append((stamp, image))
         self.serve()
 
     def serve(self) -> None:
         """Show images in order: each with its track, or without where a later one is there."""
         while len(self.waiting) > 1:
-            first = self.waiting[0].stamp_ns
+            first, _ = self.waiting[0]
             late = bool(self.tracks) and all(stamp < first for stamp in self.tracks)
             if late and len(self.waiting) <= WAITING:
                 return

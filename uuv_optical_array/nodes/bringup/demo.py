@@ -23,7 +23,12 @@ from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.shared.graph import SEPARATE, UNKNOWN, publishers, several_publishers
+from uuv_optical_array.nodes.shared.diagnostics import (
+    SEPARATE,
+    UNKNOWN,
+    publishers,
+    several_publishers,
+)
 from uuv_optical_array.nodes.shared.messages import (
     image_from_message,
     odometry_pose,
@@ -40,18 +45,10 @@ DISCOVERY_S = 2.0  # in which the nodes of another run are found
 
 
 class RecorderNode(Node):
-    """Keep what the nodes of one follower publish, from the moment when the leader sets off.
+    """Keep in a record what the nodes of one follower publish, from when the leader sets off.
 
-    Parameters
-    ----------
-    record
-        Where it is kept.
-    array
-        Of the follower's scene.
-    leader
-        Topic of the odometry of the leader of all, who need not be the one that is followed.
-    options
-        As of `Node`.
+    `leader` is the topic of the odometry of the leader of all, who need not be the one that is
+    followed; `options` are those of `Node`.
     """
 
     def __init__(
@@ -175,18 +172,15 @@ def follow(
 
     Returns
     -------
-    records : list of FollowRecord
-        What was published, until the end or until it was interrupted, for each follower.
-    light_timeout_s
-        How long the formation control bears to be without a pose, s.
-    interrupted : bool
-        Whether a signal ended it.
+    tuple
+        A record for each follower, the longest time without a pose that the formation control
+        accepts, s, and whether a signal ended the run.
 
     Raises
     ------
     ValueError
         For a parameter or a scene that a node refuses, and where another run publishes on the
-        topics of this one, whether it was there first or comes later.
+        topics of this one.
     """
     start(["--ros-args", *ros_args])
     executor = SingleThreadedExecutor()

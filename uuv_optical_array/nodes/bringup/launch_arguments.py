@@ -1,7 +1,9 @@
-"""Arguments of the launch files, each with its default and its meaning.
+"""Arguments of the launch files, each with its default and its meaning, and enclaves of SROS2.
 
 Empty means: not given, so that neither a file's value nor a node's default is replaced.
 """
+
+from uuv_optical_array.core.storage.files import PACKAGE
 
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
 SCENE = "ready scene's name or a YAML file: lamp, water, array, electronics"
@@ -52,3 +54,8 @@ def choices(name: str, default: str) -> list[str] | None:
         return None
     others = ["follower", "leader"] if name == "demo" else []
     return [*YES, *NO, *others, *([] if default else [""])]
+
+
+def enclave(namespace: str, executable: str) -> str:
+    """Return the path of an executable's enclave, below that of its namespace, ``/`` or empty."""
+    return "/".join(["", PACKAGE, *filter(None, namespace.split("/")), executable])

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.node import Node
 
 from uuv_optical_array.core.extras import NotInstalled
-from uuv_optical_array.nodes.bringup.enclaves import enclave
+from uuv_optical_array.nodes.bringup.launch_arguments import enclave
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.follower_node import follower
@@ -26,7 +26,7 @@ VERSION = "0.2.0"  # of the policy's schema
 
 
 def view() -> list[Node]:
-    """Return the live view, which imports Matplotlib, as no other node does."""
+    """Return the live view, which needs an extra, as no other node does."""
     from uuv_optical_array.nodes.view_node import ViewNode
 
     return [ViewNode()]
@@ -45,18 +45,10 @@ CLOCK = "/clock"  # which nodes hear that use simulated time
 
 
 def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) -> str:
-    """Return the policy that allows nodes what they declare, and no more.
+    """Return the policy that allows nodes what they declare, and no more, as XML.
 
-    Parameters
-    ----------
-    processes
-        By the name of each executable what makes its nodes; ROS has been started. One that lacks
-        an extra here has no enclave, and a line on standard error says so.
-
-    Returns
-    -------
-    str
-        XML, of schema version 0.2.0.
+    `processes` has what makes the nodes of each executable; ROS has been started. One that lacks an
+    extra here has no enclave, and a line on standard error says so.
     """
     root = ElementTree.Element("policy", version=VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")

@@ -8,12 +8,30 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from uuv_optical_array.nodes.shared.graph import several_publishers
 from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
 
 PERIOD_S = 1.0
 WINDOW = 5  # periods that the rate is counted over
 ACCEPTABLE_AGE_S = -1.0, 5.0  # of a stamp, beyond which it is of another clock
+UNKNOWN = "a node not known by name yet"  # its publishers are found before it is
+SEPARATE = "give each run a namespace or a ROS_DOMAIN_ID of its own"
+
+
+def publishers(node: Node, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish on a topic, one for each publisher."""
+    ends = node.get_publishers_info_by_topic(topic)
+    names = ((end.node_namespace.rstrip("/"), end.node_name) for end in ends)
+    return sorted(UNKNOWN if "UNKNOWN_" in name else f"{space}/{name}" for space, name in names)
+
+
+def several_publishers(node: Node, topic: str) -> str:
+    """Say who publishes on a topic that is to have one publisher; empty where only one does.
+
+    A node that was killed counts until the middleware misses it, some 20 s.
+    """
+    if node.count_publishers(topic) < 2:
+        return ""
+    return f"several publishers: {topic} of {' and '.join(publishers(node, topic))}; {SEPARATE}"
 
 
 class Diagnostics:
@@ -22,12 +40,7 @@ class Diagnostics:
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
     reason of each kind, a lasting warning, several publishers of a watched topic, stamps of another
     clock, or no input. ERROR: the node cannot work until its set-up changes. STALE is what an
-    aggregator says of a silent node.
-
-    Parameters
-    ----------
-    node
-        The node that reports; its namespace is the hardware's name.
+    aggregator says of a silent node. The namespace of the node is the hardware's name.
     """
 
     def __init__(self, node: Node) -> None:

@@ -21,21 +21,8 @@ def listen(
 ) -> None:
     """Hand over each image of a topic while they are wanted, until SIGINT or SIGTERM.
 
-    Parameters
-    ----------
-    topic
-        Of ``sensor_msgs/Image``.
-    array
-        The array that sends it.
-    take
-        Takes stamp, ns, and counts, shape ``(side, side)``; its errors end the listening.
-    wanted
-        Whether there should be more.
-
-    Raises
-    ------
-    Refused
-        For an image that is not of the array.
+    `take` gets stamp, ns, and counts, shape ``(side, side)``; its errors, and `Refused` for an
+    image that is not of the array, end the listening.
     """
     start(None)
     try:

@@ -197,18 +197,10 @@ def pose_to_message(
 def odometry_to_message(
     pose: PoseWithCovarianceStamped, child_frame: str, twist: Array, covariance: Array
 ) -> Odometry:
-    """Pack a pose as `pose_to_message` has it, and the twist of the frame that it places.
+    """Pack a pose, and the twist of the frame that it places with its 6x6 covariance.
 
-    Parameters
-    ----------
-    pose
-        Where the child frame is.
-    child_frame
-        Its name; `body_beside` says in which axes it is.
-    twist
-        Linear and angular velocity in the child frame, REP 103, m/s and rad/s, shape ``(6,)``.
-    covariance
-        Of `twist`, shape ``(6, 6)``.
+    The twist is in the child frame, REP 103, m/s and rad/s, shape ``(6,)``; the message has it in
+    the axes that `body_beside` chooses.
     """
     frame = body_beside(pose.header.frame_id, child_frame)
     message = Odometry(header=pose.header, pose=pose.pose, child_frame_id=frame)

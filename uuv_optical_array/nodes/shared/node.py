@@ -29,15 +29,7 @@ WAITING = 100  # messages that may wait for the newest to be taken, and are coun
 
 
 class FinitePublisher:
-    """Publish messages but those that hold a number that is not finite.
-
-    Parameters
-    ----------
-    node
-        The node that publishes; its ``diagnostics`` tell what was held back.
-    publisher
-        Where the others go.
-    """
+    """Publish messages but those that hold a number that is not finite: the diagnostics name it."""
 
     def __init__(self, node: Any, publisher: Publisher) -> None:
         self._node, self._publisher = node, publisher
@@ -59,10 +51,7 @@ class FinitePublisher:
 
 
 def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
-    """Create a reliable publisher of finite numbers whose QoS parameters can override.
-
-    The node's ``diagnostics`` tell of other publishers of the topic.
-    """
+    """Create a reliable publisher of finite numbers whose QoS parameters can override."""
     publisher = node.create_publisher(
         message_type,
         topic,
@@ -74,14 +63,9 @@ def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
 
 
 class Afterwards:
-    """Does what a message that was published need not wait for.
+    """Does the work of a node that a published message need not wait for.
 
     A node of the same process hears the message first, as it has the thread before this work.
-
-    Parameters
-    ----------
-    node
-        The node whose work it is.
     """
 
     def __init__(self, node: Node) -> None:
@@ -157,17 +141,13 @@ def transform_publisher(
     It takes stamp and parent frame, the child frame, and the child's pose in the parent. A fixed
     frame goes to ``/tf_static``, whose last message reaches those who listen later, too.
     """
-
-    def nothing(header: Header, child_frame: str, pose: Pose) -> None:
-        pass
-
     if not wanted:
-        return nothing
+        return lambda header, child_frame, pose: None
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
-        return nothing
+        return lambda header, child_frame, pose: None
     lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     topic, qos = ("/tf_static", lasting) if fixed else ("/tf", QoSProfile(depth=100))
     publisher = FinitePublisher(node, node.create_publisher(TFMessage, topic, qos))
@@ -194,35 +174,26 @@ def start(args: list[str] | None) -> None:
 def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> bool:
     """Serve callbacks while they are wanted, until SIGINT, SIGTERM or a shutdown.
 
-    Return whether a signal ended it.
-
-    A signal counts between two callbacks: an exception in the midst of one, which is what Python
-    makes of SIGINT, can strike rclpy while it takes a message.
+    Return whether a signal ended it. A signal counts between two callbacks: an exception in the
+    midst of one, which is what Python makes of SIGINT, can strike rclpy while it takes a message.
     """
-    asked = False
-
-    def ask(*_: object) -> None:
-        nonlocal asked
-        asked = True
-
-    usual = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    signals: list[int] = []
+    numbers = signal.SIGINT, signal.SIGTERM
+    before = [signal.signal(number, lambda caught, _: signals.append(caught)) for number in numbers]
     try:
-        while rclpy.ok() and not asked and wanted():
+        while rclpy.ok() and not signals and wanted():
             executor.spin_once(timeout_sec=0.1)
     except ExternalShutdownException:
         pass
     # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
-    if not asked:
-        for number, handler in usual.items():
+    if not signals:
+        for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
-    return asked
+    return bool(signals)
 
 
 def fastest_executor() -> Executor:
-    """Return the executor of one thread that costs a message least: of events, where rclpy has it.
-
-    The other one asks every entity of its nodes before each message, about 1 ms for four nodes.
-    """
+    """Return the executor of events, where rclpy has it, which costs a message about 1 ms less."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:  # before Jazzy's

@@ -21,24 +21,12 @@ Settings = TypeVar("Settings")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A node parameter; its type is its default's.
+    """A node parameter; its type is its default's."""
 
-    Parameters
-    ----------
-    default
-        A bool, int, float, str or list of floats.
-    quantity
-        Meaning, unit and bounds.
-    read_only
-        Whether it is fixed once the node runs.
-    choices
-        The words that a str may be; empty for any.
-    """
-
-    default: Any
+    default: Any  # a bool, int, float, str or list of floats
     quantity: Quantity
-    read_only: bool = False
-    choices: tuple[str, ...] = ()
+    read_only: bool = False  # fixed once the node runs
+    choices: tuple[str, ...] = ()  # the words that a str may be; empty for any
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""
@@ -82,15 +70,10 @@ class Parameters:
     node
         The node that gets them.
     declared
-        Declaration by name.
+        Declaration by name; a start value out of its bounds is a ValueError.
     apply
-        Called with the new values of a change before it takes effect; a ValueError refuses the
-        whole change, so it must come before anything is taken over. Its text reaches who asked.
-
-    Raises
-    ------
-    ValueError
-        For a start value out of bounds: the name, the value, the bound.
+        Called with the new values of a change before it takes effect. A ValueError refuses all of
+        it, so it must come before anything is taken over; its text reaches who sets them.
     """
 
     def __init__(

@@ -91,7 +91,7 @@ FITTING = re.compile(
     "compiled_frames|demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|fit|"
     "fit_compiler|follower_node|fuzz|hard_cases|held_matches|implausible_frames|kinds_over_dds|"
     "linearised|misfit|mixture|near_frames|node_parameters|outputs|paper|paper_command|"
-    "plausibility|posterior|programs|readme|record|replay|robustness|saturated|security|store|"
+    "plausibility|posterior|programs|readme|record|replay|robustness|saturated|security|"
     "track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
     "tracking_shades|tradeoff|view|view_sources)"
 )
@@ -164,27 +164,6 @@ def dask_workers(folder, preload):
             for process in processes:
                 process.kill()
                 process.wait()
-
-
-def filled_while_a_worker_dies(store, address, workers, pause_s):
-    """Fill a store on a cluster and kill a worker half way; return what each chunk gave."""
-    from uuv_optical_array.core.parallel.cluster import on_cluster
-
-    present = []
-
-    def tick():
-        present.append(len(store.present()))
-        if len(present) == 2:
-            workers[0].send_signal(signal.SIGKILL)
-
-    def slow(chunk, fill=store.fill, sleep=time.sleep):
-        sleep(pause_s)
-        return fill(chunk)
-
-    given = on_cluster(slow, store.chunks, address, 1, tick)
-    assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
-    assert present[1] < len(store.chunks)
-    return given
 
 
 def of_a_kind(name):
@@ -433,7 +412,7 @@ def scene(scene_file):
 
 @pytest.fixture(scope="session")
 def table(scene):
-    from uuv_optical_array.estimation.table.signature_table import build_table
+    from uuv_optical_array.estimation.signature_table import build_table
 
     return build_table(scene)
 
@@ -463,19 +442,17 @@ def murky_scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def murky_table_folder(murky_scene_file):
-    from uuv_optical_array.estimation.table.disk import save_table
-    from uuv_optical_array.estimation.table.signature_table import build_table
+    from tables import write_table
+
+    from uuv_optical_array.estimation.signature_table import build_table
     from uuv_optical_array.forward.scene import load_scene
 
-    folder = Path(murky_scene_file).parent / "table"
-    save_table(build_table(load_scene(murky_scene_file)), folder)
-    return str(folder)
+    table = build_table(load_scene(murky_scene_file))
+    return write_table(Path(murky_scene_file).parent / "table", table)
 
 
 @pytest.fixture(scope="session")
 def table_folder(table, tmp_path_factory):
-    from uuv_optical_array.estimation.table.disk import save_table
+    from tables import write_table
 
-    folder = tmp_path_factory.mktemp("tables") / "small"
-    save_table(table, folder)
-    return str(folder)
+    return write_table(tmp_path_factory.mktemp("tables") / "small", table)

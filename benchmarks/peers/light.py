@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.estimation.table.signature_table import grid_axes
+from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 

@@ -14,7 +14,7 @@ from peers.exact import is_nearest, nearest_exactly
 from peers.libraries import NEEDS, OURS, Search
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, grid_axes
+from uuv_optical_array.estimation.signature_table import BLOCK_POSES, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 

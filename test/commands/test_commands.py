@@ -16,7 +16,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 
 from uuv_optical_array.core.messages import stamp_ns
-from uuv_optical_array.estimation.table.disk import load_table
+from uuv_optical_array.estimation.large_table import load_table
 
 
 @contextlib.contextmanager
@@ -91,7 +91,7 @@ def test_table_writes_a_table_that_loads_for_its_scene(capsys, tmp_path, scene_f
 def test_table_is_written_beside_the_user_under_the_scenes_name(tmp_path, scene_file, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run("table", "--scene", scene_file)
-    assert [path.name for path in tmp_path.iterdir()] == ["small.table"]
+    assert [path.name for path in tmp_path.iterdir()] == ["small.zarr"]
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_table_replaces_no_folder_that_is_not_a_table(tmp_path, scene_file):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
     error = run("table", "--scene", scene_file, "-o", tmp_path / "photos", code=1)
-    assert "is no table" in error
+    assert "name another folder" in error
     assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
 
 

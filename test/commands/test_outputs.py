@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.plots import scene
 from uuv_optical_array.plots.style import save
@@ -38,7 +37,6 @@ FILES = [
 ]
 FOLDERS = [
     (("table",), "--output"),
-    (("table", "--threads", "1"), "--output"),
     (("study", "tradeoff"), "--output"),
     (("estimate", "no_bag"), "--output"),
     (("follow",), "--record"),
@@ -112,12 +110,6 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_table_in_the_place_of_something_else_is_refused_before_the_work(no_work, tmp_path):
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "cat.jpg").touch()
-    assert "is no table" in run("table", "-o", "photos", code=1)
-
-
 def test_a_device_is_no_file_to_replace(tmp_path):
     with socket.socket(socket.AF_UNIX) as made:
         made.bind("x.csv")
@@ -159,15 +151,16 @@ def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path, monk
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_leaves_what_was_there(full_disk, tmp_path, table):
-    page, path = tmp_path / "page.md", tmp_path / "t"
+def test_a_full_disk_leaves_what_was_there(full_disk, tmp_path):
+    page, path = tmp_path / "page.md", tmp_path / "t.npy"
     page.write_text("before")
     with pytest.raises(OSError, match=re.escape(str(page))):
         files.write_text(page, BYTES * "ab")
     assert page.read_text() == "before"
     # NumPy's error has neither number nor name.
-    with pytest.raises(OSError, match=re.escape(str(path))) as told:
-        save_table(table, path)
+    full = pytest.raises(OSError, match=re.escape(str(path)))
+    with full as told, files.whole_file(path) as new, new.open("wb") as stream:
+        np.save(stream, np.zeros(BYTES))
     assert (told.value.filename, path.exists()) == (str(path), False)
     assert [path.name for path in tmp_path.iterdir()] == ["page.md"]
 

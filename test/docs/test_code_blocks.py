@@ -15,7 +15,7 @@ from uuv_optical_array import build_table
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.settings import Span
-from uuv_optical_array.estimation.table import disk
+from uuv_optical_array.estimation import estimator
 from uuv_optical_array.forward.scene import load_scene
 
 FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -77,7 +77,7 @@ def check_yaml(block, folder):
 
 
 def coarse(scene):
-    """Return a table of few rows for a scene, in place of the one in the cache."""
+    """Return a table of few rows for a scene, in place of the whole one."""
     fewer = {
         key: Span(start, stop, 5)
         for key, (start, stop, _) in dataclasses.asdict(scene.table).items()
@@ -102,7 +102,7 @@ def test_a_block_of_code_holds(language, block, tmp_path, monkeypatch):
         check_yaml(block, tmp_path)
     elif language == "python":
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(disk, "cached_table", coarse)
+        monkeypatch.setattr(estimator, "build_table", coarse)
         monkeypatch.setattr(compilation, "usable", lambda: False)  # a few images are not worth it
         names = {}
         exec(block, names)

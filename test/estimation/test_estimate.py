@@ -9,7 +9,7 @@ from scenes import coarse_settings
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
-from uuv_optical_array.estimation.table.signature_table import SignatureTable, build_table
+from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

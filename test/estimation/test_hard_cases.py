@@ -13,7 +13,7 @@ from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
 from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex, spectral_angle
-from uuv_optical_array.estimation.table.signature_table import (
+from uuv_optical_array.estimation.signature_table import (
     SignatureTable,
     build_table,
     grid_axes,

@@ -9,7 +9,7 @@ import second_forward
 from drawn_effects import scene_with
 from effect_settings import middle_settings
 
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -72,7 +72,7 @@ def test_simulation_and_tables_never_load_numba():
     code = (
         "import sys, numpy as np; from uuv_optical_array.forward.model import ForwardModel;"
         "from uuv_optical_array.forward.scene import load_scene;"
-        "from uuv_optical_array.estimation.table.signature_table import build_table;"
+        "from uuv_optical_array.estimation.signature_table import build_table;"
         "model = ForwardModel(load_scene('reference'));"
         "model.light(np.tile([-6.0, 0, 0, 0, 0], (10_000, 1)));"
         "print('numba' in sys.modules)"

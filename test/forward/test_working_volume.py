@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.table.signature_table import grid_axes
+from uuv_optical_array.estimation.signature_table import grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import (

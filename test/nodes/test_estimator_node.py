@@ -15,10 +15,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
+from tables import write_table
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.disk import save_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -115,9 +115,9 @@ def bad_table(request, tmp_path, table_folder, murky_table_folder):
     if request.param == "missing":
         return str(folder), ("no table there",)
     shutil.copytree(table_folder, folder)
-    with (folder / "parameters.npy").open("r+b") as file:
+    with (folder / "0.0").open("r+b") as file:
         file.truncate(200)
-    return str(folder), ("parameters.npy is damaged",)
+    return str(folder), ("block 0.0 is damaged",)
 
 
 def test_a_bad_table_at_the_start_is_an_error_that_a_good_one_mends_at_run_time(
@@ -168,7 +168,7 @@ def test_another_table_of_the_scene_can_take_over_at_run_time(asker, table, sign
     assert_is(asker.ask(signatures[0], 1), estimate)
     keep = (table.poses != estimate.pose).any(axis=1)
     thinner = type(table)(table.scene, table.poses[keep], table.parameters[keep])
-    save_table(thinner, tmp_path / "thinner")
+    write_table(tmp_path / "thinner", thinner)
     assert asker.lab.set(asker.node, "table", str(tmp_path / "thinner")).successful
     message = asker.ask(signatures[0], 2)
     assert_is(message, matched(thinner, signatures[0]))
@@ -272,7 +272,7 @@ def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, 
 def test_an_atomic_set_that_is_good_is_taken_whole(asker, table, signatures, tmp_path):
     keep = np.arange(len(table.poses)) % 2 == 0
     thinner = type(table)(table.scene, table.poses[keep], table.parameters[keep])
-    save_table(thinner, tmp_path / "thinner")
+    write_table(tmp_path / "thinner", thinner)
     changes = {"table": str(tmp_path / "thinner"), "method": "sam_interpolated", "neighbours": 9}
     result = asker.node.set_parameters_atomically(
         [Parameter(name, value=value) for name, value in changes.items()]

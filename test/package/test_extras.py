@@ -51,12 +51,13 @@ def test_without_ros_the_rest_works(tmp_path, scene_file):
     assert "signatures" in out
 
 
-def test_a_table_in_chunks_names_the_extra_that_it_needs(tmp_path, scene_file):
-    words = ("table", "--scene", scene_file, "--memory", "2GB")
-    code, _, error = without(("dask", "zarr"), "uuv_array", *words, folder=tmp_path)
+def test_a_table_names_the_extra_that_it_needs(tmp_path, scene_file):
+    words = ("table", "--scene", scene_file)
+    code, _, error = without(("distributed", "zarr"), "uuv_array", *words, folder=tmp_path)
     assert code == 1
     assert "pip install 'uuv_optical_array[cluster]'" in error
     assert len(error.splitlines()) == 1
+    assert [file.name for file in tmp_path.glob("*.zarr")] == []
 
 
 def test_a_fault_of_ours_does_not_pass_for_an_extra_that_is_missing(tmp_path, monkeypatch):

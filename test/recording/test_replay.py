@@ -18,8 +18,6 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.commands import estimate
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.disk import save_table
-from uuv_optical_array.estimation.table.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -104,13 +102,12 @@ def test_the_nodes_say_the_same_of_the_same_images(lab, drive, compiled_fit, tmp
     count = 16
     path = write_scene(tmp_path, "unsure", [("prior", "lamp_power_std", 0.1)])
     scene = load_scene(path)
-    save_table(table := build_table(scene), tmp_path / "table")
-    estimator = Estimator(table)
+    estimator = Estimator(scene)
     commands = [(int(stamp) - 10**7, np.array([0.2, 0, 0]), np.zeros(3)) for stamp in stamps[7:9]]
     expected = list(
         replay(images[:count], stamps[:count], estimator, TrackerSettings(), commands=commands)
     )
-    lab.begin({"scene": str(path), "estimator_node:table": str(tmp_path / "table")})
+    lab.begin({"scene": str(path)})
     lab.start(FeatureNode)
     node = lab.start(EstimatorNode)
     helm = lab.talk(TwistStamped, "cmd_vel")

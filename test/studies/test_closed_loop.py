@@ -10,7 +10,7 @@ from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, lead
 from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.closed_loop import ClosedLoop

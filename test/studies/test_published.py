@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.signature.features import skewness
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.published import (

@@ -15,7 +15,7 @@ from measured import row
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses, volume_spread

@@ -31,7 +31,7 @@ from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
-from uuv_optical_array.estimation.table.signature_table import (
+from uuv_optical_array.estimation.signature_table import (
     SignatureTable,
     build_table,
     grid_axes,

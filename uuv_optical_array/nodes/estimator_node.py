@@ -17,10 +17,10 @@ from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, Method
+from uuv_optical_array.estimation.large_table import load_table
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.plausibility import check_image
-from uuv_optical_array.estimation.table.disk import load_table
-from uuv_optical_array.estimation.table.signature_table import SignatureTable, grid_axes
+from uuv_optical_array.estimation.signature_table import SignatureTable, grid_axes
 from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings

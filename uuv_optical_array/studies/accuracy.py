@@ -14,7 +14,7 @@ from uuv_optical_array.core.settings import Quantity, declared
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.table.signature_table import BLOCK_POSES, Progress
+from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PRIORS, Known, PriorSettings

@@ -14,7 +14,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.signature_table import Progress
+from uuv_optical_array.estimation.signature_table import Progress
 from uuv_optical_array.forward.model import ForwardModel
 
 # From an image to a pose and its covariance, nan where it has none; raises `NoPose`.

@@ -25,7 +25,7 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z
 from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
-from uuv_optical_array.estimation.table.signature_table import SignatureTable
+from uuv_optical_array.estimation.signature_table import SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
 

@@ -22,7 +22,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     refine,
 )
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings

@@ -7,7 +7,7 @@ from scenes import coarse_settings
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.least_squares.problem import PosePrior
 from uuv_optical_array.estimation.least_squares.saturated import saturated_posterior
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 

@@ -20,7 +20,7 @@ from uuv_optical_array.estimation.signature.plausibility import (
     check_image,
     check_parameters,
 )
-from uuv_optical_array.estimation.table.signature_table import SignatureTable
+from uuv_optical_array.estimation.signature_table import SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 

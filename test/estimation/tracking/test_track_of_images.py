@@ -11,7 +11,7 @@ from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
-from uuv_optical_array.estimation.table.signature_table import build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Expected

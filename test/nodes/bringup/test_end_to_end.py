@@ -10,9 +10,6 @@ from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.estimation.table.disk import cached_table
-from uuv_optical_array.forward.scene import load_scene
-
 # The bound on the error across is 5.7 of its standard deviations away with so many; with 250, 1.6.
 POSES = 500
 NODES = ("simulator_node", "feature_node", "estimator_node")
@@ -21,7 +18,6 @@ NODES = ("simulator_node", "feature_node", "estimator_node")
 @pytest.fixture
 def sensor_processes(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    cached_table(load_scene("reference"))  # a coarse one is not as exact as specified
     given = {"scene": "reference", "simulator_node:seed": 7, "estimator_node:method": "sam"}
     given["estimator_node:tracking"] = "false"  # poses of this test make no track
     with node_processes(tmp_path / "log", NODES, **given):

@@ -1,12 +1,9 @@
 """Where the package's own files lie, and how a file or folder is written whole or not at all."""
 
-import fcntl
-import glob
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 PACKAGE = "uuv_optical_array"
@@ -92,12 +89,10 @@ def write_text(path: Path, text: str) -> None:
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.
 
-    What earlier processes left that were killed in the midst of it is removed.
-
     Parameters
     ----------
     path
-        The folder to make; one that exists is replaced.
+        The new folder; its parents are made where they are missing.
 
     Raises
     ------
@@ -105,56 +100,9 @@ def whole_directory(path: Path) -> Iterator[Path]:
         With the name of `path`, such as where the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(path.parent, path.name)
-    with _scratch_directory(path) as scratch, naming(path, scratch):
-        yield scratch
-        scratch.chmod(0o755)
-        if not path.exists():
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:
+        scratch = Path(beside, path.name)
+        with naming(path, scratch):
+            scratch.mkdir()
+            yield scratch
             scratch.rename(path)
-            return
-        with _scratch_directory(path) as old:
-            path.rename(old / path.name)
-            try:
-                scratch.rename(path)
-            except OSError:
-                (old / path.name).rename(path)
-                raise
-
-
-@contextmanager
-def _scratch_directory(path: Path) -> Iterator[Path]:
-    """Yield a hidden folder beside a path; the lock on it ends with this process at the latest."""
-    while True:
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=PART, dir=path.parent))
-        with suppress(FileNotFoundError):  # another process may remove it before it is locked
-            lock = os.open(scratch, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            if scratch.exists():
-                break
-            os.close(lock)
-    try:
-        yield scratch
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        os.close(lock)
-
-
-def remove_leftovers(folder: Path, name: str | None = None) -> None:
-    """Remove scratch folders of `whole_directory` whose processes have ended.
-
-    Parameters
-    ----------
-    folder
-        Where they are.
-    name
-        Of the folder that was to be made; ``None``: of any.
-    """
-    for left in folder.glob(f".{'*' if name is None else glob.escape(name)}.*{PART}"):
-        with suppress(OSError):
-            lock = os.open(left, os.O_RDONLY)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while its process lives
-                shutil.rmtree(left, ignore_errors=True)
-            finally:
-                os.close(lock)

@@ -36,7 +36,7 @@ from uuv_optical_array.estimation.least_squares.saturated import (
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
-from uuv_optical_array.estimation.table.signature_table import grid_axes, no_light
+from uuv_optical_array.estimation.signature_table import grid_axes, no_light
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
 from uuv_optical_array.forward.model import ForwardModel

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.estimation.table.signature_table import Progress
+from uuv_optical_array.estimation.signature_table import Progress
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.design.designs import Design, Mount, Power, Sweep, designed

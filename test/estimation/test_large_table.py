@@ -1,0 +1,308 @@
+"""A large table on disk: the rows of one in memory, resumed, and never damaged unnoticed."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from itertools import islice
+
+import numpy as np
+import pytest
+import yaml
+from conftest import PATIENCE_S, dask_workers
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.large_table import build_large_table, load_table
+from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+SPANS = {
+    "x_m": [-8.0, 4.0, 7],
+    "y_m": [-0.6, 0.6, 4],
+    "z_m": [-0.3, 0.5, 3],
+    "pitch_deg": [-20.0, 20.0, 3],
+    "yaw_deg": [-5.0, 5.0, 2],
+}
+POSES, BLOCK, BLOCKS = 7 * 4 * 3 * 3 * 2, 64, 8
+
+
+@pytest.fixture(autouse=True)
+def extra():
+    # Here and not above: to launch_testing a module that is skipped skips its whole folder.
+    for needed in ("zarr", "distributed"):
+        pytest.importorskip(needed, reason="large tables need the extra cluster")
+
+
+def scene_with(group=None, **values):
+    settings = load_scene("reference").settings()
+    settings["table"] = dict(SPANS)
+    if group is not None:
+        settings[group].update(values)
+    return scene_from_settings(settings, "small")
+
+
+def build(path, scene=None, **options):
+    build_large_table(path, scene or scene_with(), block_rows=BLOCK, **{"threads": 1, **options})
+    return path
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory):
+    return build(tmp_path_factory.mktemp("large") / "whole.zarr")
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    return shutil.copytree(finished, tmp_path / "t.zarr")
+
+
+def contents(folder):
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+def assert_equal_tables(one, other):
+    np.testing.assert_array_equal(one.poses, other.poses)
+    np.testing.assert_allclose(one.parameters, other.parameters, atol=1e-12)
+
+
+def test_the_rows_are_those_of_a_table_in_memory(finished):
+    table = build_table(scene_with())
+    assert 100 < len(table.poses) < POSES - 100
+    assert_equal_tables(load_table(finished, scene_with()), table)
+    assert build_large_table(finished, scene_with()) == len(table.poses)
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+def test_an_estimate_is_that_of_a_table_in_memory(finished, method):
+    scene = scene_with()
+    whole = build_table(scene)
+    one, other = (Estimator(table, method) for table in (load_table(finished, scene), whole))
+    for row in (0, 17, 200):
+        image = ForwardModel(scene).expected(whole.poses[row])
+        pose = one.estimate(image, whole.parameters[row]).pose
+        np.testing.assert_allclose(
+            pose, other.estimate(image, whole.parameters[row]).pose, atol=1e-6
+        )
+
+
+def test_threads_leave_no_trace(finished, tmp_path):
+    assert contents(build(tmp_path / "t.zarr", threads=2)) == contents(finished)
+    assert len(contents(finished)) == BLOCKS + 2
+
+
+def test_an_interrupted_build_goes_on_where_it_stopped(finished, tmp_path):
+    path = tmp_path / "t.zarr"
+
+    def interrupted(blocks):
+        yield from islice(blocks, 3)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build(path, progress=interrupted)
+    before = {file.name: file.stat().st_mtime_ns for file in path.iterdir()}
+    assert 2 + 3 <= len(before) < 2 + BLOCKS
+    with pytest.raises(ValueError, match=r"[3-7] of 8 blocks.*again to finish"):
+        load_table(path, scene_with())
+    build(path)
+    assert contents(path) == contents(finished)
+    assert {name: (path / name).stat().st_mtime_ns for name in before} == before
+
+
+CUT_OFF = """import os, pathlib, sys, yaml
+from uuv_optical_array.estimation import large_table
+from uuv_optical_array.forward.scene import scene_from_settings
+def die(*arguments, **options): os._exit(9)
+def blocks(numbers):
+    numbers = iter(numbers)
+    yield next(numbers)
+    os.replace = os.rename = pathlib.Path.replace = die
+    yield from numbers
+scene = scene_from_settings(yaml.safe_load(sys.argv[2]), "small")
+large_table.build_large_table(
+    sys.argv[1], scene, threads=1, block_rows=64, progress=blocks)"""
+
+
+def test_a_process_killed_while_it_writes_leaves_no_half_block(finished, tmp_path):
+    """It ends at the call that moves a block into its place."""
+    path, settings = tmp_path / "t.zarr", yaml.safe_dump(scene_with().settings())
+    words = [sys.executable, "-c", CUT_OFF, str(path), settings]
+    assert subprocess.run(words, check=False, timeout=PATIENCE_S).returncode == 9
+    there = contents(path)
+    blocks = [name for name in there if re.fullmatch(r"\d+\.0", name)]
+    assert 1 <= len(blocks) < BLOCKS
+    assert all(there[name] == contents(finished)[name] for name in blocks)
+    build(path)
+    assert_equal_tables(load_table(path, scene_with()), load_table(finished, scene_with()))
+
+
+def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
+    settings = load_scene("reference").settings()
+    settings["table"] = {axis: [*span[:2], 12] for axis, span in SPANS.items()}
+    (tmp_path / "sea.yaml").write_text(yaml.safe_dump(settings))
+    program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
+    words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml"]
+    run = {"cwd": tmp_path, "text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([*words, "--threads", "1"], **run) as process:
+        process.stderr.readline()  # the first block is there
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, "Traceback" in error) == (130, False), error
+    assert out == "interrupted: the same command goes on from what is in sea.zarr\n"
+    done = subprocess.run(words, check=True, timeout=PATIENCE_S, **run)
+    table = build_table(load_scene(str(tmp_path / "sea.yaml")))
+    assert f"sea.zarr: {len(table.poses)} signatures of {12**5} poses" in done.stdout
+    assert_equal_tables(load_table(tmp_path / "sea.zarr", table.scene), table)
+
+
+def flipped(data, place, bit):
+    return data[:place] + bytes([data[place] ^ (1 << bit)]) + data[place + 1 :]
+
+
+def loaded_or_refused(path, scene):
+    try:
+        return load_table(path, scene)
+    except ValueError as error:
+        return error
+
+
+def damages(data, rng):
+    """Yield what a file may become: with a bit flipped anywhere, cut off, grown, or zero."""
+    for place in {0, len(data) - 1, *rng.integers(0, len(data), 40).tolist()}:
+        yield flipped(data, place, int(rng.integers(8)))
+    yield from (data[: len(data) // 2], data[:-1], b"", data + b"\n", bytes(len(data)))
+
+
+def test_damage_to_any_file_is_refused_with_the_cure_or_changes_nothing(finished, copied):
+    scene, rng, refused = scene_with(), np.random.default_rng(5), 0
+    whole = load_table(finished, scene)
+    cure = "delete this one and build it again|run the same uuv_array table again|for this scene"
+    for name, data in contents(finished).items():
+        file = copied / name
+        for damaged in damages(data, rng):
+            file.write_bytes(damaged)
+            table = loaded_or_refused(copied, scene)
+            if isinstance(table, ValueError):
+                assert re.search(rf"table {copied}: .*({cure})", str(table)), table
+                refused += 1
+            else:
+                np.testing.assert_array_equal(table.poses, whole.poses)
+                np.testing.assert_array_equal(table.parameters, whole.parameters)
+        file.write_bytes(data)
+    assert refused > 40 * BLOCKS
+
+
+def test_a_damaged_block_is_computed_again(finished, copied):
+    whole = contents(finished)
+    (copied / "1.0").write_bytes(flipped(whole["1.0"], len(whole["1.0"]) // 2, 0))
+    (copied / "2.0").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"block 1.0 is damaged.*to mend it"):
+        load_table(copied, scene_with())
+    assert contents(build(copied)) == whole
+
+
+def test_a_missing_block_is_not_taken_for_darkness(copied):
+    scene, last = scene_with(), f"{BLOCKS - 1}.0"
+    lit = load_table(copied, scene).poses
+    assert lit[:, 0].max() < 4.0, "the last block is dark"
+    (copied / last).unlink()
+    with pytest.raises(ValueError, match="7 of 8 blocks are there"):
+        load_table(copied, scene)
+    (copied / "99.0").write_bytes(b"x")  # of no block, but a file more
+    with pytest.raises(ValueError, match=r"blocks are there|block 7.0 is damaged \(missing\)"):
+        load_table(copied, scene)
+
+
+def test_a_block_of_another_place_is_refused(finished, copied):
+    shutil.copy(copied / "2.0", copied / "1.0")
+    with pytest.raises(ValueError, match=r"block 1.0 is damaged \(peak .* in row"):
+        load_table(copied, scene_with())
+    assert contents(build(copied)) == contents(finished)
+
+
+@pytest.mark.parametrize(
+    ("group", "values", "words"),
+    [
+        ("lamp", {"beam_sigma_deg": 9.0}, ["lamp.beam_sigma_deg", "8.0 there", "9.0 here"]),
+        ("effects", {"forward_scatter": {"window_m": 0.3}}, ["forward_scatter", "absent", "0.3"]),
+        ("table", {"yaw_deg": [6.0, 6.0, 1]}, ["table.yaw_deg", "[-5.0,", "[6.0,"]),
+        ("signature", {"lift": 0.0}, ["signature.lift", "1.0 there", "0.0 here"]),
+    ],
+)
+def test_a_table_of_another_scene_is_refused_with_what_differs(finished, group, values, words):
+    before = contents(finished)
+    for attempt in (load_table, build_large_table):
+        with pytest.raises(ValueError, match="another scene") as refusal:
+            attempt(finished, scene_with(group, **values))
+        assert all(word in str(refusal.value) for word in words)
+        assert "array.width_m" not in str(refusal.value)
+    assert contents(finished) == before
+
+
+def test_a_table_of_the_same_scene_under_another_name_is_taken(finished):
+    scene = scene_from_settings(scene_with().settings(), "renamed")
+    assert load_table(finished, scene).scene == scene
+
+
+@pytest.mark.parametrize("kind", ["nothing", "folder", "file", "array"])
+def test_what_is_no_table_is_refused_and_not_changed(tmp_path, kind):
+    path = tmp_path / "mine"
+    if kind == "file":
+        path.write_text("mine")
+    elif kind != "nothing":
+        path.mkdir()
+        (path / "notes.txt").write_text("mine")
+    if kind == "array":
+        import zarr
+
+        zarr.open_array(str(path), mode="a", shape=(3,), dtype="f8")
+    before = None if kind in ("nothing", "file") else contents(path)
+    with pytest.raises(ValueError, match=rf"table {path}: "):
+        load_table(path, scene_with())
+    if kind == "nothing":
+        return
+    with pytest.raises(ValueError, match="name another folder"):
+        build_large_table(path, scene_with())
+    assert path.read_text() == "mine" if before is None else contents(path) == before
+
+
+def test_a_grid_in_the_dark_or_beyond_the_disk_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no pose of the table has 1 count"):
+        build(tmp_path / "dark.zarr", scene_with("table", x_m=[2.0, 4.0, 2]))
+    spans = {axis: [*span[:2], 10_000] for axis, span in SPANS.items()}
+    with pytest.raises(ValueError, match=r"take up to 4e\+12 GB.* free; take a coarser grid"):
+        build(tmp_path / "vast.zarr", scene_with("table", **spans))
+    assert os.listdir(tmp_path) == ["dark.zarr"]
+
+
+def test_one_of_two_workers_killed_half_way_leaves_no_trace(finished, tmp_path):
+    path = tmp_path / "t.zarr"
+    # Workers that wait before each block, so that one can be killed in the midst of the work.
+    slow = """import time
+from uuv_optical_array.estimation import large_table
+def slow(*arguments, compute=large_table.grid_parameters):
+    time.sleep(0.1)
+    return compute(*arguments)
+large_table.grid_parameters = slow"""
+    with dask_workers(tmp_path, slow) as (address, workers):
+
+        def kills(blocks):
+            for done, block in enumerate(blocks):
+                if done == 2:
+                    workers[0].send_signal(signal.SIGKILL)
+                    assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
+                    assert len(contents(path)) < BLOCKS + 2
+                yield block
+
+        build(path, scheduler=address, threads=None, progress=kills)
+        assert contents(path) == contents(finished)
+        lost = tmp_path / "lost.zarr"
+
+        def removed(blocks):
+            shutil.rmtree(lost)
+            yield from blocks
+
+        with pytest.raises(ValueError, match="a folder that all share"):
+            build(lost, scheduler=address, threads=None, progress=removed)

@@ -1,0 +1,166 @@
+"""The signature table in memory: every row computed a second time."""
+
+import itertools
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import second_forward
+from hypothesis import given
+from hypothesis import strategies as st
+from second_features import slow_key_parameters
+
+from uuv_optical_array.estimation.signature_table import (
+    BLOCK_POSES,
+    PROCESS_BYTES,
+    ROW_BYTES,
+    build_table,
+    check_memory,
+    grid_axes,
+    grid_poses,
+    machine_bytes,
+)
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+SPANS = {
+    "x_m": [-8.0, -4.0, 3],
+    "y_m": [-0.6, 0.6, 4],
+    "z_m": [-0.3, 0.5, 3],
+    "pitch_deg": [-20.0, 20.0, 3],
+    "yaw_deg": [5.0, 5.0, 1],
+}
+WATER = {
+    "attenuation": {"k_per_m": 0.2},
+    "ambient": {"level_counts": 30.0},
+    "forward_scatter": {"window_m": 0.25},
+    "responsivity": {"spread": 0.1, "seed": 3},
+    "saturation": {"level_counts": 300.0},
+    "adc": {"bits": 10},
+}
+
+
+def scene_with(effects=None, peak="subdetector", **spans):
+    """Return the reference scene on a small grid, with other spans, effects and peak."""
+    settings = load_scene("reference").settings()
+    settings["table"] = {**SPANS, **spans}
+    settings["signature"]["peak"] = peak
+    if effects is not None:
+        settings["effects"] = effects
+    return scene_from_settings(settings, "small")
+
+
+def rows_by_hand(scene):
+    """Return poses, peaks and parameters of the scene's grid, one pose at a time."""
+    settings = scene.settings()
+    spans, power = settings["table"], second_forward.power_of(settings)
+    level = settings["effects"].get("saturation", {}).get("level_counts", np.inf)
+    poses, peaks, parameters = [], [], []
+    for cell in itertools.product(*(range(spans[axis][2]) for axis in SPANS)):
+        pose = []
+        for axis, i in zip(SPANS, cell, strict=True):
+            start, stop, number = spans[axis]
+            value = start + (stop - start) * i / max(number - 1, 1)
+            pose.append(math.radians(value) if axis.endswith("_deg") else value)
+        image = np.minimum(second_forward.light(settings, pose, power=power), level)
+        poses.append(pose)
+        peaks.append(image.max())
+        parameters.append(slow_key_parameters(image, scene.full_scale_counts, scene.signature.peak))
+    return np.array(poses), np.array(peaks), np.array(parameters)
+
+
+@pytest.mark.parametrize("peak", ["detector", "subdetector"])
+@pytest.mark.parametrize("effects", [None, WATER], ids=["reference", "water"])
+def test_every_row_is_the_signature_of_its_pose(peak, effects):
+    scene = scene_with(effects, peak)
+    table = build_table(scene)
+    poses, peaks, parameters = rows_by_hand(scene)
+    assert peaks.min() > 1
+    np.testing.assert_allclose(table.poses, poses, atol=1e-14)
+    np.testing.assert_allclose(table.parameters, parameters, atol=1e-9)
+
+
+def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_out():
+    scene = scene_with(x_m=[-5.0, 5.0, 5], y_m=[-3.0, 3.0, 25])
+    poses, peaks, parameters = rows_by_hand(scene)
+    for threshold in (20.0, np.sort(peaks)[-30] * (1 - 1e-9)):
+        table = build_table(scene, threshold)
+        lit = peaks >= threshold
+        assert 20 < lit.sum() < len(lit) - 50
+        np.testing.assert_allclose(table.poses, poses[lit], atol=1e-14)
+        np.testing.assert_allclose(table.parameters, parameters[lit], atol=1e-9)
+    np.testing.assert_allclose(build_table(scene).poses, poses[peaks >= 1], atol=1e-14)
+    assert ((peaks > 0.5) & (peaks < 1)).any()
+
+
+def test_blocks_do_not_show_in_the_table():
+    scene = scene_with(y_m=[-0.6, 0.6, 30], z_m=[-0.3, 0.5, 30])
+    starts = []
+    table = build_table(scene, progress=lambda rows: (starts.append(i) or i for i in rows))
+    assert starts == list(range(0, len(table.poses), BLOCK_POSES))
+    assert len(starts) > 1
+    for start in starts:
+        row = min(start + 7, len(table.poses) - 1)
+        settings = scene.settings()
+        image = second_forward.light(settings, table.poses[row])
+        expected = slow_key_parameters(image, scene.full_scale_counts, "subdetector")
+        np.testing.assert_allclose(table.parameters[row], expected, atol=1e-9)
+
+
+def test_the_axes_are_evenly_spaced_in_metres_and_radians():
+    axes = grid_axes(scene_with().table)
+    for axis, (name, span) in zip(axes, SPANS.items(), strict=True):
+        unit = math.pi / 180 if name.endswith("_deg") else 1.0
+        np.testing.assert_allclose(axis, np.linspace(*span) * unit, atol=1e-15)
+
+
+@given(st.lists(st.integers(0, 107), max_size=5))
+def test_poses_of_a_grid_are_those_of_meshgrid(rows):
+    axes = grid_axes(scene_with().table)
+    poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 5)
+    rows = np.array(rows, dtype=int)
+    np.testing.assert_array_equal(grid_poses(axes, rows), poses[rows])
+
+
+def test_a_grid_without_any_light_is_refused():
+    with pytest.raises(ValueError, match=r"scene small: no pose of the table has 1 count"):
+        build_table(scene_with(x_m=[2.0, 4.0, 2]))
+
+
+def test_a_table_too_large_for_the_machine_is_refused_with_the_figures():
+    spans = {axis: [-1.0, 1.0, 10_000] for axis in SPANS}
+    with pytest.raises(ValueError, match=r"scene small: .* needs 2\.4e\+13 GB .*coarser grid"):
+        build_table(scene_with(**spans))
+    most = (machine_bytes() - PROCESS_BYTES) // ROW_BYTES
+    check_memory(most, "mine")
+    with pytest.raises(ValueError, match=rf"mine: .* at most {most:,} rows"):
+        check_memory(most + 1, "mine")
+
+
+def test_the_memory_is_that_of_the_machine_or_of_the_container(tmp_path):
+    total = int(re.search(r"MemTotal:\s+(\d+)", Path("/proc/meminfo").read_text())[1]) * 1024
+    limit = tmp_path / "memory.max"
+    assert machine_bytes(limit) == pytest.approx(total, rel=0.05)
+    for text, expected in (("max\n", total), ("123456789\n", 123456789)):
+        limit.write_text(text)
+        assert machine_bytes(limit) == pytest.approx(expected, rel=0.05)
+
+
+FRESH_PAGES = """import resource
+from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward.scene import load_scene
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+rows = len(build_table(load_scene("follow")).poses)
+print(rows, resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)"""
+
+
+def test_the_blocks_of_a_table_are_computed_in_the_same_memory():
+    # In a process of its own, whose allocator has seen no large array yet.
+    run = subprocess.run([sys.executable, "-c", FRESH_PAGES], capture_output=True, check=True)
+    rows, fresh_pages = map(int, run.stdout.split())
+    assert fresh_pages < rows / 6

@@ -1,0 +1,250 @@
+"""Signature tables that take long to build: written block by block into a Zarr array, by Dask.
+
+The array has the key parameters of every pose of the scene's grid, in the order of the grid: NaN
+for a pose without light, 0 for one that has not been computed. Each block of poses is one file,
+which Zarr moves into place when it is whole and which Zstandard protects by a checksum. So any
+process can compute any block, a build goes on where it was interrupted, and nothing damaged is
+read. The attributes of the array hold the scene.
+"""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.estimation.signature_table import (
+    BLOCK_POSES,
+    Progress,
+    SignatureTable,
+    check_memory,
+    gigabytes,
+    grid_axes,
+    grid_parameters,
+    grid_poses,
+    grid_rows,
+    lit_rows,
+    no_light,
+)
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
+
+FORMAT = 3
+BLOCK_ROWS = 16 * BLOCK_POSES  # 2.6 MB, a fraction of a second of work
+WAIT_S = 30.0
+RETRIES = 2  # of a block whose worker lives and fails, as a shared disk may
+AGREES = 1e-6  # relative; processors and versions of NumPy differ by less
+# What Zarr raises for a damaged block depends on its version and on the damage.
+DAMAGE = OSError, ValueError, RuntimeError, TypeError
+
+
+def build_large_table(
+    path: str | Path,
+    scene: Scene,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Progress = iter,
+    block_rows: int = BLOCK_ROWS,
+) -> int:
+    """Build the table of a scene in a folder, or finish one that was interrupted or damaged.
+
+    Parameters
+    ----------
+    path
+        The folder; with a scheduler, all workers must see it under the same name.
+    scene
+        The scene; its ``table`` gives the grid.
+    scheduler
+        Address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; ``None``: threads of this
+        process.
+    threads
+        Of this process, >= 1; ``None``: one for each core.
+    progress
+        Wraps the loop over blocks, such as ``tqdm.tqdm``.
+    block_rows
+        Poses in a block of a new table.
+
+    Returns
+    -------
+    int
+        Number of rows with light.
+
+    Raises
+    ------
+    ValueError
+        Where the folder holds anything else, or the table of another scene; where the disk is too
+        small, no pose has light, or the scheduler has no suitable worker.
+    OSError
+        Where a block cannot be written.
+    """
+    path = files.user_path(path).absolute()
+    if not path.exists():
+        _create(path, scene, block_rows)
+    blocks = range(_open(path, scene).nchunks)
+    distributed = needs("cluster", "distributed")
+    here = {"processes": False, "n_workers": 1, "memory_limit": 0, "dashboard_address": None}
+    chosen = {"address": scheduler} if scheduler else {**here, "threads_per_worker": threads}
+    with distributed.Client(timeout=WAIT_S, **chosen) as client:
+        try:
+            client.wait_for_workers(1, timeout=WAIT_S)
+        except TimeoutError:
+            none = f"scheduler {scheduler}: no workers; start some with dask worker {scheduler}"
+            raise ValueError(none) from None
+        futures = client.map(fill, blocks, path=path, scene=scene, pure=False, retries=RETRIES)
+        try:
+            done = distributed.as_completed(futures)
+            lit = sum(future.result() for _, future in zip(progress(blocks), done, strict=False))
+        except BaseException:
+            client.cancel(futures, force=True)
+            raise
+    if lit == 0:
+        raise no_light(scene)
+    return lit
+
+
+def _create(path: Path, scene: Scene, block_rows: int) -> None:
+    """Begin a table, with no block in it."""
+    zarr, codecs = needs("cluster", "zarr"), needs("cluster", "numcodecs")
+    rows = grid_rows(grid_axes(scene.table))
+    home = next(parent for parent in path.parents if parent.exists())
+    need, free = rows * 5 * 8, shutil.disk_usage(home).free
+    if need > free:
+        raise ValueError(
+            f"table {path}: {rows:,} rows take up to {gigabytes(need)}, and {home} has "
+            f"{gigabytes(free)} free; take a coarser grid or another disk"
+        )
+    # The format that Zarr 2 and 3 both read.
+    form = {} if zarr.__version__.startswith("2.") else {"zarr_format": 2}
+    packing = codecs.Zstd(level=1, checksum=True)
+    layout = {"shape": (rows, 5), "chunks": (block_rows, 5), "dtype": "<f8", "fill_value": 0.0}
+    with files.whole_directory(path) as scratch:
+        array = zarr.open_array(str(scratch), mode="w", compressor=packing, **layout, **form)
+        about = {"format": FORMAT, "fingerprint": scene.fingerprint, "name": scene.name}
+        array.attrs.put({**about, "scene": scene.settings()})
+
+
+def _open(path: Path, scene: Scene) -> Any:
+    """Open the array of a scene's table, finished or not; ValueError for anything else."""
+    zarr = needs("cluster", "zarr")
+    if not path.exists():
+        raise ValueError(f"table {path}: no table there; build one with uuv_array table")
+    try:
+        array = zarr.open_array(str(path), mode="r")
+        about = dict(array.attrs)
+        if about["format"] != FORMAT:
+            raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
+        difference = ""
+        if about["fingerprint"] != scene.fingerprint:
+            theirs = scene_from_settings(about["scene"], about["name"])
+            difference = "; ".join(scene.differences(theirs)) or "the fingerprints differ"
+        elif (array.shape[1:], array.chunks[1:], array.fill_value) != ((5,), (5,), 0.0) or (
+            array.shape[0] != grid_rows(grid_axes(scene.table)) or array.dtype != np.dtype("<f8")
+        ):
+            raise ValueError("its header is damaged")
+    except Exception as error:  # of many kinds, where there is no array or its header is damaged
+        raise ValueError(
+            f"table {path}: {_line(error)}; name another folder, or delete this one and build it "
+            "again with uuv_array table"
+        ) from None
+    if difference:
+        raise ValueError(
+            f"table {path}: built for another scene than {scene.name}: {difference}; "
+            "build one for this scene with uuv_array table"
+        )
+    return array
+
+
+def fill(block: int, path: Path, scene: Scene) -> int:
+    """Compute a block of a table, unless it is there and whole; return its rows with light.
+
+    Raises
+    ------
+    ValueError
+        On a machine that does not see the table.
+    OSError
+        Where the block cannot be written.
+    """
+    if not (path / ".zarray").is_file():
+        raise ValueError(f"table {path}: not seen by every worker; name a folder that all share")
+    array, model = needs("cluster", "zarr").open_array(str(path), mode="r+"), ForwardModel(scene)
+    try:
+        parameters = _read(array, block, model)
+    except DAMAGE:
+        rows = _rows(array, block)
+        parameters = grid_parameters(model, rows)
+        with files.naming(path):
+            array[rows.start : rows.stop] = parameters
+    return len(lit_rows(parameters))
+
+
+def _rows(array: Any, block: int) -> range:
+    """Return the rows of a block."""
+    return range(array.shape[0])[block * array.chunks[0] :][: array.chunks[0]]
+
+
+def _read(array: Any, block: int, model: ForwardModel) -> Array:
+    """Read the key parameters of a block; one of `DAMAGE` where it is missing or not its own."""
+    rows = _rows(array, block)
+    parameters: Array = array[rows.start : rows.stop]
+    if (parameters[:, 0] == 0).any():
+        raise ValueError("missing")
+    # A row is computed again, so that no block of another place or another law passes. Its peak
+    # alone is compared, because the skewness of equal readings depends on their rounding.
+    row = int(np.argmax(~np.isnan(parameters[:, 0])))
+    stored, computed = parameters[row, 0], grid_parameters(model, rows[row : row + 1])[0, 0]
+    if not np.isclose(stored, computed, AGREES, equal_nan=True):
+        raise ValueError(f"peak {stored:g} in row {rows[row]}, the scene has {computed:g}")
+    return parameters
+
+
+def load_table(path: str | Path, scene: Scene) -> SignatureTable:
+    """Read the table of a scene into memory.
+
+    Parameters
+    ----------
+    path
+        Folder of the table.
+    scene
+        The scene at hand.
+
+    Returns
+    -------
+    SignatureTable
+        The table.
+
+    Raises
+    ------
+    ValueError
+        For a table that is missing, damaged or unfinished, was built for another scene, or is too
+        large for this machine.
+    """
+    path = files.user_path(path).absolute()
+    array, model = _open(path, scene), ForwardModel(scene)
+    if array.nchunks_initialized < array.nchunks:
+        raise ValueError(
+            f"table {path}: {array.nchunks_initialized} of {array.nchunks} blocks are there; "
+            "run the same uuv_array table again to finish it"
+        )
+    lit, parameters, count = [], [], 0
+    for block in range(array.nchunks):
+        try:
+            values = _read(array, block, model)
+        except DAMAGE as error:
+            raise ValueError(
+                f"table {path}: block {block}.0 is damaged ({_line(error)}); "
+                "run the same uuv_array table again to mend it"
+            ) from None
+        rows = lit_rows(values)
+        lit.append(rows + _rows(array, block).start)
+        parameters.append(values[rows])
+        count += len(rows)
+        check_memory(count, f"table {path}")
+    poses = grid_poses(grid_axes(scene.table), np.concatenate(lit))
+    return SignatureTable(scene, poses, np.concatenate(parameters))
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())

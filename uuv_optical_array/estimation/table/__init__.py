@@ -1,1 +1,0 @@
-"""The signature table: build, save, load, refuse."""

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import study_of
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_hex
@@ -18,12 +17,8 @@ from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
-from uuv_optical_array.plots.studies import design
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.approach import METHODS
-from uuv_optical_array.studies.design.designs import Design
-from uuv_optical_array.studies.design.score import Score
-from uuv_optical_array.studies.design.study import ScoredDesign
 from uuv_optical_array.studies.tradeoff_settings import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -152,27 +147,6 @@ def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors():
     for axis in whole:
         ticks = axis.get_majorticklocs()
         np.testing.assert_array_equal(ticks, np.round(ticks))
-
-
-def test_numbers_of_designs_lie_apart_and_few_are_named(drawn):
-    values = dict.fromkeys(Score.__dataclass_fields__, 1.0)
-    rng = np.random.default_rng(1)
-    rows = [
-        ScoredDesign(
-            Design("curved", side, width, 0.5, sigma),
-            Score(**{**values, "position_m": rng.uniform(0.1, 0.102), "angle_deg": 2.0 / side}),
-        )
-        for side in (3, 5, 7)
-        for width in (0.2, 0.4, 0.6)
-        for sigma in (6.0, 8.0, 11.0)
-    ]
-    figure = drawn(design, design.draw_designs, study_of(), rows)
-    panels = figure.subfigs[0].axes
-    for axes in panels:
-        boxes = number_boxes(axes)
-        assert 1 <= len(boxes) <= 10
-        if len(boxes) > 1:
-            assert_apart(boxes)
 
 
 @given(st.floats(-1e6, 1e6), st.integers(0, 4))

@@ -1,195 +1,300 @@
-"""Designs of array and lamp: what is swept, and how bright each lamp is."""
+"""Pareto-optimal designs, and ``uuv_array study design``."""
 
 import dataclasses
+import functools
+import itertools
+import json
 import math
+import random
+import re
+import shutil
 
+import command_line
+import matplotlib.image
 import numpy as np
 import pytest
-import second_forward
-from designs import CURVED, PLANAR, SMALL, scene_with
-from hypothesis import given
+from designs import CURVED, PLANAR, SMALL, study_of
+from hypothesis import example, given
 from hypothesis import strategies as st
-from scipy.integrate import quad
-from scipy.special import dawsn
+from matplotlib.text import Annotation
+from scipy.optimize import lsq_linear
 
-from uuv_optical_array.forward.array import build_array
-from uuv_optical_array.forward.light import beam_solid_angle
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.design.designs import (
-    Design,
-    Sweep,
-    default_sweep,
-    designed,
-    with_gain,
-)
+from uuv_optical_array.plots.style import apart
+from uuv_optical_array.studies import design_score
+from uuv_optical_array.studies.design_picture import draw
+from uuv_optical_array.studies.design_score import Choice, Score, ScoredDesign, front
+from uuv_optical_array.studies.design_sweep import Design, designed
+from uuv_optical_array.studies.results import Results
 
-POWERS = ("flux", "flux_in_range", "counts")
+COLUMNS = [field.name for field in dataclasses.fields(Score)]
+
+
+def row_of(side, position_m, angle_deg, **changes):
+    values = dict.fromkeys(COLUMNS, 1.0) | {"position_m": position_m, "angle_deg": angle_deg}
+    return ScoredDesign(
+        dataclasses.replace(PLANAR, detectors_per_side=side, **changes), Score(**values)
+    )
 
 
 @given(
-    st.sets(st.sampled_from(["planar", "curved"]), min_size=1),
-    st.sets(st.integers(2, 30), min_size=1, max_size=3),
-    st.sets(st.floats(0.05, 1), min_size=1, max_size=4),
-    st.sets(st.floats(0.05, 1), min_size=1, max_size=4),
-    st.sets(st.floats(1, 40), min_size=1, max_size=3),
+    st.lists(st.tuples(st.integers(2, 6), st.floats(0.01, 10), st.floats(0.01, 10)), min_size=1),
+    st.randoms(),
 )
-def test_a_sweep_holds_each_design_that_can_be_built_once(shapes, sides, sizes, radii, sigmas):
-    buildable = sum(radius > size / 2**0.5 for size in sizes for radius in radii)
-    each = len(sides) * len(sigmas)
-    planar, curved = "planar" in shapes, "curved" in shapes
-    count = each * (planar * len(sizes) + curved * buildable)
-    lists = [sorted(values) for values in (shapes, sides, sizes, radii, sigmas)]
-    if not count:
-        with pytest.raises(ValueError, match="no design is left"):
-            Sweep(*lists)
-        return
-    sweep = Sweep(*lists)
-    designs = sweep.designs()
-    assert len(designs) == len(set(designs)) == count
-    assert sum(sweep.dropped().values()) == curved * each * (len(sizes) * len(radii) - buildable)
-    assert all((design.radius_m is None) == (design.shape == "planar") for design in designs)
+@example([(3, 10.0, 0.1), (3, 9.5, 0.12)], random.Random(1))
+def test_the_front_stands_for_all_and_none_of_it_for_another(points, order):
+    rows = [row_of(*point, width_m=0.1 + i / 100) for i, point in enumerate(points)]
+
+    def stands_for(one, other):
+        fewer = one.design.detectors_per_side <= other.design.detectors_per_side
+        return fewer and max_ratio(one, other) <= 1.1 * (1 + 1e-12)
+
+    found = front(rows)
+    assert all(any(stands_for(one, row) for one in found) for row in rows)
+    pairs = itertools.permutations(found, 2)
+    assert not any(stands_for(one, row) and max_ratio(one, row) < 1.1 - 1e-9 for one, row in pairs)
+    assert [r.design.detectors for r in found] == sorted(r.design.detectors for r in found)
+    order.shuffle(rows)
+    assert len({row.score for row in front(rows)} ^ {row.score for row in found}) == 0
 
 
-def test_the_default_sweep_holds_the_scene_and_the_paper():
-    for name in ("follow", "eren2016", "eren2017_tank"):
-        scene = load_scene(name)
-        assert Design.of(scene) in default_sweep(scene).designs()
-    designs = default_sweep(load_scene("follow")).designs()
-    assert Design("curved", 5, 0.4, 0.32, 8.0) in designs
-    # 5 sizes; on radii of 0.16 to 0.64 m fit 1, 2, 3, 4, 5 and 5 of them.
-    assert len(designs) == (5 + 20) * 6 * 6
-    # Of the 5 of a radius, the tightest sits on the sphere as the paper's does.
-    tight = {d.width_m: min(e.radius_m for e in designs if e.radius_m and e.width_m == d.width_m)
-             for d in designs}  # fmt: skip
-    assert tight == pytest.approx({w: 0.8 * w for w in (0.2, 0.3, 0.4, 0.5, 0.6)})
+def max_ratio(one, other):
+    return max(
+        one.score.position_m / other.score.position_m, one.score.angle_deg / other.score.angle_deg
+    )
+
+
+def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
+    wide = row_of(3, 0.01, 0.1, width_m=0.5)
+    fits = row_of(3, 0.1, 1.0, width_m=0.4)
+    score = dataclasses.replace(fits.score, position_m=0.2, shift_near_deg=15.0, yaw_near_deg=15.0)
+    resolved = ScoredDesign(dataclasses.replace(fits.design, width_m=0.3), score)
+    paper = ScoredDesign(
+        Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9)
+    )
+    choice = Choice(study_of(), [wide, fits, resolved, paper])
+    assert choice.fronts == {"fits": [fits], "resolved": [resolved], "any": [wide]}
+    assert resolved.score.resolved_at_4m
+    assert not paper.score.resolved_at_4m
+    assert choice.numbered == [fits, resolved, wide, paper]
+    assert choice.standing == ["fits", "resolved", "any", "none; the paper's array"]
+    # With another lamp it is the paper's array still, but not listed for its own sake.
+    other = ScoredDesign(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
+    assert other.is_papers_array
+    assert other not in Choice(study_of(), [*choice.rows, other]).numbered
+
+
+def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
+    row, values = row_of(3, 0.1, 1.0), {"shift_near_deg": 15.0, "yaw_near_deg": 15.0}
+    near = dataclasses.replace(row.score, **values)
+    far = dataclasses.replace(near, shift_deg=15.0, yaw_deg=15.0, shift_sigmas=3.0, yaw_sigmas=2.9)
+    clear = dataclasses.replace(far, yaw_sigmas=3.0)
+    rows = [row, *(ScoredDesign(row.design, score) for score in (near, far, clear))]
+    assert Choice(study_of(), rows).resolved_counts == (3, 2, 1)
+    assert [row.score.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
+
+
+run = functools.partial(command_line.run, "study", "design")
+
+
+LISTS = ["--detectors-per-side", 3, 5, "--width-m", 0.2, 0.4, "--radius-m", 0.2, 0.32]
+LISTS += ["--beam-sigma-deg", 6, 8]
+
+
+def scored(path, study):
+    """Score what a file lacks of a study; return its designs as they are read from there."""
+    study.score_rest(Results(path, ScoredDesign, study.origin))
+    return study.swept(Results(path, ScoredDesign, study.origin))
+
+
+@pytest.fixture(scope="module")
+def whole_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "whole.csv"
+    scored(path, study_of())
+    return path
+
+
+FEW = dataclasses.replace(SMALL, detectors_per_side=(3,))
+
+
+@pytest.fixture(scope="module")
+def few_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "few.csv"
+    scored(path, study_of(sweep=FEW))
+    return path
+
+
+@pytest.fixture
+def heard(monkeypatch):
+    """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
+    score = design_score.score
+
+    class Heard(list):
+        stop = None
+
+    heard = Heard()
+
+    def counted(scene, *others):
+        if len(heard) == heard.stop:
+            raise KeyboardInterrupt
+        heard.append(Design.of(scene))
+        return score(scene, *others)
+
+    monkeypatch.setattr(design_score, "score", counted)
+    return heard
+
+
+def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, whole_file, heard):
+    whole = scored(whole_file, study_of())
+    assert heard == []
+    path = tmp_path / "stopped.csv"
+    heard.stop = 7
+    with pytest.raises(KeyboardInterrupt):
+        scored(path, study_of())
+    assert len(path.read_text().splitlines()) == 1 + 7
+    heard.stop = None
+    assert str(scored(path, study_of())) == str(whole)  # a nan is no equal of itself
+    assert heard == study_of().sweep.designs()
+    assert path.read_bytes() == whole_file.read_bytes()
+
+
+def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file, heard):
+    shutil.copy(whole_file, tmp_path)
+    whole = {row.design: row.score for row in scored(tmp_path / "whole.csv", study_of())}
+    few = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
+    alone = scored(tmp_path / "few.csv", study_of(sweep=few))
+    assert 0 < len(alone) < len(whole)
+    assert all(str(whole[row.design]) == str(row.score) for row in alone)
+    # A sweep that is part of what is there scores nothing, and loses nothing.
+    heard.clear()
+    before = (tmp_path / "whole.csv").read_bytes()
+    assert str(scored(tmp_path / "whole.csv", study_of(sweep=few))) == str(alone)
+    assert heard == []
+    assert (tmp_path / "whole.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(
-    ("change", "error"),
+    ("changes", "error"),
     [
-        ({"shape": ("round",)}, "shape: 'round' is unknown; choose planar or curved"),
-        ({"shape": ()}, "shape: no value"),
-        ({"detectors_per_side": (1,)}, "detectors_per_side: 1 is out of bounds.*from 2 to 501"),
-        ({"detectors_per_side": (2.5,)}, "2.5 is not a whole number"),
-        ({"width_m": (0.4, 0.4)}, "width_m: 0.4 is given twice"),
-        ({"width_m": (math.nan,)}, "width_m: nan is out of bounds.*m$"),
-        ({"radius_m": ()}, "radius_m: no value"),
-        ({"radius_m": (0.1,), "shape": ("curved",)}, r"no design is left \(0.2 m wide on.*larger"),
-        ({"beam_sigma_deg": (0.0,)}, "beam_sigma_deg: 0.0 is out of bounds.*from 0.1 to 90 deg"),
+        ({"poses": 41}, "poses is 40 there and 41 here"),
+        ({"seed": 2}, "seed is 1 there and 2 here"),
+        ({"power": "counts"}, "power is flux there and counts here"),
+        ({"mount": "centre"}, "mount is front there and centre here"),
+        ({"scene": load_scene("coastal")}, "fingerprint is"),
     ],
 )
-def test_a_bad_sweep_is_refused_by_name(change, error):
-    with pytest.raises(ValueError, match=error):
-        dataclasses.replace(SMALL, **change)
-    assert not dataclasses.replace(SMALL, shape=("planar",), radius_m=()).dropped()
+def test_the_scores_of_another_study_are_refused_by_what_differs(few_file, changes, error):
+    before = few_file.read_bytes()
+    with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
+        scored(few_file, study_of(sweep=FEW, **changes))
+    assert few_file.read_bytes() == before
 
 
-# How bright each lamp is
+@pytest.mark.usefixtures("sketched")
+def test_the_command_is_interrupted_goes_on_and_tells(
+    tmp_path, monkeypatch, capsys, heard, whole_file
+):
+    monkeypatch.chdir(tmp_path)
+    words = [*LISTS, "--poses", 40]
+    heard.stop = 0
+    run(*words, code=130)
+    assert "interrupted" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    heard.stop = 6
+    run(*words, code=130)
+    out = capsys.readouterr().out
+    assert "interrupted: 6 of 20 designs; the same command resumes it" in out
+    assert "of 6 designs tell" in out
+    heard.stop = None
+    run(*words, "--take", 2)
+    out = capsys.readouterr().out
+    assert "left out: 4 designs whose corners lie beyond their sphere" in out
+    assert "6 designs are there already" in out
+    assert len(heard) == 20
+    assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
+    assert "of 20 designs tell" in out
+
+    run(*words, "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert len(heard) == 20
+    assert told["complete"] is True
+    assert told["files"] == ["follow.design.csv", "follow.design.png"]
+    study = study_of()
+    rows = scored(whole_file, study)
+    assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
+    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.score.resolved_at_4m for r in rows]
+    assert [rows[i].design for i in told["papers_array"]] == [
+        Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
+    ]
+    assert [rows[i] for i in told["numbered"]] == Choice(study, rows).numbered
+    table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
+    assert len(table) == 20
+    np.testing.assert_array_equal(table["angle_deg"], [r.score.angle_deg for r in rows])
+    assert set(table["seed"]) == {1}
+    assert matplotlib.image.imread("follow.design.png").shape[:2] == (1170, 1260)
+    taken = load_scene("follow.design.2.yaml")
+    wanted = Choice(study, rows).numbered[1].design
+    assert taken.fingerprint == designed(study.scene, wanted).fingerprint
 
 
-@pytest.mark.parametrize("sigma_deg", [0.1, 3.0, 8.0, 20.0, 45.0, 90.0])
-def test_the_beams_solid_angle_is_the_sum_over_the_sphere(sigma_deg):
-    sigma = math.radians(sigma_deg)
-    edges = np.linspace(0, min(math.pi, 12 * sigma), 200_001)
-    middle = (edges[1:] + edges[:-1]) / 2
-    zones = 2 * math.pi * (np.cos(edges[:-1]) - np.cos(edges[1:]))
-    total = (np.exp(-(middle**2) / (2 * sigma**2)) * zones).sum()
-    assert beam_solid_angle(sigma) == pytest.approx(total, rel=1e-5)
-    if sigma_deg < 20:  # the closed form of a beam that ends before it is behind the lamp
-        closed = 2 * math.pi * math.sqrt(2) * sigma * dawsn(sigma / math.sqrt(2))
-        assert beam_solid_angle(sigma) == pytest.approx(closed, rel=1e-7)
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--width-m", "0.4", "0.4"], "width_m: 0.4 is given twice"),
+        (["--detectors-per-side", "1"], "--detectors-per-side: 1 is out of bounds.* from 2 to 501"),
+        (["--shape", "curved", "--radius-m", "0.05"], "radius_m: no design is left"),
+        (["--poses", "0"], "--poses: 0 is out of bounds"),
+        (["--csv", "deep/d.csv", "--poses", "1"], "--csv deep/d.csv: no folder deep"),
+        (["--picture", "deep/d.png", "--poses", "1"], "--picture deep/d.png: no folder deep"),
+    ],
+)
+def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
+    monkeypatch.chdir(tmp_path)
+    assert re.search(f"^uuv_array study design: .*{error}", run(*words, code=2))
+    assert not list(tmp_path.iterdir())
 
 
-def emitted(scene):
-    """Flux of a scene's lamp, from its light on a sphere of detectors around it, in clear water."""
-    clear = dataclasses.replace(scene, effects={})
-    model = ForwardModel(dataclasses.replace(clear, array=load_scene("follow").array))
-    model.power = ForwardModel(scene).power
-    sigma = math.radians(scene.lamp.beam_sigma_deg)
-    step = 1e-4
-    # A detector in the array's middle looks straight at the lamp, off its axis by eta.
-    flux, _ = quad(
-        lambda eta: 2 * math.pi * math.sin(eta) * seen(model, eta), step, min(3.1, 9 * sigma)
-    )
-    return flux
+@pytest.mark.parametrize(
+    "designs", [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0)]], ids=["one", "few"]
+)
+def test_any_study_can_be_drawn(designs):
+    values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}
+    rows = [ScoredDesign(design, Score(**values)) for design in designs]
+    figure = draw(Choice(study_of(), rows))
+    figure.draw_without_rendering()
+    dots = figure.subfigs[0].axes[0].collections[0].get_offsets()
+    assert dots[:, 1].tolist() == [0.3] * len(designs)
 
 
-def seen(model, eta):
-    """Light times range squared of a detector that looks at the lamp from off its axis."""
-    array, range_m = model.array, 100.0
-    middle = array.side**2 // 2
-    lever = array.positions[middle, 0]
-    pose = [-(range_m + lever) * math.cos(eta), (range_m + lever) * math.sin(eta), 0, 0, -eta]
-    return model.light(pose).ravel()[middle] * range_m**2
+def number_boxes(axes):
+    """Return the boxes of numbers of points, without the lines that lead to them."""
+    notes = [note for note in axes.texts if isinstance(note, Annotation)]
+    return [note.get_bbox_patch().get_window_extent() for note in notes]
 
 
-@pytest.mark.parametrize("design", [PLANAR, CURVED, Design("curved", 5, 0.4, 0.32, 20.0)])
-def test_equal_flux_means_that_the_lamps_emit_as_much(design):
-    base = load_scene("follow")
-    assert emitted(designed(base, design, "flux")) == pytest.approx(emitted(base), rel=1e-5)
+def test_numbers_of_designs_lie_apart_and_few_are_named():
+    rng = np.random.default_rng(1)
+    rows = [
+        row_of(side, rng.uniform(0.1, 0.102), 2.0 / side, width_m=width, beam_sigma_deg=sigma)
+        for side in (3, 5, 7)
+        for width in (0.2, 0.4, 0.6)
+        for sigma in (6.0, 8.0, 11.0)
+    ]
+    figure = draw(Choice(study_of(), rows))
+    figure.draw_without_rendering()
+    for axes in figure.subfigs[0].axes:
+        boxes = number_boxes(axes)
+        assert 1 <= len(boxes) <= 10
+        assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
-@pytest.mark.parametrize("name", ["follow", "coastal", "sunlit_shallow"])
-@pytest.mark.parametrize("sigma_deg", [4.0, 8.0, 20.0])
-def test_the_gain_is_turned_down_where_the_array_would_read_more(name, sigma_deg):
-    base = load_scene(name)
-    design = dataclasses.replace(Design.of(base), beam_sigma_deg=sigma_deg)
-    fixed, ranged, counts = (designed(base, design, p) for p in POWERS)
-    most, wanted = fixed.lamp.reference_counts, base.lamp.reference_counts
-    assert (most > wanted) == (sigma_deg < base.lamp.beam_sigma_deg)
-    assert ranged.lamp.reference_counts == pytest.approx(min(most, wanted))
-    assert counts.lamp.reference_counts == wanted
-    assert counts.effects == fixed.effects == base.effects
-    if most <= wanted:
-        assert ranged == fixed
-        return
-    # The same light is fewer counts, so all that is light is, and what is electrons stays.
-    gain = wanted / most
-    pose = np.array([-5.0, 0.3, 0.2, 0.1, -0.1])
-    np.testing.assert_allclose(
-        ForwardModel(ranged).light(pose), gain * ForwardModel(fixed).light(pose), rtol=1e-12
-    )
-    models = ForwardModel(fixed), ForwardModel(ranged)
-    noise = []
-    for model in models:
-        settings, light = model.scene.settings(), model.light(pose).ravel()
-        noise.append(np.array([second_forward.noise_variance(settings, each) for each in light]))
-    before_gain = {"shot_noise", "photodiode"} & set(base.effects)
-    behind_gain = {"sensor_noise"} & set(base.effects)
-    if before_gain and not behind_gain:
-        np.testing.assert_allclose(noise[1], gain**2 * noise[0], rtol=1e-12)
-    if behind_gain and not before_gain:
-        np.testing.assert_allclose(noise[1], noise[0], rtol=1e-12)
-    assert before_gain or behind_gain
-
-
-def test_the_prior_of_the_ambient_light_follows_the_gain():
-    effects = {"ambient": {"level_counts": 8.0}, "shot_noise": {"electrons_per_count": 2.0}}
-    scene = scene_with(effects, prior={"ambient_std_counts": 4.0})
-    found = with_gain(scene, 0.5)
-    assert found.effects["ambient"]["level_counts"] == 4.0
-    assert found.effects["shot_noise"]["electrons_per_count"] == 4.0
-    assert found.prior.ambient_std_counts == 2.0
-
-
-@pytest.mark.parametrize("power", POWERS)
-@pytest.mark.parametrize("mount", ["front", "centre"])
-@pytest.mark.parametrize("name", ["follow", "eren2017_tank"])
-def test_the_scenes_own_design_is_the_scene(name, power, mount):
-    scene = load_scene(name)
-    assert designed(scene, Design.of(scene), power, mount) == scene
-
-
-def test_the_foremost_point_stays_or_the_centre_does():
-    for base in (load_scene("follow"), load_scene("follow").with_shape("planar")):
-        front_m = build_array(base.array).positions[:, 0].max()
-        for design in SMALL.designs():
-            array = build_array(designed(base, design).array)
-            assert array.positions[:, 0].max() == pytest.approx(front_m)
-            scene = designed(base, design, mount="centre")
-            assert scene.array.bow_m == base.array.bow_m
-            found = build_array(scene.array)
-            shift = found.positions - array.positions
-            np.testing.assert_allclose(shift[:, 1:], 0)
-            assert np.ptp(shift[:, 0]) < 1e-12
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8).map(sorted))
+def test_labels_are_moved_apart_and_no_more_than_that_takes(heights):
+    gap, count = 0.05, len(heights)
+    # The first label and the steps above the gap, by bounded least squares.
+    steps = np.tril(np.ones((count, count)))
+    low = np.r_[-np.inf, np.zeros(count - 1)]
+    wanted = heights - gap * np.arange(count)
+    found = lsq_linear(steps, wanted, (low, np.inf), tol=1e-14)
+    expected = steps @ found.x + gap * np.arange(count)
+    np.testing.assert_allclose(apart(heights, gap), expected, atol=1e-5)

@@ -82,7 +82,7 @@ def add_settings(parser: Any, owner: Callable[..., Any], *names: str) -> None:
             add_setting(parser, name, setting)
 
 
-def add_setting(parser: Any, name: str, setting: Setting) -> None:
+def add_setting(parser: Any, name: str, setting: Setting, nargs: str | None = None) -> None:
     """Add the option of one setting; a value out of bounds is an error of the command line."""
     option, text = f"--{name.replace('_', '-')}", setting.quantity.text
     if setting.kind is bool:
@@ -94,7 +94,7 @@ def add_setting(parser: Any, name: str, setting: Setting) -> None:
     words: dict[str, Any] = {"choices": setting.choices}
     if not setting.choices:
         words = {"type": _reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
-    parser.add_argument(option, default=default, help=text.replace("%", "%%"), **words)
+    parser.add_argument(option, default=default, nargs=nargs, help=text.replace("%", "%%"), **words)
 
 
 def _reader(setting: Setting) -> Callable[[str], Any]:

@@ -19,11 +19,11 @@ from uuv_optical_array.commands import (
     table,
     view,
 )
-from uuv_optical_array.commands.studies import design
 from uuv_optical_array.studies import (
     accuracy,
     advise,
     approach,
+    design,
     drives,
     limits,
     paper,

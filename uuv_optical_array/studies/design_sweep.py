@@ -1,4 +1,4 @@
-"""What array and lamp to build: a design, a sweep of them, and the scene of each."""
+"""Designs of array and lamp: a grid of them, and the scene of each."""
 
 import dataclasses
 import itertools
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity, Setting, check, declared
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
@@ -18,6 +18,16 @@ from uuv_optical_array.forward.scene import Scene
 Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
 Mount: TypeAlias = Literal["front", "centre"]
 
+# What a sweep has lists of.
+SWEPT: dict[str, Setting] = {
+    "shape": Setting(Shape, Quantity("shapes of the array"), None, False),
+    **{
+        name: (declared(ArraySettings) | declared(LampSettings))[name]._replace(
+            default=None, optional=False
+        )
+        for name in ("detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
+    },
+}
 # Radii of 0.8 widths are as curved as the paper's.
 DEFAULTS: dict[str, tuple[Any, ...]] = {
     "detectors_per_side": (3, 5, 7, 9, 11, 21),
@@ -25,7 +35,7 @@ DEFAULTS: dict[str, tuple[Any, ...]] = {
     "radius_m": (0.16, 0.24, 0.32, 0.4, 0.48, 0.64),
     "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
 }
-# Settings that are a reading of the light, or its inverse, and so change with the gain.
+# Powers of the gain by which settings change that are a reading of the light, or its inverse.
 WITH_GAIN = {("ambient", "level_counts"): 1, ("ambient", "surface_counts"): 1}
 WITH_GAIN |= {("shot_noise", "electrons_per_count"): -1, ("photodiode", "amps_per_count"): -1}
 WITH_GAIN |= {("photodiode", "watts_per_m2_per_count"): -1}
@@ -33,15 +43,7 @@ WITH_GAIN |= {("photodiode", "watts_per_m2_per_count"): -1}
 
 @dataclass(frozen=True)
 class Design:
-    """An array and a lamp.
-
-    Parameters
-    ----------
-    shape, detectors_per_side, width_m, radius_m
-        As in `ArraySettings`.
-    beam_sigma_deg
-        Standard deviation of the lamp's beam, deg.
-    """
+    """An array and a lamp; settings as in `ArraySettings` and `LampSettings`."""
 
     shape: Shape
     detectors_per_side: int
@@ -52,14 +54,8 @@ class Design:
     @classmethod
     def of(cls, scene: Scene) -> "Design":
         """Return the design that a scene has."""
-        array = scene.array
-        return cls(
-            array.shape,
-            array.detectors_per_side,
-            array.width_m,
-            array.radius_m,
-            scene.lamp.beam_sigma_deg,
-        )
+        values = {**vars(scene.array), **vars(scene.lamp)}
+        return cls(**{field.name: values[field.name] for field in dataclasses.fields(cls)})
 
     @property
     def detectors(self) -> int:
@@ -69,19 +65,11 @@ class Design:
     @property
     def label(self) -> str:
         """The design in words."""
-        side, sphere = self.detectors_per_side, "" if self.radius_m is None else self.radius_m
-        radius = f", radius {sphere:g} m" if sphere else ""
+        radius = "" if self.radius_m is None else f", radius {self.radius_m:g} m"
         return (
-            f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, "
-            f"beam {self.beam_sigma_deg:g} deg"
+            f"{self.shape} {self.detectors_per_side} x {self.detectors_per_side}, "
+            f"{self.width_m:g} m{radius}, beam {self.beam_sigma_deg:g} deg"
         )
-
-
-_HINTS = {
-    **typing.get_type_hints(ArraySettings, include_extras=True),
-    **typing.get_type_hints(LampSettings, include_extras=True),
-    "radius_m": Annotated[float, Quantity("sphere, curved only", "m", 0.01, 100)],
-}
 
 
 @dataclass(frozen=True)
@@ -106,14 +94,17 @@ class Sweep:
     beam_sigma_deg: Sequence[float]
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            values = [check(_HINTS[field.name], v, field.name) for v in getattr(self, field.name)]
-            if not values and (field.name != "radius_m" or "curved" in self.shape):
-                raise ValueError(f"{field.name}: no value; give at least one")
+        for name, setting in SWEPT.items():
+            values = [
+                check(Annotated[setting.kind, setting.quantity], value, name)
+                for value in getattr(self, name)
+            ]
+            if not values and (name != "radius_m" or "curved" in self.shape):
+                raise ValueError(f"{name}: no value; give at least one")
             for value in values:
                 if values.count(value) > 1:
-                    raise ValueError(f"{field.name}: {value} is given twice; give it once")
-            object.__setattr__(self, field.name, tuple(values))
+                    raise ValueError(f"{name}: {value} is given twice; give it once")
+            object.__setattr__(self, name, tuple(values))
         if not self.designs():
             reasons = "; ".join(self.dropped())
             raise ValueError(f"radius_m: no design is left ({reasons}); give a larger one")
@@ -124,14 +115,10 @@ class Sweep:
 
     def dropped(self) -> dict[str, int]:
         """Count what cannot be built, by the reason."""
-        found: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for fault in filter(None, map(_fault, self._grid())):
-            found[fault] = found.get(fault, 0) + 1
-        return found
-
-    def as_object(self) -> dict[str, list[Any]]:
-        """Return the lists as plain values."""
-        return {name: list(values) for name, values in vars(self).items()}
+            counts[fault] = counts.get(fault, 0) + 1
+        return counts
 
     def _grid(self) -> list[Design]:
         return [
@@ -146,14 +133,14 @@ class Sweep:
         ]
 
 
-def default_sweep(scene: Scene) -> Sweep:
-    """Return the sweep of a scene where none is asked for: the lists below and the scene's own."""
+def default_lists(scene: Scene) -> dict[str, tuple[Any, ...]]:
+    """Return the lists of a sweep about a scene's own design, which is one of its designs."""
     own = Design.of(scene)
     lists = {
         name: tuple(sorted({*values, getattr(own, name) or values[0]}))
         for name, values in DEFAULTS.items()
     }
-    return Sweep(shape=typing.get_args(Shape), **lists)
+    return {"shape": typing.get_args(Shape), **lists}
 
 
 def _fault(design: Design) -> str | None:
@@ -185,11 +172,6 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
         ``front``: the foremost point of the array stays where the scene's is. ``centre``: the
         frame of the array does, which is the centre of a sphere, as Eren et al. (2016) have it.
 
-    Returns
-    -------
-    Scene
-        A scene like any other.
-
     Raises
     ------
     ValueError
@@ -202,18 +184,18 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
         design.shape, design.detectors_per_side, design.width_m, bow_m, design.radius_m
     )
     lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
-    found = dataclasses.replace(scene, array=array, lamp=lamp)
+    changed = dataclasses.replace(scene, array=array, lamp=lamp)
     if power == "counts" or design == Design.of(scene):
-        return found
-    solid_angle = beam_solid_angle(math.radians(design.beam_sigma_deg))
-    base_flux = ForwardModel(scene).power * beam_solid_angle(
-        math.radians(scene.lamp.beam_sigma_deg)
+        return changed
+    own_sr, solid_angle_sr = (
+        beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)
     )
-    brighter = base_flux / solid_angle / ForwardModel(found).power
+    base_flux = ForwardModel(scene).power * own_sr
+    brighter = base_flux / solid_angle_sr / ForwardModel(changed).power
     if power == "flux_in_range" and brighter > 1:
-        return with_gain(found, 1 / brighter)
+        return with_gain(changed, 1 / brighter)
     lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)
-    return dataclasses.replace(found, lamp=lamp)
+    return dataclasses.replace(changed, lamp=lamp)
 
 
 def with_gain(scene: Scene, gain: float) -> Scene:

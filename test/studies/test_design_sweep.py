@@ -1,0 +1,195 @@
+"""Designs of array and lamp: what is swept, and how bright each lamp is."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import second_forward
+from designs import CURVED, PLANAR, SMALL, scene_with
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.special import dawsn
+
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.light import beam_solid_angle
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.design_sweep import (
+    Design,
+    Sweep,
+    default_lists,
+    designed,
+    with_gain,
+)
+
+POWERS = ("flux", "flux_in_range", "counts")
+
+
+@given(
+    st.sets(st.sampled_from(["planar", "curved"]), min_size=1),
+    st.sets(st.integers(2, 30), min_size=1, max_size=3),
+    st.sets(st.floats(0.05, 1), min_size=1, max_size=4),
+    st.sets(st.floats(0.05, 1), min_size=1, max_size=4),
+    st.sets(st.floats(1, 40), min_size=1, max_size=3),
+)
+def test_a_sweep_holds_each_design_that_can_be_built_once(shapes, sides, sizes, radii, sigmas):
+    buildable = sum(radius > size / 2**0.5 for size in sizes for radius in radii)
+    each = len(sides) * len(sigmas)
+    planar, curved = "planar" in shapes, "curved" in shapes
+    count = each * (planar * len(sizes) + curved * buildable)
+    lists = [sorted(values) for values in (shapes, sides, sizes, radii, sigmas)]
+    if not count:
+        with pytest.raises(ValueError, match="no design is left"):
+            Sweep(*lists)
+        return
+    sweep = Sweep(*lists)
+    designs = sweep.designs()
+    assert len(designs) == len(set(designs)) == count
+    assert sum(sweep.dropped().values()) == curved * each * (len(sizes) * len(radii) - buildable)
+    assert all((design.radius_m is None) == (design.shape == "planar") for design in designs)
+
+
+def test_the_default_sweep_holds_the_scene_and_the_paper():
+    for name in ("follow", "eren2016", "eren2017_tank"):
+        scene = load_scene(name)
+        assert Design.of(scene) in Sweep(**default_lists(scene)).designs()
+    designs = Sweep(**default_lists(load_scene("follow"))).designs()
+    assert Design("curved", 5, 0.4, 0.32, 8.0) in designs
+    # 5 sizes; on radii of 0.16 to 0.64 m fit 1, 2, 3, 4, 5 and 5 of them.
+    assert len(designs) == (5 + 20) * 6 * 6
+    # Of the 5 of a radius, the tightest sits on the sphere as the paper's does.
+    tight = {d.width_m: min(e.radius_m for e in designs if e.radius_m and e.width_m == d.width_m)
+             for d in designs}  # fmt: skip
+    assert tight == pytest.approx({w: 0.8 * w for w in (0.2, 0.3, 0.4, 0.5, 0.6)})
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"shape": ("round",)}, "shape: 'round' is unknown; choose planar or curved"),
+        ({"shape": ()}, "shape: no value"),
+        ({"detectors_per_side": (1,)}, "detectors_per_side: 1 is out of bounds.*from 2 to 501"),
+        ({"detectors_per_side": (2.5,)}, "2.5 is not a whole number"),
+        ({"width_m": (0.4, 0.4)}, "width_m: 0.4 is given twice"),
+        ({"width_m": (math.nan,)}, "width_m: nan is out of bounds.*m$"),
+        ({"radius_m": ()}, "radius_m: no value"),
+        ({"radius_m": (0.1,), "shape": ("curved",)}, r"no design is left \(0.2 m wide on.*larger"),
+        ({"beam_sigma_deg": (0.0,)}, "beam_sigma_deg: 0.0 is out of bounds.*from 0.1 to 90 deg"),
+    ],
+)
+def test_a_bad_sweep_is_refused_by_name(change, error):
+    with pytest.raises(ValueError, match=error):
+        dataclasses.replace(SMALL, **change)
+    assert not dataclasses.replace(SMALL, shape=("planar",), radius_m=()).dropped()
+
+
+# How bright each lamp is
+
+
+@pytest.mark.parametrize("sigma_deg", [0.1, 3.0, 8.0, 20.0, 45.0, 90.0])
+def test_the_beams_solid_angle_is_the_sum_over_the_sphere(sigma_deg):
+    sigma = math.radians(sigma_deg)
+    edges = np.linspace(0, min(math.pi, 12 * sigma), 200_001)
+    middle = (edges[1:] + edges[:-1]) / 2
+    zones = 2 * math.pi * (np.cos(edges[:-1]) - np.cos(edges[1:]))
+    total = (np.exp(-(middle**2) / (2 * sigma**2)) * zones).sum()
+    assert beam_solid_angle(sigma) == pytest.approx(total, rel=1e-5)
+    if sigma_deg < 20:  # the closed form of a beam that ends before it is behind the lamp
+        closed = 2 * math.pi * math.sqrt(2) * sigma * dawsn(sigma / math.sqrt(2))
+        assert beam_solid_angle(sigma) == pytest.approx(closed, rel=1e-7)
+
+
+def emitted(scene):
+    """Flux of a scene's lamp, from its light on a sphere of detectors around it, in clear water."""
+    clear = dataclasses.replace(scene, effects={})
+    model = ForwardModel(dataclasses.replace(clear, array=load_scene("follow").array))
+    model.power = ForwardModel(scene).power
+    sigma = math.radians(scene.lamp.beam_sigma_deg)
+    step = 1e-4
+    # A detector in the array's middle looks straight at the lamp, off its axis by eta.
+    flux, _ = quad(
+        lambda eta: 2 * math.pi * math.sin(eta) * seen(model, eta), step, min(3.1, 9 * sigma)
+    )
+    return flux
+
+
+def seen(model, eta):
+    """Light times range squared of a detector that looks at the lamp from off its axis."""
+    array, range_m = model.array, 100.0
+    middle = array.side**2 // 2
+    lever = array.positions[middle, 0]
+    pose = [-(range_m + lever) * math.cos(eta), (range_m + lever) * math.sin(eta), 0, 0, -eta]
+    return model.light(pose).ravel()[middle] * range_m**2
+
+
+@pytest.mark.parametrize("design", [PLANAR, CURVED, Design("curved", 5, 0.4, 0.32, 20.0)])
+def test_equal_flux_means_that_the_lamps_emit_as_much(design):
+    base = load_scene("follow")
+    assert emitted(designed(base, design, "flux")) == pytest.approx(emitted(base), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["follow", "coastal", "sunlit_shallow"])
+@pytest.mark.parametrize("sigma_deg", [4.0, 8.0, 20.0])
+def test_the_gain_is_turned_down_where_the_array_would_read_more(name, sigma_deg):
+    base = load_scene(name)
+    design = dataclasses.replace(Design.of(base), beam_sigma_deg=sigma_deg)
+    fixed, ranged, counts = (designed(base, design, p) for p in POWERS)
+    most, wanted = fixed.lamp.reference_counts, base.lamp.reference_counts
+    assert (most > wanted) == (sigma_deg < base.lamp.beam_sigma_deg)
+    assert ranged.lamp.reference_counts == pytest.approx(min(most, wanted))
+    assert counts.lamp.reference_counts == wanted
+    assert counts.effects == fixed.effects == base.effects
+    if most <= wanted:
+        assert ranged == fixed
+        return
+    # The same light is fewer counts, so all that is light is, and what is electrons stays.
+    gain = wanted / most
+    pose = np.array([-5.0, 0.3, 0.2, 0.1, -0.1])
+    np.testing.assert_allclose(
+        ForwardModel(ranged).light(pose), gain * ForwardModel(fixed).light(pose), rtol=1e-12
+    )
+    models = ForwardModel(fixed), ForwardModel(ranged)
+    noise = []
+    for model in models:
+        settings, light = model.scene.settings(), model.light(pose).ravel()
+        noise.append(np.array([second_forward.noise_variance(settings, each) for each in light]))
+    before_gain = {"shot_noise", "photodiode"} & set(base.effects)
+    behind_gain = {"sensor_noise"} & set(base.effects)
+    if before_gain and not behind_gain:
+        np.testing.assert_allclose(noise[1], gain**2 * noise[0], rtol=1e-12)
+    if behind_gain and not before_gain:
+        np.testing.assert_allclose(noise[1], noise[0], rtol=1e-12)
+    assert before_gain or behind_gain
+
+
+def test_the_prior_of_the_ambient_light_follows_the_gain():
+    effects = {"ambient": {"level_counts": 8.0}, "shot_noise": {"electrons_per_count": 2.0}}
+    scene = scene_with(effects, prior={"ambient_std_counts": 4.0})
+    found = with_gain(scene, 0.5)
+    assert found.effects["ambient"]["level_counts"] == 4.0
+    assert found.effects["shot_noise"]["electrons_per_count"] == 4.0
+    assert found.prior.ambient_std_counts == 2.0
+
+
+@pytest.mark.parametrize("power", POWERS)
+@pytest.mark.parametrize("mount", ["front", "centre"])
+@pytest.mark.parametrize("name", ["follow", "eren2017_tank"])
+def test_the_scenes_own_design_is_the_scene(name, power, mount):
+    scene = load_scene(name)
+    assert designed(scene, Design.of(scene), power, mount) == scene
+
+
+def test_the_foremost_point_stays_or_the_centre_does():
+    for base in (load_scene("follow"), load_scene("follow").with_shape("planar")):
+        front_m = build_array(base.array).positions[:, 0].max()
+        for design in SMALL.designs():
+            array = build_array(designed(base, design).array)
+            assert array.positions[:, 0].max() == pytest.approx(front_m)
+            scene = designed(base, design, mount="centre")
+            assert scene.array.bow_m == base.array.bow_m
+            found = build_array(scene.array)
+            shift = found.positions - array.positions
+            np.testing.assert_allclose(shift[:, 1:], 0)
+            assert np.ptp(shift[:, 0]) < 1e-12

@@ -1,0 +1,151 @@
+"""``uuv_array study design``: which array and which lamp to build."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.storage.formats import json_text
+from uuv_optical_array.forward.scene import save_scene, scene_from_settings
+from uuv_optical_array.studies.design_score import CLEAR_SIGMAS, Choice, DesignStudy, ScoredDesign
+from uuv_optical_array.studies.design_sweep import SWEPT, Sweep, default_lists, designed
+from uuv_optical_array.studies.results import Results
+
+DESCRIPTION = """\
+Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and
+score each design: by the criteria of Eren et al. (2016), whether the signature tells 0.2 m and
+10 deg apart 4 to 8 m behind the lamp and how many detectors that takes, and by the Cramer-Rao bound
+over the working volume. The scores go into a CSV and a picture beside it; the Pareto-optimal
+designs are printed. A design that has a score in the CSV is not scored again, so the same command
+resumes an interrupted sweep."""
+
+EPILOG = """\
+examples:
+  uuv_array study design                             the default scene, into follow.design.csv
+  uuv_array study design --width-m 0.3 0.4 --detectors-per-side 5 7    some of it
+  uuv_array study design --take 2                    all of it, and design 2 as a scene file
+fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
+criterion at 4 m, `any` of all. A design is left out if another one has no more detectors and bounds
+that are no more than 10 % larger. Ctrl-C ends it early and draws what there is."""
+
+
+def report(choice: Choice) -> str:
+    """Return the Pareto-optimal designs as a table, and how many meet the criterion."""
+    heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
+    line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
+    lines = [
+        line.format("no", "design", *heads),
+        line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
+    ]
+    listed = zip(choice.numbered, choice.standing, strict=True)
+    for number, (row, standing) in enumerate(listed, start=1):
+        score = row.score
+        values = (
+            row.design.label,
+            f"{score.position_m:.3f}",
+            f"{score.angle_deg:.2f}",
+            f"{100 * score.lit:.0f}",
+            f"{score.shift_near_deg:.1f}, {score.yaw_near_deg:.1f}",
+            f"{score.shift_deg:.1f}, {score.yaw_deg:.1f}",
+            f"{score.sigmas:.1f}",
+            score.resolved,
+            standing,
+        )
+        lines.append(line.format(number, *values))
+    near, far, clear = choice.resolved_counts
+    table = "\n".join(lines)
+    return (
+        f"{table}\n\n"
+        f"{near} of {len(choice.rows)} designs tell 0.2 m and 10 deg apart by 15 deg at 4 m, "
+        f"{far} from 4 to 8 m;\nof these, {clear} by {CLEAR_SIGMAS:g} or more standard "
+        "deviations of their signature's noise"
+    )
+
+
+def add_parser(subparsers: options.Subparsers) -> None:
+    """Add the subcommand."""
+    parser = options.add_command(
+        subparsers,
+        "design",
+        run,
+        "sweep array and lamp, and say which design to build",
+        DESCRIPTION,
+        EPILOG,
+    )
+    options.add_scene(parser, "follow")
+    swept = parser.add_argument_group("what is swept (default: a grid about the scene's own)")
+    for name, setting in SWEPT.items():
+        options.add_setting(swept, name, setting, nargs="+")
+    scored = parser.add_argument_group("how it is scored")
+    options.add_settings(scored, DesignStudy, "power", "mount", "poses", "seed")
+    written = parser.add_argument_group("what is written")
+    written.add_argument(
+        "--csv",
+        type=Path,
+        metavar="FILE",
+        help="every design, a line each (default: SCENE.design.csv here)",
+    )
+    outputs.add_picture(written, None, "--picture", "picture, else beside the CSV")
+    written.add_argument(
+        "--take",
+        type=options.whole_number,
+        metavar="NO",
+        help="write design NO of the table as a scene, too",
+    )
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Score what is not scored yet, and print, write and draw it."""
+    scene = options.scene_of(args)
+    with options.checking_options():
+        lists = {name: values for name in SWEPT if (values := vars(args)[name]) is not None}
+        sweep = Sweep(**{**default_lists(scene), **lists})
+    values = options.settings_of(args, DesignStudy, "power", "mount", "poses", "seed")
+    study = DesignStudy(scene, sweep, **values)
+    csv = outputs.file_to_write(args.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)
+    picture = outputs.file_to_write(
+        args.picture or csv.with_suffix(".png"), "--picture", outputs.PICTURE
+    )
+    results = Results(csv, ScoredDesign, study.origin)
+
+    def tell(text: str) -> None:
+        print(text, file=sys.stderr if args.json else sys.stdout)
+
+    if dropped := sweep.dropped():
+        tell(f"left out: {sum(dropped.values())} designs whose corners lie beyond their sphere")
+    if there := study.swept(results):
+        tell(f"{csv}: {len(there)} designs are there already")
+    try:
+        study.score_rest(results, lambda rounds: progress.over(rounds, "design"))
+    except KeyboardInterrupt:
+        if not study.swept(results):
+            raise
+    choice = Choice(study, study.swept(results))
+    done, count = len(choice.rows), len(sweep.designs())
+    # matplotlib takes a second
+    from uuv_optical_array.plots.style import save
+    from uuv_optical_array.studies.design_picture import draw
+
+    save(draw(choice), picture)
+    written = [csv, picture]
+    if args.take is not None:
+        with options.checking_options():
+            numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
+            number = check(numbers, args.take, "--take")
+        written.append(csv.with_suffix(f".{number}.yaml"))
+        design = choice.numbered[number - 1].design
+        taken = designed(scene, design, study.power, study.mount)
+        taken = scene_from_settings(taken.settings(), written[-1].stem)
+        about = f"{design.label}, by uuv_array study design from {scene.name}"
+        save_scene(taken, written[-1], about)
+    if args.json:
+        names = [str(path) for path in written]
+        print(json_text({"complete": done == count, **choice.as_object(), "files": names}))
+    else:
+        print(f"{report(choice)}\n{done} designs: {', '.join(map(str, written))}")
+        if done < count:
+            print(f"interrupted: {done} of {count} designs; the same command resumes it")
+    return 0 if done == count else options.INTERRUPTED

@@ -1,1 +1,0 @@
-"""Which array and lamp to build."""

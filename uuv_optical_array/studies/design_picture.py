@@ -1,0 +1,246 @@
+"""The picture of a design study: bounds against detectors, lamp, size and radius."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.studies.design_score import Choice, DesignStudy, ScoredDesign
+from uuv_optical_array.studies.design_sweep import Design
+from uuv_optical_array.studies.separation import THRESHOLD_DEG
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Score, axis label, and the specification.
+BOUNDS = {
+    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0])),
+    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
+}
+# Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
+# distance between two numbers of detectors.
+CENTRE: dict[Shape, float] = {"planar": -0.3, "curved": 0.04}
+BAND = 0.3
+LANE = 0.485
+LABEL_GAP = 0.045  # between labels, of the height of the axes
+CLOSE_UP_SIDE = 5
+
+
+def draw(choice: Choice) -> "Figure":
+    """Draw bounds against detectors, lamp, size and radius, and list the designs that fit."""
+    from matplotlib.figure import Figure
+
+    study, rows = choice.study, choice.rows
+    named = {
+        number: row
+        for number, row in enumerate(choice.numbered, start=1)
+        if row in choice.fronts["fits"] or row in choice.papers
+    }
+    figure = Figure(figsize=(14, 13), layout="constrained")
+    parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.4])
+    for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
+        _all_designs(axes, choice, named, name)
+    by_beam, by_radius, criterion = parts[1].subplots(1, 3)
+    _close_up(by_beam, by_radius, study, rows)
+    _dots(
+        criterion, [min(row.score.shift_deg, row.score.yaw_deg) for row in rows], rows, "angle_deg"
+    )
+    _levels(criterion, "angle_deg")
+    criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
+    criterion.set_xlabel("least spectral angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
+    criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
+    left, right = parts[2].subplots(1, 2, gridspec_kw={"width_ratios": [2.2, 1]})
+    _key(left, choice, named)
+    _legend(right, study.scene.array.width_m)
+    figure.suptitle(
+        f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}\n"
+        f"lamp power: {study.power}; mount: {study.mount}; {study.poses} poses, seed {study.seed}",
+        fontsize=13,
+    )
+    return figure
+
+
+def _levels(axes: Any, name: str) -> None:
+    """Draw the specification and what is known without light, and set up the axis of bounds."""
+    from uuv_optical_array.plots.style import SPECIFIED, plain_log_ticks
+
+    label, wanted = BOUNDS[name]
+    free = volume_spread()[list(BOUNDS).index(name)]
+    axes.axhline(wanted, color=SPECIFIED, ls="--", lw=1.4, zorder=1)
+    axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
+    axes.set(yscale="log", ylabel=label)
+    plain_log_ticks(axes.yaxis)
+    axes.grid(alpha=0.3, lw=0.5)
+
+
+def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
+    """Draw designs as pale dots, coloured by their shape."""
+    from uuv_optical_array.plots.style import SHAPE_COLOURS
+
+    colours = [SHAPE_COLOURS[row.design.shape] for row in rows]
+    y = [getattr(row.score, name) for row in rows]
+    axes.scatter(x, y, s=9, c=colours, alpha=0.3, lw=0, zorder=2)
+
+
+def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
+    """Draw every design by its number of detectors, the fronts, and the numbers of the named."""
+    from uuv_optical_array.plots.style import SHAPE_COLOURS, apart, number_label
+
+    rows = choice.rows
+    sides = sorted({row.design.detectors_per_side for row in rows})
+    widths = sorted({row.design.width_m for row in rows})
+
+    def bound(row: ScoredDesign) -> float:
+        return float(getattr(row.score, name))
+
+    def place(row: ScoredDesign) -> float:
+        share = (widths.index(row.design.width_m) + 0.5) / len(widths) - 0.5
+        return sides.index(row.design.detectors_per_side) + CENTRE[row.design.shape] + BAND * share
+
+    _dots(axes, [place(row) for row in rows], rows, name)
+    _levels(axes, name)
+    for i in range(1, len(sides)):
+        axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
+    axes.grid(visible=False, axis="x")
+    axes.set_xticks(range(len(sides)), [f"{n} x {n}" for n in sides])
+    axes.set(xlim=(-0.5, len(sides) - 0.5), xlabel="detectors")
+    for front_name, style in (("fits", "-"), ("any", "--")):
+        # Of each number of detectors the best; the last of a key stays.
+        on_front = sorted(choice.fronts[front_name], key=bound, reverse=True)
+        best = {row.design.detectors_per_side: row for row in on_front}
+        line = [best[side] for side in sorted(best)]
+        axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=style, lw=1.2, zorder=2.5)
+    low, high = np.log(axes.get_ylim())
+    for i, side in enumerate(sides):
+        of_side = sorted(
+            (bound(row), number, row)
+            for number, row in named.items()
+            if row.design.detectors_per_side == side
+        )
+        heights = [(np.log(y) - low) / (high - low) for y, *_ in of_side]
+        for (y, number, row), height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
+            point = place(row), y
+            axes.plot(*point, "o", color=SHAPE_COLOURS[row.design.shape], ms=6, mec="k", zorder=3)
+            at = (i + 0.5 + LANE) / len(sides), height
+            number_label(axes, number, point, at, ha="right")
+
+
+def _close_up(
+    by_beam: Any, by_radius: Any, study: DesignStudy, rows: Sequence[ScoredDesign]
+) -> None:
+    """Draw one number of detectors: against the lamp's beam, and against the sphere."""
+    from uuv_optical_array.plots.style import SHAPE_COLOURS
+
+    own = Design.of(study.scene)
+
+    def nearest(name: str, wanted: float) -> Any:
+        values = {getattr(row.design, name) for row in rows}
+        return min(values, key=lambda value: abs(value - wanted))
+
+    side = nearest("detectors_per_side", CLOSE_UP_SIDE)
+    width, sigma = nearest("width_m", own.width_m), nearest("beam_sigma_deg", own.beam_sigma_deg)
+    close = [row for row in rows if row.design.detectors_per_side == side]
+    _lines(
+        by_beam,
+        (row for row in close if row.design.width_m == width),
+        "beam_sigma_deg",
+        lambda design: design.radius_m or np.inf,
+        lambda radius: "planar" if radius == np.inf else f"radius {radius:g} m",
+        ("viridis", 0.85),
+        {np.inf: SHAPE_COLOURS["planar"]},
+    )
+    by_beam.set(
+        xlabel="standard deviation of the beam (deg)", title=f"{side} x {side} on {width:g} m"
+    )
+    _lines(
+        by_radius,
+        (row for row in close if row.design.radius_m and row.design.beam_sigma_deg == sigma),
+        "radius_m",
+        lambda design: design.width_m,
+        lambda size: f"{size:g} m wide",
+        ("cividis", 0.9),
+        {},
+    )
+    by_radius.set(
+        xlabel="radius of the sphere (m)", title=f"{side} x {side}, beam of {sigma:g} deg"
+    )
+
+
+def _lines(
+    axes: Any,
+    rows: Iterable[ScoredDesign],
+    x_name: str,
+    group_of: Callable[[Design], float],
+    label: Callable[[float], str],
+    shades: tuple[str, float],
+    colours: dict[float, str],
+) -> None:
+    """Draw the bound on the position against a setting of the design, a line for each group."""
+    import matplotlib
+    from matplotlib.ticker import NullLocator
+
+    points: dict[float, list[tuple[float, float]]] = {}
+    for row in rows:
+        point = getattr(row.design, x_name), row.score.position_m
+        points.setdefault(group_of(row.design), []).append(point)
+    shaded = sorted(points.keys() - colours.keys())
+    palette = matplotlib.colormaps[shades[0]](np.linspace(0, shades[1], len(shaded)))
+    of_group = {**dict(zip(shaded, palette, strict=True)), **colours}
+    for group in sorted(points):
+        x, y = zip(*sorted(points[group]), strict=True)
+        axes.plot(x, y, "o-", color=of_group[group], lw=1.5, ms=4, label=label(group))
+    _levels(axes, "position_m")
+    axes.set_xscale("log")
+    ticks = sorted({x for line in points.values() for x, _ in line})
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.xaxis.set_minor_locator(NullLocator())
+    if points:
+        axes.legend(fontsize=9, loc="best", framealpha=0.85)
+
+
+def _key(axes: Any, choice: Choice, named: dict[int, ScoredDesign]) -> None:
+    """List the designs that are named, and their scores."""
+    axes.set_axis_off()
+    line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>10}{:>7}  {:<8}{}"
+    lines = [
+        line.format("", "", "", "width", "radius", "beam", "position", "angle", "15 deg", "front"),
+        line.format("", "", "", "m", "m", "deg", "m", "deg", "at", ""),
+    ]
+    for number, row in named.items():
+        design, score = row.design, row.score
+        side = design.detectors_per_side
+        lines.append(
+            line.format(
+                number,
+                design.shape,
+                f"{side} x {side}",
+                f"{design.width_m:g}",
+                "-" if design.radius_m is None else f"{design.radius_m:g}",
+                f"{design.beam_sigma_deg:g}",
+                f"{score.position_m:.3f}",
+                f"{score.angle_deg:.2f}",
+                score.resolved,
+                choice.standing[number - 1],
+            )
+        )
+    axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=10, va="top", linespacing=1.3)
+
+
+def _legend(axes: Any, width_m: float) -> None:
+    """Say what colours and lines mean."""
+    from uuv_optical_array.plots.style import SHAPE_COLOURS, SPECIFIED, mark
+
+    axes.set_axis_off()
+    handles = [
+        *(
+            mark(f"{shape}; wider arrays to the right", color=colour)
+            for shape, colour in SHAPE_COLOURS.items()
+        ),
+        mark(f"front 'fits': no wider than {width_m:g} m, numbered", "", color="k", lw=1.2),
+        mark("front 'any': of any width", "", color="k", lw=1.2, ls="--"),
+        mark("specification of the paper", "", color=SPECIFIED, lw=1.4, ls="--"),
+        mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
+    ]
+    axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)

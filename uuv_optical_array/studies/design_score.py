@@ -1,0 +1,373 @@
+"""What designs of array and lamp are worth: the paper's criterion, the bound, and the best of them.
+
+Eren et al. (2016) judge a design by whether its signature tells 0.2 m and 10 deg apart 4 to 8 m
+behind the lamp, and by how few detectors that takes. docs/results/design_study.md says what each
+score means.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+
+from uuv_optical_array.cli.options import SEED
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
+from uuv_optical_array.estimation.signature_table import Progress
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import (
+    MIN_PEAK_COUNTS,
+    RANGES_M,
+    known_volume_std,
+    uniform_poses,
+)
+from uuv_optical_array.studies.design_sweep import Design, Mount, Power, Sweep, designed
+from uuv_optical_array.studies.errors import position_and_angle
+from uuv_optical_array.studies.pareto import thinned_front
+from uuv_optical_array.studies.results import Flat, Results
+from uuv_optical_array.studies.separation import (
+    THRESHOLD_DEG,
+    WANTED,
+    Conditions,
+    Motion,
+    angles_deg,
+    from_paper_axes,
+    scene_signature,
+)
+
+CLEAR_SIGMAS = 3.0
+# What Eren et al. (2016) choose; their lamp is not given.
+PAPER: dict[str, Any] = {
+    "shape": "curved",
+    "detectors_per_side": 5,
+    "width_m": 0.4,
+    "radius_m": 0.32,
+}
+NOISE_DRAWS = 64
+ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
+BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a design is worth.
+
+    Parameters
+    ----------
+    reference_counts
+        Largest reading of the lamp by the aligned array at the scene's reference range.
+    shift_near_deg, yaw_near_deg
+        Spectral angle of the paper's signature for 0.2 m across and for 10 deg of yaw, the smaller
+        of both signs, 4 m behind the lamp, deg; nan where the aligned image is flat.
+    shift_deg, yaw_deg
+        The least of these at 4, 5, 6, 7 and 8 m.
+    shift_near_sigmas, yaw_near_sigmas, shift_sigmas, yaw_sigmas
+        The same angles over the root mean square angle by which noise moves the signature of the
+        aligned array there; inf where noise moves nothing.
+    position_m, angle_deg
+        Root mean square bound over the working volume of a pose that is known to lie in it, as
+        `working_volume.known_volume_std`.
+    lit
+        Share of the volume where the image peaks above `working_volume.MIN_PEAK_COUNTS`.
+    lit_position_m, lit_angle_deg
+        Root mean square Cramer-Rao bound of the image alone over that share; nan where it is
+        empty, inf where a pose in it is unobservable.
+    """
+
+    reference_counts: float
+    shift_near_deg: float
+    yaw_near_deg: float
+    shift_deg: float
+    yaw_deg: float
+    shift_near_sigmas: float
+    yaw_near_sigmas: float
+    shift_sigmas: float
+    yaw_sigmas: float
+    position_m: float
+    angle_deg: float
+    lit: float
+    lit_position_m: float
+    lit_angle_deg: float
+
+    @property
+    def resolved_at_4m(self) -> bool:
+        """Whether both moves reach the paper's threshold at 4 m, which is where it decides."""
+        return min(self.shift_near_deg, self.yaw_near_deg) >= THRESHOLD_DEG
+
+    @property
+    def resolved_4_to_8m(self) -> bool:
+        """Whether they do from 4 to 8 m, which is what it claims."""
+        return min(self.shift_deg, self.yaw_deg) >= THRESHOLD_DEG
+
+    @property
+    def resolved(self) -> str:
+        """Say where both moves reach the threshold."""
+        return "4 to 8 m" if self.resolved_4_to_8m else "4 m" if self.resolved_at_4m else "none"
+
+    @property
+    def sigmas(self) -> float:
+        """The lesser of `shift_sigmas` and `yaw_sigmas`."""
+        return min(self.shift_sigmas, self.yaw_sigmas)
+
+
+def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
+    """Score the array and lamp of a scene.
+
+    The bound is taken at `poses` ``(n, 5)``, the same for designs that are compared; `rng` is of
+    the noise.
+    """
+    model = ForwardModel(scene)
+    shift, yaw = (separations(scene, motion) for motion in WANTED)
+    noise = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
+    noise = np.where(noise > ROUNDING_DEG, noise, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift_sigmas, yaw_sigmas = shift / noise, yaw / noise
+    known, alone, lit = bounds(model, poses)
+    position_m, angle_deg = position_and_angle(known)
+    lit_position_m, lit_angle_deg = position_and_angle(alone[lit])
+    return Score(
+        reference_counts=scene.lamp.reference_counts,
+        shift_near_deg=float(shift[0]),
+        yaw_near_deg=float(yaw[0]),
+        shift_deg=float(shift.min()),
+        yaw_deg=float(yaw.min()),
+        shift_near_sigmas=float(shift_sigmas[0]),
+        yaw_near_sigmas=float(yaw_sigmas[0]),
+        shift_sigmas=float(shift_sigmas.min()),
+        yaw_sigmas=float(yaw_sigmas.min()),
+        position_m=position_m,
+        angle_deg=angle_deg,
+        lit=float(lit.mean()),
+        lit_position_m=lit_position_m,
+        lit_angle_deg=lit_angle_deg,
+    )
+
+
+def separations(scene: Scene, motion: Motion) -> Array:
+    """Return the spectral angle of a wanted move, the smaller of both signs, deg, at `RANGES_M`."""
+    array = scene.array
+    return np.array(
+        [
+            angles_deg(
+                scene,
+                Conditions(array.shape, array.detectors_per_side, range_m, motion),
+                [WANTED[motion], -WANTED[motion]],
+            ).min()
+            for range_m in RANGES_M
+        ]
+    )
+
+
+def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
+    """Return by what angle noise moves the signature of the aligned array, deg, RMS of a few draws.
+
+    The array is `range_m` behind the lamp, and the angle is that from the noiseless signature.
+    """
+    pose = from_paper_axes([range_m, 0, 0, 0, 0])
+    clean = model.expected(pose)
+    on_axis_counts = float(clean.max())
+    calm = scene_signature(clean, on_axis_counts, model.scene)
+    step = _block(model)
+    squares = 0.0
+    for start in range(0, NOISE_DRAWS, step):
+        count = min(step, NOISE_DRAWS - start)
+        readings = model.expose(np.broadcast_to(pose, (count, 5)), rng)
+        angles = spectral_angle(calm, scene_signature(readings, on_axis_counts, model.scene))
+        squares += float((angles**2).sum())
+    return math.degrees(math.sqrt(squares / NOISE_DRAWS))
+
+
+def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, Array]:
+    """Bound the errors at poses ``(n, 5)``.
+
+    Returns
+    -------
+    known, alone : Array
+        Least standard deviations, m and rad, shape ``(n, 5)``: of an image whose pose is known to
+        lie in the volume, and of the image alone, the Cramer-Rao bound.
+    lit : ndarray of bool
+        Whether there is light, shape ``(n,)``.
+    """
+    known, alone, lit = np.empty_like(poses), np.empty_like(poses), np.empty(len(poses), bool)
+    step = _block(model)
+    for start in range(0, len(poses), step):
+        part = slice(start, start + step)
+        bound = cramer_rao_bound(model, poses[part])
+        known[part], alone[part] = known_volume_std(bound.information), bound.std
+        lit[part] = model.expected(poses[part]).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
+    return known, alone, lit
+
+
+def _block(model: ForwardModel) -> int:
+    """Return how many images are worked on at a time."""
+    return max(1, BLOCK_READINGS // model.array.side**2)
+
+
+@dataclass(frozen=True)
+class ScoredDesign(Flat):
+    """A design and its score: a line of the CSV."""
+
+    design: Design
+    score: Score
+
+    def columns(self) -> dict[str, Any]:
+        """Return the values by column."""
+        return {
+            **vars(self.design),
+            "detectors": self.design.detectors,
+            **vars(self.score),
+            "resolved_at_4_m": self.score.resolved_at_4m,
+            "resolved_4_to_8_m": self.score.resolved_4_to_8m,
+        }
+
+    @property
+    def is_papers_array(self) -> bool:
+        """Whether it has the array that the paper chooses, whatever its lamp."""
+        return self.design == dataclasses.replace(self.design, **PAPER)
+
+
+@dataclass(frozen=True)
+class ScoreOrigin:
+    """What scores depend on beside their design, as in `DesignStudy`."""
+
+    scene: str
+    fingerprint: str
+    power: str
+    mount: str
+    poses: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class DesignStudy:
+    """A sweep, and how it is scored; `power` and `mount` as in `designed`."""
+
+    scene: Scene
+    sweep: Sweep
+    power: Annotated[
+        Power,
+        Quantity(
+            "lamps of equal flux; the same with the gain turned down where they would read "
+            "brighter than the scene's own; or lamps of equal counts"
+        ),
+    ] = "flux"
+    mount: Annotated[
+        Mount,
+        Quantity(
+            "what stays in its place: the foremost point, or the array's frame, which is the "
+            "centre of a sphere as in the paper"
+        ),
+    ] = "front"
+    poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
+    seed: Annotated[int, SEED] = 1
+
+    @property
+    def origin(self) -> ScoreOrigin:
+        """What its scores depend on."""
+        scene = self.scene
+        return ScoreOrigin(
+            scene.name, scene.fingerprint, self.power, self.mount, self.poses, self.seed
+        )
+
+    def score_rest(
+        self, results: Results[ScoreOrigin, ScoredDesign], progress: Progress = iter
+    ) -> None:
+        """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
+        there = {line.design for line in results.lines}
+        left = [design for design in self.sweep.designs() if design not in there]
+        poses = uniform_poses(self.poses, np.random.default_rng([self.seed, 0]))
+        scored: list[ScoredDesign] = []
+        try:
+            for i in progress(range(len(left))):
+                scene = designed(self.scene, left[i], self.power, self.mount)
+                noise = np.random.default_rng([self.seed, 1])
+                scored.append(ScoredDesign(left[i], score(scene, poses, noise)))
+        finally:
+            if scored:
+                results.append(scored)
+
+    def swept(self, results: Results[ScoreOrigin, ScoredDesign]) -> list[ScoredDesign]:
+        """Return the designs of the sweep that have a score, in its order."""
+        scored = {line.design: line for line in results.lines}
+        return [scored[design] for design in self.sweep.designs() if design in scored]
+
+
+def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
+    """Return the Pareto-optimal designs in detectors and bounds, fewest detectors first.
+
+    A design is left out if another one has no more detectors and bounds on position and angle that
+    are no more than 10 % larger, or smaller.
+    """
+    bounds = [(row.score.position_m, row.score.angle_deg) for row in rows]
+    detectors = [row.design.detectors for row in rows]
+    kept = [rows[i] for i in thinned_front(detectors, np.reshape(bounds, (-1, 2)))]
+    return sorted(kept, key=lambda row: (row.design.detectors, row.score.position_m))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a sweep offers: the Pareto-optimal designs among its scored ones."""
+
+    study: DesignStudy
+    rows: Sequence[ScoredDesign]
+
+    @cached_property
+    def fronts(self) -> dict[str, list[ScoredDesign]]:
+        """Fronts of what is no wider than the scene's array, of what resolves, and of all."""
+        fits = [row for row in self.rows if row.design.width_m <= self.study.scene.array.width_m]
+        resolved = [row for row in fits if row.score.resolved_at_4m]
+        return {"fits": front(fits), "resolved": front(resolved), "any": front(self.rows)}
+
+    @cached_property
+    def papers(self) -> list[ScoredDesign]:
+        """The paper's array with the scene's lamp, where it is swept."""
+        own = self.study.scene.lamp.beam_sigma_deg
+        return [
+            row for row in self.rows if row.is_papers_array and row.design.beam_sigma_deg == own
+        ]
+
+    @cached_property
+    def numbered(self) -> list[ScoredDesign]:
+        """Every design that is listed, once: the fronts in turn, then the paper's array."""
+        on_fronts = [row for rows in self.fronts.values() for row in rows]
+        return list(dict.fromkeys([*on_fronts, *self.papers]))
+
+    @property
+    def standing(self) -> list[str]:
+        """On which fronts each of `numbered` is, and whether it is the paper's array."""
+        return [
+            ", ".join([name for name, rows in self.fronts.items() if row in rows] or ["none"])
+            + "; the paper's array" * row.is_papers_array
+            for row in self.numbered
+        ]
+
+    @property
+    def resolved_counts(self) -> tuple[int, int, int]:
+        """How many meet the criterion at 4 m, from 4 to 8 m, and there beyond noise."""
+        near = sum(row.score.resolved_at_4m for row in self.rows)
+        far = [row.score for row in self.rows if row.score.resolved_4_to_8m]
+        return near, len(far), sum(score.sigmas >= CLEAR_SIGMAS for score in far)
+
+    def as_object(self) -> dict[str, Any]:
+        """Return plain values; None is not known, or has no bound."""
+        study, at = self.study, {id(row): i for i, row in enumerate(self.rows)}
+        return {
+            "scene": study.scene.name,
+            "sweep": vars(study.sweep),
+            "power": study.power,
+            "mount": study.mount,
+            "poses": study.poses,
+            "seed": study.seed,
+            "designs": [row.columns() for row in self.rows],
+            "fronts": {name: [at[id(row)] for row in rows] for name, rows in self.fronts.items()},
+            "numbered": [at[id(row)] for row in self.numbered],
+            "papers_array": [i for i, row in enumerate(self.rows) if row.is_papers_array],
+            "dropped": study.sweep.dropped(),
+        }

@@ -1,11 +1,11 @@
-"""What an extra of the package installs, imported when it is needed."""
+"""Modules that an extra of the package installs, imported when they are needed."""
 
 from importlib import import_module
 from typing import Any
 
 from uuv_optical_array.core.storage.files import PACKAGE
 
-# Extra: what needs it.
+# What needs each extra.
 NEEDED_BY = {
     "bags": "bags need",
     "cluster": "work in chunks needs",
@@ -15,29 +15,16 @@ NEEDED_BY = {
 
 
 class NotInstalled(ValueError):
-    """What is asked for needs an extra that is not installed; the text says which."""
+    """An extra that is needed is not installed; the text says which."""
 
 
 def needs(extra: str, module: str) -> Any:
-    """Import a module that only an extra installs, or one of ours that imports such.
-
-    Parameters
-    ----------
-    extra
-        One of `NEEDED_BY`.
-    module
-        Full name.
-
-    Raises
-    ------
-    NotInstalled
-        Where it is not installed.
-    """
+    """Import a module that needs an extra of `NEEDED_BY`; `NotInstalled` where it is missing."""
     try:
         return import_module(module)
     except ImportError as error:
         if (error.name or "").partition(".")[0] == PACKAGE:
-            raise  # a fault of ours
+            raise  # an error in this package
         raise NotInstalled(
             f"{error}; {NEEDED_BY[extra]} the extra: pip install '{PACKAGE}[{extra}]'"
         ) from None

@@ -17,7 +17,7 @@ from uuv_optical_array.core.numerics.elementwise import law
 
 DOF_NAMES = ("x", "y", "z", "pitch", "yaw")
 X, Y, Z, PITCH, YAW = range(5)
-# Poses and errors are printed and drawn in these units; times IN_DEGREES they are.
+# Units in which poses and errors are printed and drawn, after multiplication by IN_DEGREES.
 DOF_UNITS = ("m", "m", "m", "deg", "deg")
 
 Array = NDArray[np.float64]
@@ -49,19 +49,12 @@ def rotation(pitch: Any, yaw: Any, roll: Any) -> tuple[tuple[Any, Any, Any], ...
 def lamp_in_body(
     x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
 ) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Return what decides the light: where the lamp is and where it shines, in ``base_link``.
+    """Return the lamp in ``base_link``: position, m, and unit vector along the beam.
 
     Parameters
     ----------
-    x, y, z, pitch, yaw
-        Pose of the follower in ``beacon``, m and rad, numbers or arrays.
-    roll
-        Roll of the follower, rad.
-
-    Returns
-    -------
-    tuple
-        Position, m, and unit vector along the beam: six components.
+    x, y, z, pitch, yaw, roll
+        Pose and roll of the follower in ``beacon``, m and rad, numbers or arrays.
     """
     ahead, aside, above = rotation(pitch, yaw, roll)
     return (
@@ -76,23 +69,21 @@ def lamp_in_body(
 
 @law
 def pitched(seen: Any, roll: Any) -> tuple[Any, Any, Any]:
-    """Differentiate by the pitch a vector, of three components, that the body sees."""
-    # When the body turns about u, what it sees turns by -u x; pitch turns about Rx(-roll) y.
+    """Return the slope by the pitch of a vector, three components, in the body's frame."""
+    # A turn of the body about u changes a fixed vector by -u x; pitch turns about Rx(-roll) y.
     sin_r, cos_r = sin(roll), cos(roll)
     return -(seen[1] * sin_r + seen[2] * cos_r), seen[0] * sin_r, seen[0] * cos_r
 
 
 def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
-    """Differentiate `lamp_in_body` by the pose.
+    """Write the slopes of `lamp_in_body` by the pose.
 
     Parameters
     ----------
-    pose
-        Its components, m and rad, numbers or arrays.
-    roll
-        Roll of the follower, rad.
+    pose, roll
+        Components of the pose, m and rad, and the roll, rad, numbers or arrays.
     lamp
-        What `lamp_in_body` returned.
+        Result of `lamp_in_body`.
     slopes
         Result, given as zeros, shape ``(6, 5, ...)``.
     """
@@ -109,20 +100,12 @@ def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
 
 
 def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> Array:
-    """Rotation from the turned frame to the frame it was turned in.
+    """Rotation ``Rz(yaw) Ry(pitch) Rx(roll)`` from the turned frame to the original one.
 
-    Parameters
-    ----------
-    pitch, yaw, roll
-        Angles in rad, of shapes that broadcast to ``(...)``. Positive pitch lowers
-        the bow, positive yaw turns it to port, positive roll lowers the starboard side.
-
-    Returns
-    -------
-    Array
-        ``Rz(yaw) Ry(pitch) Rx(roll)``, shape ``(..., 3, 3)``.
+    Angles are in rad and broadcast to ``(...)``; the result has shape ``(..., 3, 3)``. Positive
+    pitch lowers the bow, positive yaw turns it to port, positive roll lowers the starboard side.
     """
-    if np.ndim(pitch) == np.ndim(yaw) == np.ndim(roll) == 0:  # of one pose, four times as fast
+    if np.ndim(pitch) == np.ndim(yaw) == np.ndim(roll) == 0:  # four times as fast for one pose
         return np.array(rotation(pitch, yaw, roll))
     pitch, yaw, roll = (np.asarray(angle, dtype=float) for angle in (pitch, yaw, roll))
     matrix = np.empty((*np.broadcast(roll, pitch, yaw).shape, 3, 3))
@@ -133,21 +116,10 @@ def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> 
 
 
 def roll_pitch_yaw(matrix: ArrayLike) -> tuple[Array, Array, Array]:
-    """Angles of a rotation matrix, the inverse of `rotation_matrix`.
-
-    Parameters
-    ----------
-    matrix
-        Rotation matrices, shape ``(..., 3, 3)``.
-
-    Returns
-    -------
-    tuple of Array
-        Roll, pitch and yaw in rad, shape ``(...)``; pitch in [-pi/2, pi/2].
-    """
+    """Roll, pitch in [-pi/2, pi/2] and yaw, rad, of rotation matrices, shape ``(..., 3, 3)``."""
     m = np.asarray(matrix, dtype=float)
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
-    # What is left when the yaw is undone is a pitch and a roll, with the bow up or down too.
+    # Without the yaw a pitch and a roll remain, also with the bow straight up or down.
     sin_y, cos_y = np.sin(yaw), np.cos(yaw)
     pitch = np.arctan2(-m[..., 2, 0], cos_y * m[..., 0, 0] + sin_y * m[..., 1, 0])
     roll = np.arctan2(
@@ -162,21 +134,14 @@ def relative_pose(
     follower_position: ArrayLike,
     follower_rotation: ArrayLike,
 ) -> tuple[Array, float]:
-    """Pose of the follower in the beacon frame, from both in one common frame.
+    """Pose, shape ``(5,)``, and roll of the follower in the beacon frame.
 
     Parameters
     ----------
     beacon_position, follower_position
-        Origins in the common frame, m, shape ``(3,)``.
+        Origins in a common frame, m, shape ``(3,)``.
     beacon_rotation, follower_rotation
         Rotations from each frame to the common one, shape ``(3, 3)``.
-
-    Returns
-    -------
-    pose : Array
-        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``.
-    roll : float
-        The roll that completes the attitude, rad.
     """
     to_beacon = np.asarray(beacon_rotation, dtype=float).T
     position = to_beacon @ (np.asarray(follower_position, float) - np.asarray(beacon_position))
@@ -185,7 +150,7 @@ def relative_pose(
 
 
 def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Reduce the 6x6 covariance of a ROS pose to the 5 degrees of freedom.
+    """Reduce the covariance of a ROS pose to that of `pose`, shape ``(5, 5)``.
 
     Parameters
     ----------
@@ -193,11 +158,6 @@ def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
         ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``.
     covariance
         Of (x, y, z, rotations about the fixed x, y and z axes), shape ``(6, 6)``.
-
-    Returns
-    -------
-    Array
-        Covariance of `pose`, shape ``(5, 5)``.
     """
     yaw = np.asarray(pose, dtype=float)[YAW]
     reduction = np.zeros((5, 6))
@@ -217,7 +177,7 @@ def wrapped(state: Array, angle: int = YAW) -> Array:
 def turned_components(
     x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """As `turned_about_beam`, of the components of a pose, numbers or arrays."""
+    """As `turned_about_beam`, for the components of a pose, numbers or arrays."""
     sin_r, cos_r = sin(roll), cos(roll)
     ahead, aside, above = rotation(pitch, yaw, 0.0)
     forward_y = cos_r * aside[0] - sin_r * above[0]
@@ -230,25 +190,25 @@ def turned_components(
 def body_twist(
     pose: ArrayLike, rate: ArrayLike, covariance: ArrayLike, roll: float
 ) -> tuple[Array, Array]:
-    """Return the twist in the follower's frame of a pose that changes at some rate.
+    """Return the twist in the follower's frame of a pose that changes at a rate.
 
-    A wrong roll changes nothing: the follower and its velocity turn about the beam together.
+    An error of the roll changes nothing: follower and velocity turn about the beam together.
 
     Parameters
     ----------
     pose, rate
-        ``(x, y, z, pitch, yaw)``, m and rad, and its change, m/s and rad/s, shape ``(5,)`` each.
+        ``(x, y, z, pitch, yaw)``, m and rad, and its rate, m/s and rad/s, shape ``(5,)`` each.
     covariance
         Of pose and rate, shape ``(10, 10)``.
     roll
-        Of the follower, rad; it is taken not to change.
+        Of the follower, rad, taken as constant.
 
     Returns
     -------
     twist : Array
-        Linear velocity along and angular velocity about x, y and z, m/s and rad/s, shape ``(6,)``.
+        Linear and angular velocity along and about x, y and z, m/s and rad/s, shape ``(6,)``.
     covariance : Array
-        Shape ``(6, 6)``; that of the roll rate is as large as that of the faster turn.
+        Shape ``(6, 6)``; the variance of the roll rate is that of the faster turn.
     """
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
     rate = np.asarray(rate, dtype=float)
@@ -297,43 +257,31 @@ def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
 
 
 def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
-    """Return how a pose seems to move when the array is turned on its mount, to first order.
+    """Return the slope of a pose, as it appears, by turns of the array on its mount, ``(5, 2)``.
 
     Parameters
     ----------
-    pose
-        Of the follower, m and rad, shape ``(5,)``.
-    roll
-        Its roll, rad.
+    pose, roll
+        Of the follower, m and rad.
     bow_m
-        From ``base_link`` forward to the point that the array turns about, m.
-
-    Returns
-    -------
-    Array
-        By pitch and yaw of the array about its own axes, m and rad per rad, shape ``(5, 2)``.
+        From ``base_link`` forward to the point about which the array turns in pitch and yaw, m.
     """
     pitch, yaw = float(pose[PITCH]), float(pose[YAW])
-    # The array stays where it is, and so the vehicle seems to swing about it.
+    # The array stays in place, so the vehicle appears to swing about it.
     swing = [(bow_m * above, -bow_m * aside) for _, aside, above in rotation(pitch, yaw, roll)]
     sin_r, cos_r, level = math.sin(roll), math.cos(roll), max(math.cos(pitch), 1e-6)
     return np.array([*swing, (cos_r, -sin_r), (sin_r / level, cos_r / level)])
 
 
 def turned_about_beam(poses: Array, roll: float) -> Array:
-    """Turn level followers about the beam axis until they roll: the light does not change.
+    """Turn level followers about the beam axis until they roll, which leaves the light unchanged.
 
     Parameters
     ----------
     poses
         Poses of level followers, m and rad, shape ``(..., 5)``.
     roll
-        Angle about the beam, which for small pitch and yaw is the roll it gives, rad.
-
-    Returns
-    -------
-    Array
-        The turned poses, shape ``(..., 5)``.
+        Angle about the beam, which is the roll for small pitch and yaw, rad.
     """
     poses = np.asarray(poses, dtype=float)
     if roll == 0:
@@ -343,11 +291,11 @@ def turned_about_beam(poses: Array, roll: float) -> Array:
 
 
 def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> Array:
-    """Expand a 5-DOF covariance to the 6x6 of a ROS pose.
+    """Expand a 5-DOF covariance to that of a ROS pose, shape ``(6, 6)``.
 
-    The beam is axisymmetric, so turning the whole follower about the beam axis
-    changes nothing that can be seen: an uncertain roll moves y, z and the attitude
-    together. That rank-one term is added to the mapped 5x5.
+    The beam is axisymmetric, so a turn of the whole follower about the beam axis changes nothing
+    in the image: an uncertain roll moves y, z and the attitude together. That adds a term of rank
+    one to the mapped 5x5.
 
     Parameters
     ----------
@@ -355,15 +303,9 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
         ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
         pitch and the beam have one axis.
     covariance
-        Covariance of `pose`, shape ``(5, 5)``, m^2, m rad and rad^2.
+        Of `pose`, shape ``(5, 5)``.
     roll_std
         Standard deviation of the roll about the beam axis, rad, > 0.
-
-    Returns
-    -------
-    Array
-        Covariance of (x, y, z, rotations about the fixed x, y and z axes), shape
-        ``(6, 6)``; positive definite when `covariance` is.
     """
     _, y, z, _, yaw = np.asarray(pose, dtype=float)
     jacobian = np.eye(6, 5)
@@ -374,25 +316,7 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
 
 
 def unit_quaternion(quaternion_xyzw: Array, tolerance: float = 1e-2) -> Array:
-    """Check and normalise an attitude.
-
-    Parameters
-    ----------
-    quaternion_xyzw
-        Shape ``(4,)``.
-    tolerance
-        Largest deviation of its length from 1 that rounding may explain.
-
-    Returns
-    -------
-    Array
-        Shape ``(4,)``, length 1.
-
-    Raises
-    ------
-    ValueError
-        For a quaternion that is not finite or not of unit length.
-    """
+    """Normalise a quaternion, shape ``(4,)``; ValueError where its length is not 1 +- tolerance."""
     length = float(np.linalg.norm(quaternion_xyzw))
     if not abs(length - 1) <= tolerance:
         raise ValueError(

@@ -1,6 +1,6 @@
-"""What messages are, whoever serialises them: ROS, or the reader and the writer of bags.
+"""Contents of messages, for ROS and for the reader and the writer of bags.
 
-Those from outside are checked; those of ours say what the constants below do, unless a parameter
+Messages from outside are checked. Those that we send have the constants below, unless a parameter
 of the estimator node says otherwise.
 """
 
@@ -13,14 +13,14 @@ from uuv_optical_array.core.geometry import Array, unit_quaternion
 
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02
-MAX_POSITION_M = 1e8  # any place on Earth in any of its grids
-# No vehicle under water is as fast, m/s and rad/s: such numbers are of other units.
+MAX_POSITION_M = 1e8  # beyond any place on Earth in any of its grids
+# Faster than any underwater vehicle, m/s and rad/s: such numbers have other units.
 MAX_TWIST = np.repeat([10.0, 6.0], 3)
 NED, FRD = "_ned", "_frd"
 
 
 class Refused(ValueError):
-    """A message that must not be used; the text says why, its kind before the colon."""
+    """A message that must not be used; the text gives the reason, its kind before the colon."""
 
 
 def stamp_ns(header: Any) -> int:
@@ -29,7 +29,7 @@ def stamp_ns(header: Any) -> int:
 
 
 class Readout(Protocol):
-    """How the images of an array are read: `ArraySettings` of a scene."""
+    """The part of `ArraySettings` that images are read by."""
 
     @property
     def detectors_per_side(self) -> int:
@@ -41,12 +41,12 @@ class Readout(Protocol):
 
 
 def in_place(pixels: Array, wiring: Sequence[int] | None) -> Array:
-    """Return the image of an array from the readings as they are wired, both ``(side, side)``."""
+    """Return the image, shape ``(side, side)``, of readings in the order of the wires."""
     return pixels if wiring is None else pixels.ravel()[list(wiring)].reshape(pixels.shape)
 
 
 def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
-    """Return the readings as an array sends them that is wired so: `in_place` undoes it."""
+    """Return the readings of an image in the order of the wires, the inverse of `in_place`."""
     if wiring is None:
         return image
     pixels = np.empty_like(image)
@@ -72,7 +72,7 @@ def image_from_message(message: Any, array: Readout) -> Array:
     Raises
     ------
     Refused
-        For another encoding or size, or a message that is cut off.
+        For another encoding or size, or a truncated message.
     """
     side = array.detectors_per_side
     if message.encoding not in ("mono16", "16UC1"):
@@ -112,11 +112,10 @@ def checked_quaternion(attitude: Any) -> Array:
 
 
 def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
-    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``.
+    """Unpack position, m, shape ``(3,)``, and attitude, x y z w, shape ``(4,)``, in REP 103's axes.
 
-    ``axes`` names those of the message: ``flu`` is REP 103 (body forward, left, up in a world
-    whose z is up), ``frd`` the aerospace axes (forward, right, down in NED). The answer is in
-    REP 103's.
+    Those of the message are ``flu``, which is REP 103 (body forward, left, up in a world whose z is
+    up), or ``frd``, the aerospace axes (forward, right, down in NED).
     """
     position, quaternion = checked_pose(message.pose.pose)
     if axes == "frd":
@@ -127,7 +126,7 @@ def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
 
 
 def signs(frame: str) -> Array:
-    """Return by what a vector and a turn are multiplied to be in the axes of a frame, ``(6,)``."""
+    """Return the signs of a linear and an angular vector in the axes of a frame, shape ``(6,)``."""
     down = frame.endswith((NED, FRD))
     return np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0]) if down else np.ones(6)
 

@@ -1,4 +1,4 @@
-"""A value declared once: type, unit, bounds and meaning, and the check that follows from them.
+"""A value declared once, with type, unit, bounds and meaning, and the checks that follow.
 
 A declaration is a type hint, ``Annotated[float, Quantity("what it is", "m", 0.1, 10.0)]``,
 on a dataclass field, on a keyword-only argument or in a table of node parameters.
@@ -17,17 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """What a declared value means.
-
-    Parameters
-    ----------
-    text
-        Meaning, one sentence.
-    unit
-        Unit as printed, empty for a pure number or a word.
-    low, high
-        Inclusive bounds, in `unit`.
-    """
+    """Meaning of a declared value in one sentence, its unit (empty: none) and inclusive bounds."""
 
     text: str
     unit: str = ""
@@ -57,16 +47,9 @@ Grid: TypeAlias = Sequence[Sequence[float]]
 class Setting(NamedTuple):
     """How a setting is declared.
 
-    Parameters
-    ----------
-    kind
-        Its type: ``float``, ``int``, `Span`, `Place`, `Cells`, `Order`, `Grid` or a ``Literal``.
-    quantity
-        Meaning, unit and bounds.
-    default
-        ``inspect.Parameter.empty`` where it must be given.
-    optional
-        Whether it may be ``None``.
+    `kind` is its type (``float``, ``int``, `Span`, `Place`, `Cells`, `Order`, `Grid` or a
+    ``Literal``), `default` is ``inspect.Parameter.empty`` where the setting is required, and
+    `optional` says whether it may be ``None``.
     """
 
     kind: Any
@@ -76,16 +59,16 @@ class Setting(NamedTuple):
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Words to choose from; empty for what is no word."""
+        """Words to choose from; empty for other types."""
         return typing.get_args(self.kind) if typing.get_origin(self.kind) is Literal else ()
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """Whether it has no default."""
         return self.default is inspect.Parameter.empty
 
 
-MOST_VALUES = 10_000  # of a span
+MAX_VALUES = 10_000  # of a span
 
 
 class Span(NamedTuple):
@@ -108,14 +91,17 @@ def _number(value: Any, quantity: Quantity, name: str, whole: bool) -> float | i
     return int(value) if whole else float(value) + 0.0  # no -0.0, which prints otherwise
 
 
+def _list(value: Any, name: str, fault: str, length: int | None = None) -> Sequence[Any]:
+    """Return a value that is a list, of the given length; `fault` completes the error."""
+    if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
+        raise ValueError(f"{name}: {reprlib.repr(value)} is {fault}")
+    return value
+
+
 def _span(value: Any, quantity: Quantity, name: str) -> Span:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise ValueError(f"{name}: {value!r} is not a span; give [from, to, how many]")
-    start = float(_number(value[0], quantity, f"{name}[0]", whole=False))
-    stop = float(_number(value[1], quantity, f"{name}[1]", whole=False))
-    number = int(
-        _number(value[2], Quantity("", "values", 1, MOST_VALUES), f"{name}[2]", whole=True)
-    )
+    values = _list(value, name, "not a span; give [from, to, how many]", 3)
+    start, stop = (float(_number(values[i], quantity, f"{name}[{i}]", False)) for i in (0, 1))
+    number = int(_number(values[2], Quantity("", "values", 1, MAX_VALUES), f"{name}[2]", True))
     if start > stop or (number == 1) != (start == stop):
         raise ValueError(
             f"{name}: [{start:g}, {stop:g}, {number}] is no span; "
@@ -125,55 +111,53 @@ def _span(value: Any, quantity: Quantity, name: str) -> Span:
 
 
 def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
-    if not isinstance(value, list | tuple):
-        raise ValueError(f"{name}: {value!r} is no list of places; give [[row, column], ...]")
-    for i, cell in enumerate(value):
-        if not isinstance(cell, list | tuple) or len(cell) != 2:
-            raise ValueError(f"{name}[{i}]: {cell!r} is no place; give [row, column]")
+    cells = _list(value, name, "no list of places; give [[row, column], ...]")
+    for i, cell in enumerate(cells):
+        _list(cell, f"{name}[{i}]", "no place; give [row, column]", 2)
     return [
-        [int(_number(index, quantity, f"{name}[{i}]", whole=True)) for index in cell]
-        for i, cell in enumerate(value)
+        [int(_number(index, quantity, f"{name}[{i}]", True)) for index in cell]
+        for i, cell in enumerate(cells)
     ]
 
 
 def _place(value: Any, quantity: Quantity, name: str) -> Place:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise ValueError(f"{name}: {value!r} is no place; give [x, y, z]")
-    x, y, z = (
-        float(_number(number, quantity, f"{name}[{i}]", whole=False))
-        for i, number in enumerate(value)
-    )
+    place = _list(value, name, "no place; give [x, y, z]", 3)
+    x, y, z = (float(_number(place[i], quantity, f"{name}[{i}]", False)) for i in range(3))
     return x, y, z
 
 
 def _order(value: Any, quantity: Quantity, name: str) -> list[int]:
-    if not isinstance(value, list | tuple):
-        raise ValueError(f"{name}: {reprlib.repr(value)} is no list of whole numbers; give one")
-    order = [int(_number(x, quantity, f"{name}[{i}]", whole=True)) for i, x in enumerate(value)]
+    values = _list(value, name, "no list of whole numbers; give one")
+    order = [int(_number(x, quantity, f"{name}[{i}]", True)) for i, x in enumerate(values)]
     seen: set[int] = set()
     for i, place in enumerate(order):
         if place >= len(order) or place in seen:
-            what = "given twice" if place in seen else "too large"
+            fault = "given twice" if place in seen else "too large"
             raise ValueError(
-                f"{name}[{i}]: {place} is {what}; give each number from 0 to {len(order) - 1} once"
+                f"{name}[{i}]: {place} is {fault}; give each number from 0 to {len(order) - 1} once"
             )
         seen.add(place)
     return order
 
 
 def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
-    rows = value if isinstance(value, list | tuple) else []
+    fault = "no square grid; give rows of as many numbers"
+    rows = _list(value, name, fault)
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
-        raise ValueError(
-            f"{name}: {reprlib.repr(value)} is no square grid; give rows of as many numbers"
-        )
+        raise ValueError(f"{name}: {reprlib.repr(value)} is {fault}")
     return [
-        [
-            float(_number(cell, quantity, f"{name}[{i}][{j}]", whole=False))
-            for j, cell in enumerate(row)
-        ]
+        [float(_number(x, quantity, f"{name}[{i}][{j}]", False)) for j, x in enumerate(row)]
         for i, row in enumerate(rows)
     ]
+
+
+LISTS: dict[Any, Callable[[Any, Quantity, str], Any]] = {
+    Cells: _cells,
+    Place: _place,
+    Order: _order,
+    Grid: _grid,
+    Span: _span,
+}
 
 
 def _unwrapped(hint: Any) -> tuple[Any, Quantity, bool]:
@@ -190,39 +174,21 @@ def _unwrapped(hint: Any) -> tuple[Any, Quantity, bool]:
 
 
 def declared(owner: Callable[..., Any]) -> dict[str, Setting]:
-    """Return the settings that are declared by a dataclass or a function.
-
-    Parameters
-    ----------
-    owner
-        A dataclass, or a function whose keyword-only arguments are the keys.
-    """
+    """Return the settings of a dataclass, or of a function's keyword-only arguments."""
     hints = typing.get_type_hints(owner, include_extras=True)
-    found = {}
+    settings = {}
     for name, argument in inspect.signature(owner).parameters.items():
         if dataclasses.is_dataclass(owner) or argument.kind is argument.KEYWORD_ONLY:
             kind, quantity, optional = _unwrapped(hints[name])
-            found[name] = Setting(kind, quantity, argument.default, optional)
-    return found
+            settings[name] = Setting(kind, quantity, argument.default, optional)
+    return settings
 
 
 def check(hint: Any, value: Any, name: str) -> Any:
-    """Check one value against its declared type hint.
+    """Return a value, as its declared type, after a check against its type hint.
 
-    Parameters
-    ----------
-    hint
-        ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
-        ``T | None``, each bare or ``Annotated`` with a `Quantity`.
-    value
-        The value as read.
-    name
-        Dotted name, for the error.
-
-    Returns
-    -------
-    Any
-        The value, as the declared type.
+    The hint is ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
+    ``T | None``, each bare or ``Annotated`` with a `Quantity`.
 
     Raises
     ------
@@ -241,26 +207,18 @@ def _checked(kind: Any, quantity: Quantity, optional: bool, value: Any, name: st
         if value not in choices or isinstance(value, bool):
             raise ValueError(f"{name}: {value!r} is unknown; choose {' or '.join(choices)}")
         return value
-    if kind == Cells:
-        return _cells(value, quantity, name)
-    if kind == Place:
-        return _place(value, quantity, name)
-    if kind == Order:
-        return _order(value, quantity, name)
-    if kind == Grid:
-        return _grid(value, quantity, name)
-    if kind is Span:
-        return _span(value, quantity, name)
+    if kind in LISTS:
+        return LISTS[kind](value, quantity, name)
     return _number(value, quantity, name, whole=kind is int)
 
 
 def summary(owner: Callable[..., Any]) -> str:
-    """Return the first line of what documents an owner of settings."""
+    """Return the first line of the docstring of an owner of settings."""
     return (inspect.getdoc(owner) or "").partition("\n")[0]
 
 
 def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
-    """Return the error for a key that is not declared, with the nearest one that is."""
+    """Return the error for an unknown key, with the nearest known one."""
     known = list(known)
     near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
@@ -268,21 +226,16 @@ def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
 
 
 def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
-    """Check a mapping of values against the fields or keyword-only arguments of its owner.
+    """Check a mapping of values against the settings of its owner, and fill in defaults.
 
     Parameters
     ----------
     owner
         As `declared` takes it.
     values
-        Mapping from key to value; ``None`` counts as empty.
+        Mapping from key to value; ``None`` is empty.
     where
         Dotted name of the mapping, for errors.
-
-    Returns
-    -------
-    dict
-        Every declared key with its checked value or its default.
 
     Raises
     ------
@@ -292,12 +245,12 @@ def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, A
     values = {} if values is None else values
     if not isinstance(values, Mapping):
         raise ValueError(f"{where}: {values!r} is not a mapping of keys to values")
-    wanted = declared(owner)
+    settings = declared(owner)
     for key in values:
-        if key not in wanted:
-            raise unknown(key, wanted, where)
+        if key not in settings:
+            raise unknown(key, settings, where)
     checked = {}
-    for name, setting in wanted.items():
+    for name, setting in settings.items():
         kind, quantity, default, optional = setting
         if name in values:
             checked[name] = _checked(kind, quantity, optional, values[name], f"{where}.{name}")
@@ -311,7 +264,7 @@ def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, A
 def one_way(
     values: Mapping[str, Any], where: str, first: Sequence[str], second: Sequence[str]
 ) -> bool:
-    """Require that one of two ways to give the same thing is taken, and wholly.
+    """Require exactly one of two ways to give the same thing, and return whether it is the second.
 
     Parameters
     ----------
@@ -321,11 +274,6 @@ def one_way(
         Dotted name of the mapping, for errors.
     first, second
         Keys of either way.
-
-    Returns
-    -------
-    bool
-        Whether it is the second.
 
     Raises
     ------

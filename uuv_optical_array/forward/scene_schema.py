@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from uuv_optical_array.core.settings import (
-    MOST_VALUES,
+    MAX_VALUES,
     Cells,
     Grid,
     Order,
@@ -106,7 +106,7 @@ def _value(setting: Setting) -> Schema:
         return {**schema, "enum": list(setting.choices)}
     number, whole = _number("number", quantity), _number("integer", quantity)
     if kind is Span:
-        many = _number("integer", Quantity("", low=1, high=MOST_VALUES))
+        many = _number("integer", Quantity("", low=1, high=MAX_VALUES))
         return {**schema, **_list([number, number, many], 3)}
     if kind == Cells:
         return {**schema, **_list(_list(whole, 2))}

@@ -101,6 +101,24 @@ def test_the_time_line_jumps_pauses_and_runs_to_the_end():
 
 
 @pytest.mark.usefixtures("compiled_fit")
+def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_once():
+    now = 0.0
+
+    def clock():  # a millisecond passes whenever somebody looks
+        nonlocal now
+        now += 1e-3
+        return now
+
+    player = Player([0.0, 0.02, 0.04, 0.06], clock)
+    assert player.next() == (0, True)
+    now += 5.0
+    assert player.next() == (1, False)
+    resumed = now
+    for place in (2, 3):
+        assert player.next() == (place, False)
+    assert now - resumed >= 0.04
+
+
 def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
     pytest.importorskip("viser", reason="the view needs the extra view")
     words = ["view", "--scene", scene_file, "--port", "18200"]

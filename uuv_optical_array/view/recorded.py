@@ -56,13 +56,15 @@ class Player:
     ----------
     times_s
         Of the images, ascending from 0, s.
+    clock
+        Returns the time that passes, s.
     """
 
-    def __init__(self, times_s: list[float]) -> None:
-        self._times = times_s
+    def __init__(self, times_s: list[float], clock: Callable[[], float] = time.monotonic) -> None:
+        self._times, self._clock = times_s, clock
         self._lock = threading.Condition()
         self._at, self._runs, self._moved = 0, True, True
-        self._due = time.monotonic()
+        self._due = self._clock()
 
     def choose(self, t_s: float, runs: bool) -> None:
         """Go to a time, s, and let it run on or not; from any thread."""
@@ -87,12 +89,12 @@ class Player:
             last = self._at >= len(self._times) - 1
             if self._runs and not last:
                 gap_s = self._times[self._at + 1] - self._times[self._at]
-                self._due = max(self._due + min(gap_s, LONGEST_WAIT_S), time.monotonic())
-                while not self._moved and (left_s := self._due - time.monotonic()) > 0:
+                self._due = max(self._due + min(gap_s, LONGEST_WAIT_S), self._clock())
+                while not self._moved and (left_s := self._due - self._clock()) > 0:
                     self._lock.wait(left_s)
                 return
             self._lock.wait(1.0)  # Ctrl-C is served between two waits
-            self._due = time.monotonic()
+            self._due = self._clock()
 
 
 def play(

@@ -261,8 +261,6 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
     ("words", "named"),
     [
         (("--poses", 0), ("--poses", "0", "from 1")),
-        (("--seed", -1), ("--seed", "-1", "from 0")),
-        (("--candidates", 0), ("--candidates", "0", "from 1")),
         (("--candidates", 65), ("--candidates", "65", "to 64")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),

@@ -77,20 +77,3 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, spoil):
     path.write_text(spoilt)
     with pytest.raises(ValueError, match=r"t\.csv: .*; remove the file or name another"):
         read(path, Origin, Measurement)
-
-
-def test_rows_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "t.csv"
-    results = Results(path, Measurement, ORIGIN)
-    results.append([row()])
-    before = path.read_bytes()
-
-    def fail(*names):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("os.replace", fail)
-    with pytest.raises(KeyboardInterrupt):
-        results.append([row("moments")])
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
-    assert results.lines == [row()]

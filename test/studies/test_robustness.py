@@ -195,9 +195,6 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(table, frames, kinds):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--poses", 0), ("--poses", "0", "from 1")),
-        (("--seed", -1), ("--seed", "-1", "from 0")),
-        (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--kinds", "k-0.05,rain"), ("--kinds", "'rain'", "nothing", "blob")),
         (("--kinds", ""), ("--kinds", "''", "nothing")),
         (("--kinds", "moving"), ("--kinds", "moving", "plume", "scene follow has not")),

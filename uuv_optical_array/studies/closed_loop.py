@@ -26,7 +26,7 @@ CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has n
 
 @dataclasses.dataclass(frozen=True)
 class Conditions:
-    """What the estimator is not told: how the sea is now; and the station that is asked for."""
+    """The sea that the estimator does not know, and the station to keep."""
 
     k_per_m: Annotated[float, Quantity("attenuation of the water", "1/m", 0, 10)]
     lamp_power: Annotated[
@@ -44,7 +44,7 @@ class Conditions:
 
     @classmethod
     def of(cls, scene: Scene) -> "Conditions":
-        """Return the sea that a scene tells of."""
+        """Return those of a scene."""
         return cls(
             scene.effects.get("attenuation", {}).get("k_per_m", 0.0),
             plume_depth=scene.effects.get("plume", {}).get("depth", 0.0),
@@ -52,21 +52,20 @@ class Conditions:
 
 
 class Moment(NamedTuple):
-    """One tick of the loop.
+    """One step of the loop.
 
     Parameters
     ----------
     t_s
         Since the start, s.
     leader_position, leader_rotation
-        Of the leader, whose lamp is at its origin, in the world: m, shape ``(3,)``, and
-        ``(3, 3)``.
+        Of the leader, whose lamp is at its origin, in the world: m, ``(3,)``, and ``(3, 3)``.
     pose
         True pose of the follower in ``beacon``, m and rad, shape ``(5,)``.
     image
-        What the array reads, counts, shape ``(side, side)``.
+        Readings of the array, counts, shape ``(side, side)``.
     frame
-        What is made of the image.
+        The result of the image.
     leads
         Whether the leader has set off.
     """
@@ -83,26 +82,9 @@ class Moment(NamedTuple):
 class ClosedLoop:
     """A leader on its path, and a follower that keeps station by its light alone.
 
-    As on ROS the leader waits until the follower is commanded for the first time.
-
-    Parameters
-    ----------
-    estimator
-        Believes its scene, whatever the conditions are.
-    rng
-        Source of the noise.
-    conditions
-        At the start; ``None``: those of the scene.
-
-    Attributes
-    ----------
-    frames : Pipeline
-        The stages that an image goes through.
-
-    Raises
-    ------
-    ValueError
-        As `change`.
+    As on ROS the leader waits until the follower is commanded for the first time. The estimator
+    believes its scene, whatever the conditions are; these are at first those of the scene. `rng` is
+    the source of the noise, and `frames` holds the stages that an image goes through.
     """
 
     def __init__(
@@ -121,36 +103,28 @@ class ClosedLoop:
         self._follower = start_behind(self._leader, self.conditions.station_m)
 
     def change(self, conditions: Conditions) -> None:
-        """Let other conditions hold from now on; a ValueError leaves everything as it was.
-
-        Raises
-        ------
-        ValueError
-            For a condition out of its bounds, or a station that is not behind the lamp.
-        """
+        """Set other conditions; a ValueError for one out of bounds leaves everything as it was."""
         for field in dataclasses.fields(conditions):
             check(field.type, getattr(conditions, field.name), field.name)
         formation = FormationSettings(station_m=conditions.station_m)
         self._model, self._offsets = _sea(self._scene, conditions)
         self._controller.configure(formation)
         self.conditions = conditions
-        self._stir()
+        self._set_current()
 
-    def _stir(self) -> None:
-        """Let the current act, once the vehicles swim."""
+    def _set_current(self) -> None:
+        """Let the current act, once the vehicles move."""
         if self._path_s is not None:
             self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
 
     def step(self, dt: float) -> Moment:
-        """Move on by `dt`, s, > 0; take an image there, and command by it."""
+        """Advance by `dt`, s, > 0; take an image, and command by it."""
         if self._path_s is not None:
             self._path_s = lead(self._leader, self._path_s, dt)
         self._follower.step(*self._command, dt)
         self.t_s += dt
-        leader, follower = self._leader, self._follower
-        pose, roll = relative_pose(
-            leader.position, leader.rotation, follower.position, follower.rotation
-        )
+        at, turn = self._leader.position, self._leader.rotation
+        pose, roll = relative_pose(at, turn, self._follower.position, self._follower.rotation)
         light = self._model.light(pose, roll, self._offsets, self.t_s)
         image = self._model.read(light, self._rng)
         frame = self.frames.answer(round(self.t_s * 1e9), image)
@@ -166,16 +140,8 @@ class ClosedLoop:
             self.frames.command(round(self.t_s * 1e9), *command)
             if self._path_s is None:
                 self._path_s = 0.0
-                self._stir()
-        return Moment(
-            self.t_s,
-            leader.position,
-            leader.rotation,
-            pose,
-            image,
-            frame,
-            self._path_s is not None,
-        )
+                self._set_current()
+        return Moment(self.t_s, at, turn, pose, image, frame, self._path_s is not None)
 
 
 def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, Any]]:

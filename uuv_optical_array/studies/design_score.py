@@ -271,10 +271,8 @@ class DesignStudy:
     @property
     def origin(self) -> ScoreOrigin:
         """What its scores depend on."""
-        scene = self.scene
-        return ScoreOrigin(
-            scene.name, scene.fingerprint, self.power, self.mount, self.poses, self.seed
-        )
+        own = {name: vars(self)[name] for name in ("power", "mount", "poses", "seed")}
+        return ScoreOrigin(self.scene.name, self.scene.fingerprint, **own)
 
     def score_rest(
         self, results: Results[ScoreOrigin, ScoredDesign], progress: Progress = iter

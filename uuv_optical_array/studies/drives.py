@@ -55,22 +55,7 @@ class Drive(NamedTuple):
 
 
 def course(times_s: Array, duration_s: float, rng: np.random.Generator) -> Array:
-    """Return poses that go through the working volume from afar to near and back, swaying.
-
-    Parameters
-    ----------
-    times_s
-        Since the start, s, shape ``(n,)``.
-    duration_s
-        Of the whole, s.
-    rng
-        Of the sway.
-
-    Returns
-    -------
-    Array
-        m and rad, shape ``(n, 5)``.
-    """
+    """Return poses ``(n, 5)`` at times since the start: through the volume and back, swaying."""
     poses = np.empty((len(times_s), 5))
     middle, half = (LOW[X] + HIGH[X]) / 2, (HIGH[X] - LOW[X]) / 2
     poses[:, X] = middle - half * np.cos(2 * np.pi * times_s / duration_s)

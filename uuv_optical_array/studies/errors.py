@@ -44,7 +44,7 @@ def by_column(values: Iterable[float]) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class FrameErrors:
-    """What an estimator made of n frames.
+    """Errors of an estimator on n frames.
 
     Parameters
     ----------
@@ -116,9 +116,9 @@ def frame_errors(
     images: Array,
     progress: Progress = iter,
 ) -> dict[str, FrameErrors]:
-    """Estimate frame after frame, by each method in turn.
+    """Estimate frame after frame by each method, which take turns, so that load is shared evenly.
 
-    An interrupt ends it with the frames that every method has answered.
+    Ctrl-C ends it with the frames that every method has answered; before the first it is raised.
 
     Parameters
     ----------
@@ -129,19 +129,9 @@ def frame_errors(
     poses
         True poses, m and rad, shape ``(n, 5)``, n >= 1.
     images
-        What the array read there, counts, shape ``(n, side, side)``.
+        Readings of the array there, counts, shape ``(n, side, side)``.
     progress
         Wraps the loop over frames, such as ``tqdm.tqdm``.
-
-    Returns
-    -------
-    dict
-        Of each method.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Before the first frame was done.
     """
     count, names = len(poses), list(answers)
     errors = {name: np.full((count, 5), np.nan) for name in names}

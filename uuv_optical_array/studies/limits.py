@@ -70,18 +70,10 @@ def bound_map(
 
 
 def reach(scene: Scene) -> tuple[float, float] | None:
-    """Return from where to where the Cramer-Rao bound of an aligned pose meets the specification.
+    """Return the nearest and farthest range, m, where the bound of an aligned pose is as specified.
 
-    Parameters
-    ----------
-    scene
-        The scene; what its prior leaves uncertain counts as unknown.
-
-    Returns
-    -------
-    tuple of float or None
-        Nearest and farthest range about the lamp's reference range, m, within `REACH_M` and to
-        its step; ``None`` where the bound is larger even at the reference range.
+    They are about the lamp's reference range, within `REACH_M` and to its step; None where the
+    bound is larger even there. What the scene's prior leaves uncertain counts as unknown.
     """
     poses = np.zeros((len(REACH_M), 5))
     poses[:, X] = -REACH_M

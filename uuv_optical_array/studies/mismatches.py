@@ -46,35 +46,21 @@ def unchanged(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Ar
     return model.light(poses)
 
 
-def other_power(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, factor: float
-) -> Array:
-    """Change the lamp's power by a factor."""
-    return model.light(poses, 0.0, {POWER: np.array(np.log(factor))})
-
-
 def attenuation_per_m(scene: Scene) -> float:
     """Return the attenuation of a scene, 1/m."""
     return float(scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
 
 
-def other_water(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, off_per_m: float
+def with_offset(
+    model: ForwardModel, poses: Array, rng: np.random.Generator, of: str, by: float
 ) -> Array:
-    """Add to the attenuation, 1/m."""
-    if ATTENUATION not in model.nuisances:
+    """Add to a constant of the scene, as `ForwardModel.light` has its offsets."""
+    if of == ATTENUATION and of not in model.nuisances:
         effects = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
         power = model.power
         model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(effects)))
         model.power = power  # else the lamp would be set anew, by its reference reading
-    return model.light(poses, 0.0, {ATTENUATION: np.array(off_per_m)})
-
-
-def other_beam(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, off_deg: float
-) -> Array:
-    """Add to the standard deviation of the beam, deg; its intensity on the axis stays."""
-    return model.light(poses, 0.0, {BEAM_SIGMA: np.array(off_deg)})
+    return model.light(poses, 0.0, {of: np.array(by)})
 
 
 def daylight(
@@ -306,7 +292,7 @@ KINDS = (
             f"k{off:+g}",
             f"The water attenuates by {abs(off):g} /m {_more(off)}.",
             K_CURE,
-            partial(other_water, off_per_m=off),
+            partial(with_offset, of=ATTENUATION, by=off),
             {"k_per_m": abs(off)},
             missing=partial(needs_water, least_per_m=-off),
         )
@@ -317,7 +303,7 @@ KINDS = (
             f"beam{off:+g}",
             f"The beam's standard deviation is {abs(off):g} deg {_more(off)}.",
             BEAM_CURE,
-            partial(other_beam, off_deg=off),
+            partial(with_offset, of=BEAM_SIGMA, by=off),
             {"beam_deg": abs(off)},
             missing=partial(needs_beam, than_deg=-off),
         )
@@ -328,7 +314,7 @@ KINDS = (
             f"power_x{factor:g}",
             f"The lamp has {factor:g} times its power.",
             POWER_CURE,
-            partial(other_power, factor=factor),
+            partial(with_offset, of=POWER, by=np.log(factor)),
             {"power": abs(factor - 1)},
         )
         for factor in (0.8, 1.2, 0.5, 2.0)

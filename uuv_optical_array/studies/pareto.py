@@ -1,4 +1,4 @@
-"""Pareto-optimal choices: those that no other beats in everything."""
+"""Pareto-optimal choices."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,24 +10,14 @@ STEP = 1.1
 
 
 def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
-    """Find the points that no other point beats.
+    """Find the Pareto-optimal points, shape ``(n,)``, among costs ``(n, k)``.
 
-    A point is beaten by one that costs no more in anything and less in something; equal points
-    do not beat each other.
-
-    Parameters
-    ----------
-    costs
-        Less is better, shape ``(n, k)``; a point with a nan or an infinity is on no front.
-
-    Returns
-    -------
-    ndarray of bool
-        Which points are on the front, shape ``(n,)``.
+    A point is dominated by one that costs no more in anything and less in something; equal points
+    do not dominate each other. A point with a nan or an infinity is never optimal.
     """
     costs = np.asarray(costs, dtype=float)
     front = np.isfinite(costs).all(axis=1)
-    points = np.unique(costs[front], axis=0)  # sorted: only an earlier one can beat a point
+    points = np.unique(costs[front], axis=0)  # sorted: only an earlier one can dominate
     kept: list[Array] = []
     for point in points:
         if not any((other <= point).all() for other in kept):
@@ -38,26 +28,14 @@ def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
 
 
 def thinned_front(effort: ArrayLike, costs: ArrayLike) -> list[int]:
-    """Find few points that stand for all.
+    """Find few points that represent all: their places, none of which represents another.
 
-    A point stands for another one that takes no less effort and whose costs, each of them, are no
-    more than `STEP` times smaller than its own.
-
-    Parameters
-    ----------
-    effort
-        Compared as it is, shape ``(n,)``.
-    costs
-        Compared in steps, > 0, shape ``(n, k)``.
-
-    Returns
-    -------
-    list of int
-        The points; none of them stands for another.
+    A point represents another one that takes no less effort, ``(n,)``, and whose costs, ``(n, k)``
+    and > 0, are each at least its own over `STEP`.
     """
     effort, costs = np.asarray(effort), np.asarray(costs, dtype=float)
     kept: list[int] = []
-    # A later point stands for an earlier one never: that would need a smaller product.
+    # A later point never represents an earlier one: that would need a smaller product.
     for i in np.lexsort((costs.prod(axis=1), effort)).tolist():
         if not any((costs[other] <= STEP * costs[i]).all() for other in kept):
             kept.append(i)

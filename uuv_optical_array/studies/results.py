@@ -45,10 +45,7 @@ LineT = TypeVar("LineT", bound=Flat)
 def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
     """Make a dataclass of the texts of a line; an empty text is None.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        For a column that is missing, cut off, or no number where one belongs.
+    A KeyError, TypeError or ValueError says that a column is missing, cut off, or no number.
     """
     values: dict[str, Any] = {}
     for name, hint in typing.get_type_hints(kind).items():
@@ -67,19 +64,10 @@ def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
 
 
 def read(path: Path, run: type[RunT], line: type[LineT]) -> tuple[RunT | None, list[LineT]]:
-    """Read a file of results: what all its lines depend on, and the lines.
+    """Read a file of results: the run that all its lines depend on, and the lines.
 
-    Parameters
-    ----------
-    path
-        The file; one that does not exist has no lines, and no run.
-    run, line
-        Dataclass of the columns that are the same on all lines, and of the others.
-
-    Raises
-    ------
-    ValueError
-        For a line that is damaged, or of another run than the first.
+    A file that does not exist has neither. A ValueError says that a line is damaged, or of another
+    run than the first.
     """
     if not path.exists():
         return None, []
@@ -110,21 +98,10 @@ def differences(there: Any, here: Any) -> list[str]:
 
 
 class Results(Generic[RunT, LineT]):
-    """The results of one run, in a CSV that is always whole.
+    """The results of one run, in a CSV that is always whole; an existing file is taken over.
 
-    Parameters
-    ----------
-    path
-        The file; where it exists, its lines are taken over.
-    line
-        What a line is.
-    run
-        What all lines depend on.
-
-    Raises
-    ------
-    ValueError
-        For a file of another run, or a damaged one.
+    A ValueError says that the file is damaged, or holds results of another `run`, which is what all
+    lines depend on.
     """
 
     def __init__(self, path: Path, line: type[LineT], run: RunT) -> None:

@@ -93,26 +93,12 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
 
 
 def tail_probability(model: ForwardModel, poses: Array, covariances: Array, images: Array) -> Array:
-    """Return how probable it is that an image of the scene fits its answer worse.
+    """Return how probable it is that an image of the scene fits its answer worse, shape ``(n,)``.
 
     The squared distance of the readings from those expected at the answer, in standard deviations
     of noise, of what the scene's prior leaves uncertain, and of the answer, is chi-square with as
     many degrees of freedom as there are readings within their limits, less the five of the pose.
-    All is linear about the answer.
-
-    Parameters
-    ----------
-    model
-        Of the scene as it is believed to be.
-    poses, covariances
-        Answers and their covariances, m and rad, shapes ``(n, 5)`` and ``(n, 5, 5)``.
-    images
-        What was read, counts, shape ``(n, side, side)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(n,)``; 0 where there is no answer.
+    All is linear about the answers `poses` ``(n, 5)``; 0 where there is none.
     """
     posed, probability = ~np.isnan(poses[:, 0]), np.zeros(len(poses))
     if not posed.any():

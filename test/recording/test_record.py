@@ -92,4 +92,4 @@ def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp
 
 def test_a_folder_that_is_there_is_not_written_to(tmp_path):
     words = ("--output", tmp_path / "x.png", "--record", tmp_path)
-    assert "it exists" in run("follow", *words, code=1)
+    assert "it exists" in run("follow", *words, code=2)

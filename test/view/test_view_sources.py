@@ -100,7 +100,6 @@ def test_the_time_line_jumps_pauses_and_runs_to_the_end():
         assert player.next() == (at, True)
 
 
-@pytest.mark.usefixtures("compiled_fit")
 def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_once():
     now = 0.0
 
@@ -119,6 +118,7 @@ def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_onc
     assert now - resumed >= 0.04
 
 
+@pytest.mark.usefixtures("compiled_fit")
 def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
     pytest.importorskip("viser", reason="the view needs the extra view")
     words = ["view", "--scene", scene_file, "--port", "18200"]

@@ -84,6 +84,6 @@ def run(args: argparse.Namespace) -> int:
             play(page, estimator, recording, goes_on)
         if browser is not None:
             browser.until(f"document.body.innerText.includes('{shown_s:.1f} s')")
-            browser.save(picture)
+            picture.write_bytes(browser.picture())
             print(f"picture: {picture}")
     return 0

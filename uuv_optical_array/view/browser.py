@@ -1,6 +1,7 @@
-"""A Chromium without a window that opens the page, asks it, and takes its picture.
+"""A headless Chromium that opens the page, evaluates scripts in it, and takes its picture.
 
-It is spoken to by the Chrome DevTools Protocol (https://chromedevtools.github.io/devtools-protocol/).
+It is controlled by the Chrome DevTools Protocol
+(https://chromedevtools.github.io/devtools-protocol/).
 """
 
 import base64
@@ -11,7 +12,6 @@ import subprocess
 import tempfile
 import time
 import urllib.request
-from pathlib import Path
 from typing import Any
 
 NAMES = "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
@@ -20,17 +20,17 @@ PATIENCE_S = 60.0
 
 
 def installed() -> str | None:
-    """Return the path of a Chromium, or nothing where there is none."""
+    """Return the path of a Chromium, or ``None``."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Browser:
-    """One page of a browser that shows no window; to be closed, as a context does.
+    """One page of a headless browser, closed at the end of a context.
 
     Parameters
     ----------
     url
-        Of the page.
+        Address of the page.
     size_px
         Width and height of the page.
 
@@ -63,18 +63,16 @@ class Browser:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # Ctrl-C in a terminal is for us
+            start_new_session=True,  # a terminal's Ctrl-C does not reach it
         )
-        self._asked = 0
+        self._calls = 0
         try:
             with urllib.request.urlopen(f"{self._address()}/json/list", timeout=PATIENCE_S) as tabs:
                 page = next(tab for tab in json.load(tabs) if tab["type"] == "page")
             self._socket = connect(page["webSocketDebuggerUrl"], max_size=None)
             width, height = size_px
-            self._ask(
-                "Emulation.setDeviceMetricsOverride",
-                **{"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
-            )
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            self._call("Emulation.setDeviceMetricsOverride", **size)
         except BaseException:
             self.close()
             raise
@@ -90,55 +88,43 @@ class Browser:
         for line in self._process.stderr:
             if "DevTools listening on ws://" in line:
                 return "http://" + line.split("ws://")[1].split("/")[0]
-        raise ValueError("chromium does not start: run it by hand to see why")
+        raise ValueError("chromium does not start; run it by hand to see the reason")
 
-    def _ask(self, method: str, **parameters: Any) -> Any:
-        self._asked += 1
-        self._socket.send(json.dumps({"id": self._asked, "method": method, "params": parameters}))
+    def _call(self, method: str, **parameters: Any) -> Any:
+        self._calls += 1
+        self._socket.send(json.dumps({"id": self._calls, "method": method, "params": parameters}))
         while True:
             answer = json.loads(self._socket.recv(timeout=PATIENCE_S))
-            if answer.get("id") == self._asked:
+            if answer.get("id") == self._calls:
                 return answer["result"]
 
     def evaluate(self, script: str) -> Any:
-        """Return what a JavaScript expression gives, as plain values."""
-        given = self._ask(
-            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
-        )
-        return given["result"].get("value")
+        """Return the value of a JavaScript expression."""
+        how = {"returnByValue": True, "awaitPromise": True}
+        return self._call("Runtime.evaluate", expression=script, **how)["result"].get("value")
 
     def until(self, script: str) -> Any:
-        """Wait until an expression gives something true, and return that.
-
-        Raises
-        ------
-        ValueError
-            Where it does not within `PATIENCE_S`.
-        """
+        """Wait until an expression is true, `PATIENCE_S` at most, and return its value."""
         end = time.monotonic() + PATIENCE_S
-        while not (given := self.evaluate(script)):
+        while not (value := self.evaluate(script)):
             if time.monotonic() > end:
                 raise ValueError(f"the browser waited {PATIENCE_S:g} s for {script}")
             time.sleep(0.1)
-        return given
+        return value
 
     def key(self, name: str) -> None:
-        """Press a key, such as ``ArrowRight``, in what has the focus."""
+        """Press a key, such as ``ArrowRight``, in the element that has the focus."""
         for kind in ("keyDown", "keyUp"):
-            self._ask("Input.dispatchKeyEvent", type=kind, key=name, code=name)
+            self._call("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
     def picture(self) -> bytes:
-        """Return the page as PNG, without the messages that lie over it."""
-        # viser warns of a WebGL without a graphics card. Then two frames are drawn.
+        """Return the page as PNG, without notifications, after two frames were drawn."""
+        # viser warns of WebGL without a graphics card.
         self.evaluate(
             "document.querySelectorAll('.mantine-Notification-root').forEach(n => n.remove());"
             "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
-        return base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
-
-    def save(self, path: Path) -> None:
-        """Write the page's picture as PNG."""
-        path.write_bytes(self.picture())
+        return base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
 
     def close(self) -> None:
         """End the browser."""

@@ -1,7 +1,7 @@
-"""The page: leader, follower, beam and array in 3-D beside charts, drawn of plain numbers.
+"""The page: leader, follower, beam and array in 3-D beside charts.
 
-It is seen from the leader: the world moves past the lamp, which keeps its place and heading, so
-that the camera is still. Where nobody knows where the leader is, the lamp's frame is the world.
+The lamp keeps its place and heading in the picture, and the world moves past it, so that the camera
+stands still. Where the leader's place is not known, the lamp's frame is the world.
 """
 
 import errno
@@ -40,10 +40,9 @@ from uuv_optical_array.view.shapes import cone, ellipsoid, fin, hull
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
-# What the charts show.
 ERRORS, ESTIMATES = "**estimate less truth**, 3 sigma", "**estimate**, 3 sigma; truth unknown"
-NOTHING = (np.full(2, np.nan),) * 3
-CHARTS_EVERY = 3  # sights between two drawings of the charts, which are ten times the rest
+FORMS = [".2f" if unit == "m" else ".1f" for unit in DOF_UNITS]
+CHARTS_EVERY = 3  # sights; drawing the charts takes ten times as long as the rest
 PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
@@ -53,15 +52,7 @@ WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
 
 @dataclass(frozen=True)
 class Slider:
-    """One that acts while the page is open.
-
-    Parameters
-    ----------
-    label, hint
-        What it sets, with its unit, and more of it.
-    low, high, step, value
-        In that unit.
-    """
+    """A slider: what it sets, with its unit; a hint; and its range, step and value in that unit."""
 
     label: str
     hint: str
@@ -77,11 +68,11 @@ class Page:
     Parameters
     ----------
     scene
-        Of the lamp and the array.
+        The scene, for lamp and array.
     title
-        What is shown.
+        Title of the page.
     host, port
-        Where it is served; the next free port where that one is taken.
+        Address; the next free port where that one is taken.
 
     Raises
     ------
@@ -113,8 +104,6 @@ class Page:
         """Serve no more."""
         with redirect_stdout(StringIO()):
             self._server.stop()
-
-    # The page as it is laid out once.
 
     def _draw_sea(self) -> None:
         server, sea = self._server, self._server.scene
@@ -154,7 +143,7 @@ class Page:
                     *mesh,
                     color=_rgb(colour),
                     position=(ahead, 0.0, 0.0),
-                    opacity=0.5 if name == "follower" else None,  # the ellipsoid is within
+                    opacity=0.5 if name == "follower" else None,  # the ellipsoid is inside
                     side="double",
                 )
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
@@ -166,7 +155,7 @@ class Page:
                 *cone(min(stds * sigma, 1.4), self._range_m),
                 color=LAMP,
                 opacity=opacity,
-                side="front",  # its inside: the far wall, which hides nothing
+                side="front",  # only the far wall is drawn, which hides nothing
                 material="toon3",
             )
         self._detectors = sea.add_point_cloud(
@@ -178,7 +167,7 @@ class Page:
             point_shading="flat",
             precision="float32",
         )
-        # Outlines: what is transparent would hide each other.
+        # A wire frame, because transparent bodies hide each other.
         self._ellipsoid = sea.add_icosphere(
             "/estimate/three_sigma", 1.0, _rgb(ESTIMATE), wireframe=True, subdivisions=2
         )
@@ -209,15 +198,12 @@ class Page:
                 format="png",
             )
         self._what = gui.add_markdown(ESTIMATES)
+        bands = _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
+        series = ({"label": "time (s)"}, _dots("value", "#ffffff"), *bands)
         self._charts = [
             gui.add_uplot(
                 known(*np.zeros((4, 0))),
-                (
-                    {"label": "time (s)"},
-                    _dots("value", "#ffffff"),
-                    _dots("-3 sigma", ESTIMATE),
-                    _dots("+3 sigma", ESTIMATE),
-                ),
+                series,
                 **_chart_style(f"{name} ({unit})"),  # a chart whose title changes loses its scale
             )
             for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)
@@ -225,27 +211,14 @@ class Page:
         full = self._scene.full_scale_counts
         self._light = gui.add_uplot(
             known(*np.zeros((2, 0))),
-            (
-                {"label": "time (s)"},
-                _dots("peak", "#ffd66e"),
-            ),
+            ({"label": "time (s)"}, _dots("peak", "#ffd66e")),
             **_chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full)),
         )
 
     def add_sliders(
         self, title: str, sliders: Sequence[Slider], on_change: Callable[[list[float]], None]
     ) -> None:
-        """Add sliders.
-
-        Parameters
-        ----------
-        title
-            Above them.
-        sliders
-            From top to bottom.
-        on_change
-            Called, from any thread, with all of their values.
-        """
+        """Add sliders below a title; `on_change` gets all their values, from any thread."""
         handles: list[Any] = []
 
         def changed(_: Any) -> None:
@@ -253,14 +226,8 @@ class Page:
 
         with self._tab, self._server.gui.add_folder(title):
             for slider in sliders:
-                handle = self._server.gui.add_slider(
-                    slider.label,
-                    slider.low,
-                    slider.high,
-                    slider.step,
-                    slider.value,
-                    hint=slider.hint,
-                )
+                span = slider.low, slider.high, slider.step, slider.value
+                handle = self._server.gui.add_slider(slider.label, *span, hint=slider.hint)
                 handle.on_update(changed)
                 handles.append(handle)
 
@@ -272,19 +239,9 @@ class Page:
     def add_time_line(
         self, duration_s: float, on_change: Callable[[float, bool], None]
     ) -> Callable[[float], None]:
-        """Add a time line with a switch that lets time run.
+        """Add a time line with a switch that lets time run; return what moves it to a time, s.
 
-        Parameters
-        ----------
-        duration_s
-            Its end, s.
-        on_change
-            Called, from any thread, with the time that was chosen, s, and whether time runs.
-
-        Returns
-        -------
-        Callable
-            Moves the mark to a time, s.
+        `on_change` gets, from any thread, the time that was chosen, s, and whether time runs.
         """
         end_s = max(math.ceil(10 * duration_s) / 10, 0.1)
         with self._tab, self._server.gui.add_folder("recording"):
@@ -302,16 +259,14 @@ class Page:
         runs.on_update(chosen)
         return move
 
-    # What changes.
-
     def show(self, sight: Sight) -> None:
-        """Draw an instant; one that is not later than the last begins a new run."""
+        """Draw an instant; one that is not later than the last starts a new run."""
         begins = self._window.add(sight)
         if begins:
             self._paths = {name: [] for name in self._paths}
         with self._server.atomic():
             self._show_vehicles(sight)
-            self._words.content = words(sight, self._scene)
+            self._words.content = words(sight)
             if sight.image is not None:
                 self._show_image(sight.image)
             self._drawn += 1
@@ -319,7 +274,7 @@ class Page:
                 self._show_charts()
 
     def remember(self, sights: Sequence[Sight]) -> None:
-        """Let the charts begin anew with these."""
+        """Replace what the charts show by these sights."""
         self._window.clear()
         for sight in sights:
             self._window.add(sight)
@@ -348,7 +303,7 @@ class Page:
         frames = self._frames
         _place(frames["leader"], np.zeros(3), turn)
         _place(self._sea, -heading.T @ place, heading.T)
-        # The floor has no end: it is where the leader is, by whole sections.
+        # The floor follows the leader by whole sections, so that it has no end.
         x, y = SECTION_M * np.rint(place[:2] / SECTION_M)
         if (x, y) != self._floor_at:
             self._floor_at, self._floor.position = (x, y), (x, y, -FLOOR_M)
@@ -381,32 +336,24 @@ class Page:
         path.append(at)
         del path[:-PATH_POINTS]
         points = np.array([*path, at])
+        segments = np.stack([points[:-1], points[1:]], axis=1)
         self._server.scene.add_line_segments(
-            f"/sea/{name}_path",
-            np.stack([points[:-1], points[1:]], axis=1),
-            _rgb(colour),
-            thickness=0.03,
+            f"/sea/{name}_path", segments, _rgb(colour), thickness=0.03
         )
 
 
-def words(sight: Sight, scene: Scene) -> str:
-    """Return what is told of an instant in numbers, as HTML."""
-    rows = [("true", sight.true_pose), ("estimate", sight.pose)]
-    lines = [
-        (name, *(f"{value:+.2f}" if unit == "m" else f"{value:+.1f}" for value, unit in pairs))
-        for name, pose in rows
-        if pose is not None
-        for pairs in [list(zip(pose * IN_DEGREES, DOF_UNITS, strict=True))]
-    ]
+def words(sight: Sight) -> str:
+    """Return the numbers of an instant, as HTML."""
+    lines = [("true", sight.true_pose, "+"), ("estimate", sight.pose, "+")]
     if sight.pose is not None:
-        pairs = zip(sight.stds(), DOF_UNITS, strict=True)
-        lines.append(("sigma", *(f"{v:.2f}" if unit == "m" else f"{v:.1f}" for v, unit in pairs)))
-    heads = ["", *(f"{name}<br>{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))]
+        lines.append(("sigma", sight.stds() / IN_DEGREES, ""))
+    rows = [["", *(f"{name}<br>{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))]]
+    for name, values, sign in lines:
+        if values is not None:
+            numbers = zip(values * IN_DEGREES, FORMS, strict=True)
+            rows.append([name, *(f"{number:{sign}{form}}" for number, form in numbers)])
     cell = "<td style='text-align:right;padding:1px 3px'>"
-    table = "".join(
-        "<tr>" + "".join(f"{cell}{entry}</td>" for entry in row) + "</tr>"
-        for row in [heads, *lines]
-    )
+    table = "".join(f"<tr>{''.join(f'{cell}{x}</td>' for x in row)}</tr>" for row in rows)
     peak = "" if sight.image is None else f"brightest detector {sight.image.max():g} counts"
     return (
         "<div style='font-size:12px;padding:6px 10px'>"
@@ -416,7 +363,7 @@ def words(sight: Sight, scene: Scene) -> str:
 
 
 def _free_port(host: str, port: int) -> int:
-    """Return the first free port from one on; viser would wait for a bad address for ever."""
+    """Return the first free port from `port` on; viser waits for ever for a bad address."""
     for candidate in range(port, min(port + PORTS_TRIED, 65536)):
         try:
             socket.create_server((host, candidate)).close()
@@ -432,7 +379,7 @@ def _free_port(host: str, port: int) -> int:
 
 
 def _dots(label: str, colour: str) -> dict[str, Any]:
-    """Return a series without a line, which would cross what is not known."""
+    """Return a series of dots: a line would bridge gaps."""
     points = {"show": True, "size": 2.5, "width": 0, "fill": colour}
     return {"label": label, "stroke": colour, "width": 0, "points": points}
 
@@ -459,18 +406,19 @@ def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:
-    """Return the times of which all values are known, and these; nan in two rows for fewer.
+    """Return the times at which all values are known, and the values; nan for fewer than two.
 
-    A chart finds no scale where a value is not a number, nor in one point.
+    A chart cannot be scaled by one point, nor where a value is not a number.
     """
     rows = np.stack([t_s, *values])
     rows = rows[:, np.isfinite(rows).all(axis=0)]
-    return tuple(rows) if rows.shape[1] > 1 else (np.array([0.0, 1.0]), *NOTHING[: len(values)])
+    if rows.shape[1] < 2:
+        return (np.array([0.0, 1.0]), *np.full((len(values), 2), np.nan))
+    return tuple(rows)
 
 
 def _place(frame: Any, position: Array, turn: Array) -> None:
-    frame.position = position
-    frame.wxyz = _wxyz(turn)
+    frame.position, frame.wxyz = position, _wxyz(turn)
 
 
 def _wxyz(turn: Array) -> Array:
@@ -482,6 +430,6 @@ def _rgb(colour: str) -> tuple[int, ...]:
 
 
 def _night() -> NDArray[np.uint8]:
-    """Return the water: lighter above than below."""
+    """Return the background, lighter above than below."""
     light = np.linspace(1.7, 0.5, 64)[:, None, None]
     return np.clip(light * np.array(NIGHT), 0, 255).astype(np.uint8).repeat(64, axis=1)

@@ -1,15 +1,15 @@
-"""What the page draws: meshes of vehicles and beam, and the ellipsoid of a position."""
+"""The meshes of vehicles and beam, and the ellipsoid of a position."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.geometry import Array
 
-SIDES = 32  # of what is round
+SIDES = 32  # of a mesh that is round
 
 
 def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
-    """Return the ellipsoid of three sigma of a position.
+    """Return the 3 sigma ellipsoid of a position.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
     return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
 
 
-def _turned(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return vertices and faces of what is round about x, shapes ``(n, 3)`` and ``(m, 3)``."""
+def _revolved(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return vertices and faces of a surface of revolution about x, ``(n, 3)`` and ``(m, 3)``."""
     angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     ring = np.stack([np.zeros(SIDES), np.cos(angle), np.sin(angle)], axis=1)
     vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
@@ -42,20 +42,19 @@ def _turned(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def hull(half_m: float, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return a hull as long as the array is ahead of ``base_link``, and as long abaft."""
+    """Return a hull that reaches `half_m` ahead and astern of ``base_link``."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
     along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
-    return _turned(along, np.cos(angle) * radius_m)
+    return _revolved(along, np.cos(angle) * radius_m)
 
 
 def cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:
     """Return the surface of a beam that shines astern."""
-    return _turned(
-        np.array([0.0, -length_m]), np.array([0.0, length_m * float(np.tan(half_angle))])
-    )
+    radius_m = length_m * np.tan(half_angle)
+    return _revolved(np.array([0.0, -length_m]), np.array([0.0, radius_m]))
 
 
 def fin(half_m: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return an upright fin at the stern, so that the attitude is seen."""
+    """Return an upright fin at the stern, which shows the roll."""
     corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
     return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

@@ -1,4 +1,4 @@
-"""What the page shows of one instant, in plain numbers, and what it remembers of those before."""
+"""What the page shows of one instant, and of those before it in its charts."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ WINDOW_S = 60.0  # that the charts show
 
 @dataclass(frozen=True)
 class Sight:
-    """One instant; ``None`` stands for what is not known.
+    """One instant; ``None``: not known.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class Sight:
     pose, covariance
         As estimated, shapes ``(5,)`` and ``(5, 5)``.
     note
-        Why there is no pose, or what else is to be said.
+        Why there is no pose, or another remark.
     leader
         Position, m, shape ``(3,)``, and rotation, shape ``(3, 3)``, of the lamp in the world.
     station_m
-        Where the follower shall be, in ``beacon``, m.
+        Commanded position of the follower in ``beacon``, m.
     """
 
     t_s: float
@@ -56,41 +56,41 @@ class Sight:
 
 
 class Window:
-    """What the charts show: the last `WINDOW_S` of sights."""
+    """The last `WINDOW_S` of sights, which the charts show."""
 
     def __init__(self) -> None:
         self._rows: deque[Array] = deque()
         self.has_truth = False
 
     def add(self, sight: Sight) -> bool:
-        """Add a sight; return whether it begins anew, not being later than the last."""
+        """Add a sight; one that is not later than the last clears the window: return whether."""
         begins = not self._rows or bool(sight.t_s <= self._rows[-1][0])
         if begins:
             self.clear()
         self.has_truth |= sight.true_pose is not None
-        estimate = np.full(5, np.nan) if sight.pose is None else sight.pose * IN_DEGREES
-        shown = sight.errors() if self.has_truth else estimate
+        pose = np.full(5, np.nan) if sight.pose is None else sight.pose * IN_DEGREES
+        value = sight.errors() if self.has_truth else pose
         peak = np.nan if sight.image is None else sight.image.max()
-        self._rows.append(np.concatenate([[sight.t_s], shown, 3 * sight.stds(), [peak]]))
+        self._rows.append(np.concatenate([[sight.t_s], value, 3 * sight.stds(), [peak]]))
         while self._rows[0][0] < sight.t_s - WINDOW_S:
             self._rows.popleft()
         return begins
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all sights."""
         self._rows.clear()
         self.has_truth = False
 
     def bands(self, dof: int) -> tuple[Array, Array, Array, Array]:
-        """Return time, value, and its lower and upper three sigma, of a degree of freedom.
+        """Return time, value and its band of 3 sigma, low and high, of a degree of freedom.
 
-        The value is the error, about whose aim, 0, the three sigma lie; where the truth is not
-        known it is the estimate itself, which the three sigma surround.
+        The value is the error, with a band about 0, or the estimate, with a band about itself,
+        where the truth is not known.
         """
         rows = np.array(self._rows).reshape(-1, 12)
-        t_s, value, wide = rows[:, 0], rows[:, 1 + dof], rows[:, 6 + dof]
+        t_s, value, width = rows[:, 0], rows[:, 1 + dof], rows[:, 6 + dof]
         middle = np.zeros(len(rows)) if self.has_truth else value
-        return t_s, value, middle - wide, middle + wide
+        return t_s, value, middle - width, middle + width
 
     def peaks(self) -> tuple[Array, Array]:
         """Return time and the reading of the brightest detector, counts."""

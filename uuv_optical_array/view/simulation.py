@@ -72,39 +72,39 @@ def simulate(
     Parameters
     ----------
     page
-        Gets the sliders and is drawn on.
+        The page, which gets sliders.
     estimator
-        It believes its scene, whatever the sliders say.
+        Estimator of its own scene, whatever the sliders say.
     seed
-        Of the noise; ``None``: another one in each run.
+        Seed of the noise; ``None``: another one in each run.
     goes_on
-        Asked with the time, s, before each step.
+        Whether to go on after a time, s.
     """
     loop = ClosedLoop(estimator, np.random.default_rng(seed))
-    wanted, again = loop.conditions, False
+    conditions, restart = loop.conditions, False
 
+    # The page calls these from its own thread; they act between two steps.
     def change(values: list[float]) -> None:
-        nonlocal wanted
-        wanted = chosen(values)
+        nonlocal conditions
+        conditions = chosen(values)
 
-    def begin_again() -> None:
-        nonlocal again
-        again = True
+    def start_again() -> None:
+        nonlocal restart
+        restart = True
 
-    page.add_sliders("sea and station", sliders(wanted), change)
-    page.add_button("start again", begin_again)
+    page.add_sliders("sea and station", sliders(conditions), change)
+    page.add_button("start again", start_again)
     due = time.monotonic()
     while goes_on(loop.t_s):
-        if again:
-            loop = ClosedLoop(estimator, np.random.default_rng(seed), wanted)
-            again = False
-        # What is set by another thread acts between two steps.
-        if wanted is not loop.conditions:
-            loop.change(wanted)
+        if restart:
+            loop = ClosedLoop(estimator, np.random.default_rng(seed), conditions)
+            restart = False
+        if conditions is not loop.conditions:
+            loop.change(conditions)
         page.show(sight_of(loop.step(STEP_S), loop.conditions))
         due += STEP_S
         late_s = time.monotonic() - due
         if late_s > 0:
-            due += late_s  # a machine that is too slow shows slow motion
+            due += late_s  # on a slow machine it runs in slow motion
         else:
             time.sleep(-late_s)

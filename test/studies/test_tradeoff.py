@@ -21,8 +21,8 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
 from uuv_optical_array.studies import accuracy, tradeoff, tradeoff_measurement
 from uuv_optical_array.studies.results import Results
-from uuv_optical_array.studies.tradeoff import draw_table_cost, fronts, numbered
-from uuv_optical_array.studies.tradeoff_measurement import measure, table_cost
+from uuv_optical_array.studies.tradeoff import fronts, numbered
+from uuv_optical_array.studies.tradeoff_measurement import measure
 from uuv_optical_array.studies.tradeoff_settings import (
     ALL_METHODS,
     FRAMES,
@@ -31,7 +31,6 @@ from uuv_optical_array.studies.tradeoff_settings import (
     Group,
     Measurement,
     Origin,
-    TableCost,
     at_one_speed,
     plan,
 )
@@ -51,12 +50,9 @@ def scene():
 
 @pytest.fixture
 def small(monkeypatch):
-    """A trade-off of a few settings, in seconds, without a process for the cost of a table."""
+    """A trade-off of a few settings, in seconds."""
     monkeypatch.setattr(tradeoff, "plan", lambda scene, mode: GROUPS)
     monkeypatch.setitem(FRAMES, "quick", 5)
-    monkeypatch.setattr(
-        tradeoff_measurement, "table_cost", lambda scene: TableCost(3, 243, 0.1, 2.0, 3.0, 1.0)
-    )
 
 
 run = functools.partial(command_line.run, "study", "tradeoff")
@@ -165,21 +161,6 @@ def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
     np.testing.assert_allclose(table.parameters, wanted, rtol=1e-12, atol=1e-12)
 
 
-def test_table_cost_counts_the_memory_of_table_and_index(scene):
-    cost = table_cost(Group("curved", 3, 9, METHODS).scene(scene))
-    assert (cost.steps, cost.table_rows) == (9, 9**5)
-    # The index has six doubles and a number for each row, the table ten doubles.
-    assert 56 * 9**5 / 1e6 < cost.memory_mb < 10 * 136 * 9**5 / 1e6
-    assert cost.memory_mb <= cost.peak_mb < cost.memory_mb + 400
-    assert cost.build_s > 0
-
-
-def test_a_table_that_no_process_can_build_is_one_line(scene):
-    dark = dataclasses.replace(scene.lamp, reference_counts=1e-300)
-    with pytest.raises(ValueError, match=r"table of 2\^5 poses: a process cannot build it: .+"):
-        table_cost(dataclasses.replace(Group("curved", 3, 2, METHODS).scene(scene), lamp=dark))
-
-
 # --- the command ---------------------------------------------------------------------------
 
 
@@ -207,8 +188,7 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypat
     assert re.search(r"8 settings; about \d+ min; into ", error)
     stopped = (folder / "tradeoff.csv").read_text()
     assert len(stopped.splitlines()) == 1 + 2 * len(METHODS)
-    for picture in ("tradeoff.png", "table_cost.png"):
-        assert_picture(folder / picture, least_height=400)
+    assert_picture(folder / "tradeoff.png")
 
     second = counted(monkeypatch)
     run("--output", folder, "--json")
@@ -218,31 +198,19 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypat
     result = json.loads(capsys.readouterr().out)
     assert result["complete"] is True
     assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
-    assert [str(folder / name) for name in ("tradeoff.png", "table_cost.png")] == result["pictures"]
+    assert result["pictures"] == [str(folder / "tradeoff.png")]
     lines = list(csv.DictReader(whole.splitlines()))
     assert [line["method"] for line in lines] == [*METHODS, *METHODS, "moments", "look_up"]
     for line, setting in zip(lines, result["settings"], strict=True):
         for key, value in setting.items():
             assert line[key] == str(value) or (value is None and line[key] in ("nan", "inf"))
     assert set(result["fronts"]) == {"position", "angle"}
-    with (folder / "tables.csv").open(newline="") as file:
-        assert [int(line["steps"]) for line in csv.DictReader(file)] == [3]
 
     third = counted(monkeypatch)
     run("--output", folder, "--pictures", ".svg")
     assert third == []
     assert (folder / "tradeoff.svg").read_bytes().startswith(b"<?xml")
     assert (folder / "tradeoff.csv").read_text() == whole
-
-
-def test_the_picture_of_table_costs_has_a_line_for_each_array():
-    rows = [row(side=side, rows=rows, build_s=rows / 1e4) for side in (3, 5) for rows in (1e3, 1e4)]
-    costs = [TableCost(4, 1000, 0.1, 2.0, 3.0, 1.0), TableCost(6, 10000, 1.0, 20.0, 30.0, 1.0)]
-    build, memory = draw_table_cost(costs[::-1], rows, "about").axes
-    measured = [line for line in build.get_lines() if len(line.get_xdata())]
-    assert [tuple(line.get_ydata()) for line in measured] == [(0.1, 1.0), (0.1, 1.0)]
-    ready, peak = (tuple(line.get_ydata()) for line in memory.get_lines())
-    assert (ready, peak) == ((2.0, 20.0), (3.0, 30.0))
 
 
 @pytest.mark.usefixtures("small")

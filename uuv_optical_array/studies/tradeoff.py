@@ -14,13 +14,12 @@ from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.pareto import STEP, pareto_front
-from uuv_optical_array.studies.tradeoff_measurement import SETTINGS_CSV, TABLES_CSV, TradeoffRun
+from uuv_optical_array.studies.tradeoff_measurement import SETTINGS_CSV, TradeoffRun
 from uuv_optical_array.studies.tradeoff_settings import (
     MOST_WITHOUT_POSE,
     QUICK_LEAVES_OUT,
     Measurement,
     Mode,
-    TableCost,
     at_one_speed,
     plan,
 )
@@ -29,8 +28,9 @@ DESCRIPTION = """\
 Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
 tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
-+-20 deg; times are from an image to its pose. The results go into two CSV files and two pictures
-in the output folder. A stopped run goes on where it was. See docs/results/tradeoff.md."""
++-20 deg; times are from an image to its pose. The results, with the time to build each table, go
+into a CSV file and a picture in the output folder. A stopped run goes on where it was. See
+docs/results/tradeoff.md."""
 
 EPILOG = """\
 examples:
@@ -114,7 +114,6 @@ def report(rows: Sequence[Measurement]) -> str:
 
 
 MARKERS: dict[Shape, str] = {"curved": "o", "planar": "s"}
-SIDE_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#08204a", "#000000")
 SPECIFIED = (float(SPECIFICATION[0]), float(SPECIFICATION[3]))
 FLOOR_GAP, LABEL_GAP = 0.035, 0.05  # of the axes' height, between two labels
 MARGIN, LABELS_AT = 0.3, 0.25  # of the axes' width, left of all points: for words and numbers
@@ -142,7 +141,9 @@ def draw(rows: Sequence[Measurement], about: str) -> Any:
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 1])
     for place, name in enumerate(ERRORS):
         _draw_panel(figure.add_subplot(grid[0, place]), rows, name)
-    _draw_key(figure.add_subplot(grid[1, 0]), rows)
+    key = figure.add_subplot(grid[1, 0])
+    key.set_axis_off()
+    key.text(0, 1, report(rows), family="monospace", fontsize=7.5, va="top", linespacing=1.35)
     _draw_legend(figure.add_subplot(grid[1, 1]), rows)
     figure.suptitle(f"What accuracy costs in time\n{about}", fontsize=12)
     return figure
@@ -259,21 +260,6 @@ def _draw_front(axes: Any, rows: Sequence[Measurement], name: str) -> None:
         number_label(axes, number, (row.median_ms, getattr(row, column)), (LABELS_AT, place))
 
 
-def _draw_key(axes: Any, rows: Sequence[Measurement]) -> None:
-    """List the settings on a front, and their errors and times."""
-    axes.set_axis_off()
-    line = "{:>2}  {:<16} {:<14} {:>9} {:>7} {:>7} {:>7} {:>7}"
-    lines = [line.format("", "on a front", "array", "table", "m", "deg", "ms", "99 %")]
-    for number, i in enumerate(numbered(rows), start=1):
-        row = rows[i]
-        side, table = row.detectors_per_side, f"{row.table_rows:,}" if row.table_rows else "-"
-        errors = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"
-        times = f"{row.median_ms:.2f}", f"{row.p99_ms:.2f}"
-        array = f"{row.shape} {side}x{side}"
-        lines.append(line.format(number, row.method, array, table, *errors, *times))
-    axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=9.5, va="top", linespacing=1.35)
-
-
 def _draw_legend(axes: Any, rows: Sequence[Measurement]) -> None:
     from uuv_optical_array.plots.style import METHOD_COLOURS, mark
 
@@ -296,56 +282,6 @@ def _draw_legend(axes: Any, rows: Sequence[Measurement]) -> None:
     axes.add_artist(first)
 
 
-def draw_table_cost(costs: Sequence[TableCost], rows: Sequence[Measurement], about: str) -> Any:
-    """Draw the cost of a table by its size.
-
-    Parameters
-    ----------
-    costs
-        Of tables of one array, at least one.
-    rows
-        Settings, of which the time to build the tables of every array is taken.
-    about
-        For the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 4.8), layout="constrained")
-    build, memory = figure.subplots(1, 2, sharex=True)
-    sides = sorted({row.detectors_per_side for row in rows})
-    colours = {side: SIDE_COLOURS[i % len(SIDE_COLOURS)] for i, side in enumerate(sides)}
-    for (method, shape, side), tables in _series(rows).items():
-        if method == "sam":
-            x, y = [row.table_rows for row in tables], [row.build_s for row in tables]
-            fill = "none" if shape == "planar" else None
-            build.plot(x, y, marker=MARKERS[shape], mfc=fill, color=colours[side])
-    for side, colour in colours.items():
-        build.plot([], [], "o-", color=colour, label=f"{side} x {side}")
-    costs = sorted(costs, key=lambda cost: cost.table_rows)
-    size = [cost.table_rows for cost in costs]
-    memory.plot(size, [cost.memory_mb for cost in costs], "o-", color="0.2", label="ready")
-    peak = [cost.peak_mb for cost in costs]
-    memory.plot(size, peak, "o--", color="0.6", label="most, while it is built")
-    for axes, title in (
-        (build, "time to build, at every start (s)"),
-        (memory, "memory of the estimator (MB)"),
-    ):
-        axes.set(xscale="log", yscale="log", title=title, xlabel="poses in the table")
-        low, high = np.log10(axes.get_ylim())
-        axes.set_ylim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.grid(alpha=0.3, which="both", lw=0.4)
-    build.legend(fontsize=9, title="circles curved, squares planar")
-    memory.legend(fontsize=9)
-    figure.suptitle(f"What a table costs by its size\n{about}", fontsize=12)
-    return figure
-
-
 def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
     parser = options.add_command(
@@ -366,13 +302,13 @@ def add_parser(subparsers: options.Subparsers) -> None:
         "--output",
         type=Path,
         metavar="DIR",
-        help="folder of CSV files and pictures (default: SCENE.tradeoff here)",
+        help="folder of CSV file and picture (default: SCENE.tradeoff here)",
     )
     parser.add_argument(
         "--pictures",
         choices=outputs.PICTURE,
         default=".png",
-        help="suffix of the pictures (default: %(default)s)",
+        help="suffix of the picture (default: %(default)s)",
     )
 
 
@@ -388,7 +324,7 @@ def run(args: argparse.Namespace) -> int:
         measured.measure()
     except KeyboardInterrupt:
         complete = False
-    rows, costs = measured.rows, measured.costs
+    rows = measured.rows
     if not rows:
         print("interrupted: nothing measured")
         return options.INTERRUPTED
@@ -400,22 +336,19 @@ def run(args: argparse.Namespace) -> int:
     )
     from uuv_optical_array.plots.style import save
 
-    pictures = [folder / f"tradeoff{args.pictures}"]
-    save(draw(rows, about), pictures[0])
-    if costs:
-        pictures.append(folder / f"table_cost{args.pictures}")
-        save(draw_table_cost(costs, rows, about), pictures[1])
+    picture = folder / f"tradeoff{args.pictures}"
+    save(draw(rows, about), picture)
     if args.json:
         result = {"complete": complete, **vars(origin), **as_object(rows)}
-        print(json_text({**result, "pictures": [str(path) for path in pictures]}))
+        print(json_text({**result, "pictures": [str(picture)]}))
     else:
         print(f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n")
         without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
         print(f"{without} of {len(rows)} settings left more than 1 % of frames without a pose")
         if mode == "quick":
             print(QUICK_LEAVES_OUT)
-        print(f"files: {folder / SETTINGS_CSV}, {folder / TABLES_CSV}")
-        print(f"pictures: {', '.join(map(str, pictures))}")
+        print(f"file: {folder / SETTINGS_CSV}")
+        print(f"picture: {picture}")
         if not complete:
             print(f"interrupted: {len(rows)} of {measured.count} settings; run it again to go on")
     return 0 if complete else options.INTERRUPTED

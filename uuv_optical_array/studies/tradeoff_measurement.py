@@ -1,18 +1,15 @@
-"""The measurements of `tradeoff` and `advise`: error and time of each setting, into CSV files.
+"""The measurements of `tradeoff` and `advise`: error and time of each setting, into a CSV file.
 
-A run that was stopped goes on with the settings that are missing in its files.
+A run that was stopped goes on with the settings that are missing in its file.
 """
 
 import dataclasses
-import json
 import math
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +21,7 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import known_volume_std, lit_poses
 from uuv_optical_array.studies import published
 from uuv_optical_array.studies.errors import Answer, answer_of, frame_errors, position_and_angle
@@ -38,10 +35,9 @@ from uuv_optical_array.studies.tradeoff_settings import (
     Measurement,
     Mode,
     Origin,
-    TableCost,
 )
 
-SETTINGS_CSV, TABLES_CSV = "tradeoff.csv", "tables.csv"
+SETTINGS_CSV = "tradeoff.csv"
 # For the expected duration: a small sample, the images of a calibration and the rows of a look-up,
 # which take as long as rows of a table, and the k-d tree of a table.
 SAMPLE_FRAMES = 4
@@ -144,59 +140,6 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     return measurements
 
 
-def _memory_mb(key: str) -> float:
-    """Return a memory of this process, MB: ``VmRSS`` now, ``VmHWM`` the most so far."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(status.partition(f"{key}:")[2].split()[0]) * 1024 / 1e6
-
-
-def table_cost(scene: Scene) -> TableCost:
-    """Measure the cost of a scene's table, in a new process that builds it for an estimator.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-
-    Returns
-    -------
-    TableCost
-        Of its table.
-
-    Raises
-    ------
-    ValueError
-        Where a process cannot build it, for lack of memory for instance.
-    """
-    steps = scene.table.x_m.number
-    process = subprocess.run(
-        [sys.executable, "-m", __name__],
-        input=json.dumps(scene.settings()),
-        capture_output=True,
-        check=False,
-        text=True,
-    )
-    if process.returncode:
-        reason = (process.stderr.splitlines() or [f"exit code {process.returncode}"])[-1]
-        raise ValueError(f"table of {steps}^5 poses: a process cannot build it: {reason}")
-    return TableCost(steps, load_average=os.getloadavg()[0], **json.loads(process.stdout))
-
-
-def _built_table_cost(settings: dict[str, Any]) -> dict[str, float]:
-    """Build the table of a scene's settings in this process, and return its cost."""
-    scene = scene_from_settings(settings, "table")
-    before_mb, began = _memory_mb("VmRSS"), time.perf_counter()
-    table = build_table(scene)
-    build_s = time.perf_counter() - began
-    estimator = Estimator(table, "sam")
-    memory_mb = _memory_mb("VmRSS") - before_mb
-    del estimator
-    # The kernel's two counters are not brought up to date together.
-    peak_mb = max(_memory_mb("VmHWM") - before_mb, memory_mb)
-    rows = len(table.poses)
-    return {"table_rows": rows, "build_s": build_s, "memory_mb": memory_mb, "peak_mb": peak_mb}
-
-
 def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float]:
     """Estimate how long each group takes, s, from a small sample of each array."""
     samples: dict[tuple[Shape, int], tuple[float, float]] = {}
@@ -232,14 +175,14 @@ class TradeoffRun:
     scene, mode, seed
         What is measured.
     folder
-        Where its CSV files lie; made where it is missing.
+        Where its CSV file is; made where it is missing.
     groups
         The plan of the run.
 
     Raises
     ------
     ValueError
-        Where the folder holds those of another run.
+        Where the file is of another run.
     """
 
     def __init__(
@@ -249,17 +192,11 @@ class TradeoffRun:
         self.scene, self.folder, self.groups = scene, folder, groups
         self.origin = Origin.here(scene, mode, seed)
         self._settings = Results(folder / SETTINGS_CSV, Measurement, self.origin)
-        self._tables = Results(folder / TABLES_CSV, TableCost, self.origin)
 
     @property
     def rows(self) -> list[Measurement]:
         """The settings that are measured."""
         return self._settings.lines
-
-    @property
-    def costs(self) -> list[TableCost]:
-        """The costs of the tables of the scene's own array that are measured."""
-        return self._tables.lines
 
     @property
     def count(self) -> int:
@@ -289,18 +226,10 @@ class TradeoffRun:
             f"{self.count} settings{already}; about {minutes} min; into {self.folder}",
             file=sys.stderr,
         )
-        own = self.scene.array.shape, self.scene.array.detectors_per_side
         with progress.counter(100, "%", expected_s=total_s) as bar:
             for group, seconds in zip(groups, durations_s, strict=True):
                 side, table = group.detectors_per_side, f" {group.steps}^5" if group.steps else ""
                 bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
-                steps = [cost.steps for cost in self.costs]
-                if (group.shape, side) == own and group.steps not in (0, *steps):
-                    self._tables.append([table_cost(group.scene(self.scene))])
                 origin = self.origin
                 self._settings.append(measure(self.scene, group, origin.frames, origin.seed))
                 bar.update(100 * seconds / total_s)
-
-
-if __name__ == "__main__":
-    print(json.dumps(_built_table_cost(json.load(sys.stdin))))

@@ -1,4 +1,4 @@
-"""The settings that `tradeoff` and `advise` compare, and the lines of their CSV files.
+"""The settings that `tradeoff` and `advise` compare, and the lines of their CSV file.
 
 A setting is a method, an array and the size of its table.
 """
@@ -204,30 +204,6 @@ class Measurement(Flat):
     def effort(self) -> tuple[float, ...]:
         """The order of settings: fewest detectors, smallest table, least time."""
         return self.detectors_per_side, self.table_rows, self.median_ms
-
-
-@dataclass(frozen=True)
-class TableCost(Flat):
-    """The cost of a table where it is used.
-
-    Parameters
-    ----------
-    steps, table_rows
-        Values along each axis; poses in the table.
-    build_s
-        Time to build it, s.
-    memory_mb, peak_mb
-        Memory of the ready estimator, and the most while it was built, MB.
-    load_average
-        Of the machine over a minute, when it was measured.
-    """
-
-    steps: int
-    table_rows: int
-    build_s: float
-    memory_mb: float
-    peak_mb: float
-    load_average: float
 
 
 def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:

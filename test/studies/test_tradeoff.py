@@ -22,8 +22,7 @@ from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
 from uuv_optical_array.studies import accuracy, tradeoff, tradeoff_measurement
 from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.tradeoff import fronts, numbered
-from uuv_optical_array.studies.tradeoff_measurement import measure
-from uuv_optical_array.studies.tradeoff_settings import (
+from uuv_optical_array.studies.tradeoff_measurement import (
     ALL_METHODS,
     FRAMES,
     PUBLISHED,
@@ -32,6 +31,7 @@ from uuv_optical_array.studies.tradeoff_settings import (
     Measurement,
     Origin,
     at_one_speed,
+    measure,
     plan,
 )
 

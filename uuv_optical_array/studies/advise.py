@@ -18,12 +18,13 @@ from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.studies.results import read
-from uuv_optical_array.studies.tradeoff_measurement import SETTINGS_CSV, TradeoffRun
-from uuv_optical_array.studies.tradeoff_settings import (
+from uuv_optical_array.studies.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
+    SETTINGS_CSV,
     Group,
     Measurement,
     Origin,
+    TradeoffRun,
     plan,
     this_machine,
 )

@@ -14,12 +14,13 @@ from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.pareto import STEP, pareto_front
-from uuv_optical_array.studies.tradeoff_measurement import SETTINGS_CSV, TradeoffRun
-from uuv_optical_array.studies.tradeoff_settings import (
+from uuv_optical_array.studies.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
     QUICK_LEAVES_OUT,
+    SETTINGS_CSV,
     Measurement,
     Mode,
+    TradeoffRun,
     at_one_speed,
     plan,
 )

@@ -144,7 +144,7 @@ def draw(rows: Sequence[Measurement], about: str) -> Any:
         _draw_panel(figure.add_subplot(grid[0, place]), rows, name)
     key = figure.add_subplot(grid[1, 0])
     key.set_axis_off()
-    words = {"family": "monospace", "fontsize": 7.5, "linespacing": 1.35}
+    words: dict[str, Any] = {"family": "monospace", "fontsize": 7.5, "linespacing": 1.35}
     key.text(-0.07, 1, report(rows), va="top", in_layout=False, **words)
     _draw_legend(figure.add_subplot(grid[1, 1]), rows)
     figure.suptitle(f"What accuracy costs in time\n{about}", fontsize=12)

@@ -89,7 +89,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 FITTING = re.compile(
     "test_(accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
     "compiled_frames|demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|fit|"
-    "fit_compiler|follower_node|fuzz|hard_cases|held_matches|implausible_frames|kinds_over_dds|"
+    "fit_compiler|follower_node|fuzz|hard_cases|held_matches|kinds_over_dds|"
     "linearised|misfit|mixture|near_frames|node_parameters|outputs|paper|paper_command|"
     "plausibility|posterior|programs|readme|record|replay|robustness|saturated|security|"
     "track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"

@@ -94,33 +94,6 @@ def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers
     assert {command.header.frame_id for command in helm.commands} == {"rov/base_link"}
 
 
-def test_a_follower_too_far_behind_is_sent_ahead_and_one_too_near_is_held_back(helm):
-    for x, sign in ((-7.0, 1.0), (-5.0, -1.0)):
-        for _ in range(30):
-            helm.see([x, 0.0, 0.0, 0.0, 0.0])
-            command = helm.command()
-        assert command[0] * sign > 0.05
-        np.testing.assert_allclose(command[1:], 0.0, atol=1e-9)
-
-
-def test_without_light_the_command_falls_to_zero_within_timeout_and_stop_time(lab):
-    helm = Helm(lab, light_timeout_s=0.5, stop_time_s=2.0)
-    for _ in range(20):
-        helm.see([-8.0, 0.0, 0.0, 0.0, 0.0])
-        helm.command()
-    # The last command of the loop was one tick after its pose.
-    surges = [helm.command()[0] for _ in range(40)]
-    dark_s = np.arange(2, 42) / 10 - 0.5
-    cruise = surges[3]  # at the timeout
-    assert cruise > 0.1
-    expected = cruise * np.clip(1 - dark_s[3:] / 2.0, 0.0, 1.0)
-    np.testing.assert_allclose(surges[3:], expected, atol=1e-6)
-    assert surges[-1] == 0.0
-    helm.see([-8.0, 0.0, 0.0, 0.0, 0.0])
-    helm.command()
-    assert helm.command()[0] > 0  # light again
-
-
 def not_finite(message):
     message.pose.pose.position.y = np.nan
 

@@ -16,8 +16,7 @@ NODES = ("simulator_node", "feature_node", "estimator_node")
 
 
 @pytest.fixture
-def sensor_processes(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+def sensor_processes(tmp_path):
     given = {"scene": "reference", "simulator_node:seed": 7, "estimator_node:method": "sam"}
     given["estimator_node:tracking"] = "false"  # poses of this test make no track
     with node_processes(tmp_path / "log", NODES, **given):

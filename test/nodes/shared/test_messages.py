@@ -16,7 +16,6 @@ from std_msgs.msg import Header
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
-    StampOrder,
     covariance_from_message,
     features_from_message,
     features_to_message,
@@ -266,16 +265,3 @@ def test_a_covariance_that_is_not_finite_or_beyond_its_bound_is_refused(bad):
     message.pose.covariance[8] = bad
     with pytest.raises(Refused, match=r"^(not finite|out of bounds): the pose's covariance"):
         covariance_from_message(message)
-
-
-def test_a_late_stamp_costs_one_message_and_so_does_a_clock_that_was_set_back():
-    order, passed = StampOrder(), []
-    for seconds in (10, 11, 11, 12, 3, 4, 5, 4, 6):
-        try:
-            order.check(header(seconds, 0))
-            passed.append(seconds)
-        except Refused:
-            passed.append(-seconds)
-    assert passed == [10, 11, -11, 12, -3, 4, 5, -4, 6]
-    with pytest.raises(Refused, match=r"^stamp not later: 6\.0+ s came after 6\.0+ s"):
-        order.check(header(6, 0))

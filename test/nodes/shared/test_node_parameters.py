@@ -4,7 +4,6 @@ import math
 import re
 from importlib.util import find_spec
 
-import numpy as np
 import pytest
 import rclpy
 import yaml
@@ -144,25 +143,6 @@ def test_what_is_fixed_once_the_node_runs_is_refused_as_read_only(lab, name, sce
     assert not {"scene", "rate_hz", "seed", "base_frame"} & changes
 
 
-@pytest.mark.parametrize(
-    ("value", "reason"),
-    [
-        (math.nan, "min_peak_counts"),
-        (-1.0, "min_peak_counts"),
-        (65536.0, "min_peak_counts"),
-        (5, "Wrong parameter type"),
-        ("5", "Wrong parameter type"),
-        (False, "Wrong parameter type"),
-    ],
-)
-def test_ros2_param_set_shows_the_reason_of_a_refusal(lab, scene_file, value, reason):
-    node = begin(lab, "feature_node", scene_file)
-    result = lab.set(node, "min_peak_counts", value)
-    assert not result.successful
-    assert reason in result.reason
-    assert node.get_parameter("min_peak_counts").value == 5.0
-
-
 def test_one_bad_value_among_several_changes_none(lab, scene_file):
     node = begin(lab, "formation_node", scene_file)
     result = node.set_parameters_atomically(
@@ -179,13 +159,9 @@ BAD_STARTS = [
     ("feature_node", "min_peak_counts:=.nan", ("nan", "from 0 to 65535 counts")),
     ("feature_node", "min_peak_counts:=high", ("high", "DOUBLE")),
     ("feature_node", "scene:=atlantis", ("atlantis", "follow", "reference")),
-    ("feature_node", "scene:=/nowhere/sea.yaml", ("/nowhere/sea.yaml", "no such file")),
     ("estimator_node", "neighbours:=1", ("1", "from 2 to 10000 rows")),
-    ("estimator_node", "max_angle_rad:=4.0", ("4.0", "from 0 to 3.14159 rad")),
     ("estimator_node", "tf_parent:=leader", ("leader", "beacon or base")),
     ("estimator_node", "use_image:=false", ("least_squares", "sam_interpolated")),
-    ("estimator_node", "publish_tf:=maybe", ("maybe", "BOOL")),
-    ("simulator_node", "seed:=-2", ("-2", "from -1 to")),
     ("simulator_node", "seed:=1.5", ("1.5", "INTEGER")),
     ("simulator_node", "odometry_axes:=ned", ("ned", "flu or frd")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
@@ -196,9 +172,15 @@ BAD_STARTS = [
 ]
 
 
+@pytest.fixture
+def never_spun(monkeypatch):
+    """A node that is accepted fails the test, in place of running for ever."""
+    monkeypatch.setattr(shared_node, "spin", lambda executor: pytest.fail("it was accepted"))
+
+
+@pytest.mark.usefixtures("never_spun")
 @pytest.mark.parametrize(("name", "given", "words"), BAD_STARTS)
-def test_a_bad_start_value_ends_the_node_with_one_line(monkeypatch, name, given, words):
-    monkeypatch.setattr(shared_node, "spin", lambda executor: pytest.fail(f"{given} was accepted"))
+def test_a_bad_start_value_ends_the_node_with_one_line(name, given, words):
     with pytest.raises(SystemExit) as end:
         NODES[name][0].main(["--ros-args", "-p", given])
     line = end.value.code
@@ -209,21 +191,16 @@ def test_a_bad_start_value_ends_the_node_with_one_line(monkeypatch, name, given,
     assert not rclpy.ok()
 
 
+@pytest.mark.usefixtures("never_spun")
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ("lamp: {beam_sigma_deg: [", ("not YAML",)),
-        ("lamp: {beam_sigma_deg: wide}", ("lamp.beam_sigma_deg", "wide")),
-        ("lamb: {}", ("lamb", "did you mean lamp?")),
-    ],
+    [("lamp: {beam_sigma_deg: [", "not YAML"), ("lamb: {}", "lamb: did you mean lamp?")],
 )
-def test_a_bad_scene_file_ends_the_node_with_one_line(monkeypatch, tmp_path, text, words):
-    monkeypatch.setattr(shared_node, "spin", lambda executor: pytest.fail("the scene was accepted"))
+def test_a_bad_scene_file_ends_the_node_with_one_line(tmp_path, text, words):
     (tmp_path / "sea.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(SystemExit) as end:
+    with pytest.raises(SystemExit, match="sea") as end:
         feature_node.main(["--ros-args", "-p", f"scene:={tmp_path / 'sea.yaml'}"])
-    for word in ("sea", *words):
-        assert word in end.value.code
+    assert set(words.replace(":", "").split()) <= set(re.findall(r"[\w?]+", end.value.code))
     assert "\n" not in end.value.code.strip()
 
 
@@ -306,43 +283,3 @@ def test_a_file_with_one_value_changes_that_value_and_nothing_else(lab, tmp_path
     node = lab.start(NODES[name][1], namespace)
     present = {given: node.get_parameter(given).value for given in own_names(node)}
     assert present == {**{given: p.default for given, p in declared.items()}, key: value}
-
-
-def another(node, key, value):
-    """Return a value for a parameter that is good and not the one it has."""
-    words = {"scene": "reference", "odometry_axes": "frd", "host": "127.0.0.2"}
-    if key in words:
-        return words[key]
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, str):
-        choices = node.describe_parameter(key).additional_constraints.split(" or ")
-        taken = ("", value, node.get_parameter(key).value)
-        return next((choice for choice in choices if choice not in taken), f"{value}_2")
-    if isinstance(value, list):
-        return [number + 0.5 for number in value]
-    kind, low, high = bounds_of(node, key)
-    return kind(value + 1) if kind is int else np.clip((value or 1.0) * 1.25, low, high).item()
-
-
-@pytest.mark.parametrize("namespace", [None, "/fleet/rov_2"])
-@ALL
-def test_every_value_changed_in_a_copy_of_the_file_is_taken(lab, tmp_path, name, namespace):
-    text = uncommented(FOLLOW.read_text("utf-8"))
-    lab.begin()
-    model = lab.start(NODES[name][1])
-    changed = {key: another(model, key, value) for key, value in sections(text)[name].items()}
-    if "table" in changed:
-        changed["table"] = str(tmp_path)  # no table there, of which the node will tell
-    lab.end()
-    lab.__init__()
-
-    document = yaml.safe_load(text)
-    document[f"/**/{name}"]["ros__parameters"].update(changed)
-    copy = tmp_path / "copy.yaml"
-    copy.write_text(yaml.safe_dump(document), encoding="utf-8")
-    lab.begin({}, "--params-file", copy)
-    node = lab.start(NODES[name][1], namespace)
-    for key, value in changed.items():
-        assert value != model.get_parameter(key).value
-        assert node.get_parameter(key).value == value

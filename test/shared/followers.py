@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from uuv_optical_array.estimation.tracking.enter import tell
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
@@ -79,7 +78,8 @@ class TrackedLaw:
     def command(self, now: float) -> tuple[Array, Array] | None:
         command = self._law.command(now)
         if command is not None:
-            tell(self._tracker, round(now * 1e9), *command)
+            linear, angular = command
+            self._tracker.command(round(now * 1e9), [*linear, *angular[1:]])
         return command
 
 

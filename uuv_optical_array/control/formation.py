@@ -36,8 +36,8 @@ from scipy.special import chdtri
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Place, Quantity
-from uuv_optical_array.estimation.tracking.filter.frame import checked_pose
-from uuv_optical_array.estimation.tracking.motion import MOST, OwnMotion, in_beacon
+from uuv_optical_array.estimation.tracking.measurement import checked_pose
+from uuv_optical_array.estimation.tracking.motion import MAX_RATE, OwnMotion, in_beacon
 from uuv_optical_array.estimation.tracking.settings import GateProbability, TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -204,7 +204,11 @@ class FormationController:
     def _predicted(self, track: _Odometry, stamp_ns: int) -> Array:
         """Return the pose at a later stamp, by the leader's motion and the commands."""
         moved = (stamp_ns - track.stamp_ns) * 1e-9 * track.leader_rate
-        return track.pose + moved + in_beacon(track.pose, self._own.way(track.stamp_ns, stamp_ns))
+        return (
+            track.pose
+            + moved
+            + in_beacon(track.pose, self._own.displacement(track.stamp_ns, stamp_ns))
+        )
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
         """Return the twist to command.
@@ -315,9 +319,9 @@ def _nanoseconds(name: str, seconds: float) -> int:
 
 def _checked_rate(rate: ArrayLike) -> Array:
     values = np.array(rate, dtype=float)
-    if values.shape != (5,) or not (np.abs(values) <= MOST).all():
+    if values.shape != (5,) or not (np.abs(values) <= MAX_RATE).all():
         raise ValueError(
-            f"rate: {values.tolist()}; give three within +-{MOST[0]:g} m/s and two within "
-            f"+-{MOST[-1]:g} rad/s"
+            f"rate: {values.tolist()}; give three within +-{MAX_RATE[0]:g} m/s and two within "
+            f"+-{MAX_RATE[-1]:g} rad/s"
         )
     return values

@@ -157,7 +157,7 @@ class Pipeline:
         assert self.tracker is not None
         pose, covariance = estimate.pose, estimate.covariance
         if estimate.readings is None or image is None:
-            return self.tracker.take(stamp_ns, pose, covariance, lasting=1 - estimate.clear)
+            return self.tracker.take(stamp_ns, pose, covariance, shaded=1 - estimate.clear)
         near = self.estimator.lineariser(estimate, image, roll)
         return self.tracker.take(stamp_ns, pose, covariance, estimate.readings, near)
 

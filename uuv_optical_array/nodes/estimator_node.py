@@ -21,10 +21,9 @@ from uuv_optical_array.estimation.large_table import load_table
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.plausibility import check_image
 from uuv_optical_array.estimation.signature_table import SignatureTable, grid_axes
-from uuv_optical_array.estimation.tracking.odometry import relative_odometry
 from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.track import Track
+from uuv_optical_array.estimation.tracking.track import Track, relative_odometry
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

@@ -13,7 +13,7 @@ from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_S
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
 from uuv_optical_array.estimation.pipeline import Answer
-from uuv_optical_array.estimation.tracking.odometry import relative_odometry
+from uuv_optical_array.estimation.tracking.track import relative_odometry
 from uuv_optical_array.recording.bag import BagWriter, message_types
 from uuv_optical_array.recording.images import Recording
 

@@ -9,8 +9,8 @@ from tracks import START_NS, turned, van_loan
 from uuv_optical_array.core.messages import MAX_TWIST
 from uuv_optical_array.estimation.tracking.motion import (
     OwnMotion,
-    RandomMotion,
     in_beacon,
+    walk_noise,
 )
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -18,18 +18,11 @@ pytestmark = pytest.mark.filterwarnings("error")
 ALONG = np.array([0.5, 0.1, -0.2, 0.03, -0.05])
 
 
-@pytest.mark.parametrize("step_s", [0.0, 1e-9, 0.1, 3.0])
-def test_the_noise_of_a_step_is_van_loans(step_s):
-    rng = np.random.default_rng(3)
-    rate_walk, pose_walk = rng.standard_normal((2, 5, 5))
-    root = RandomMotion(np.eye(5), rate_walk, pose_walk[:, :3]).noise(step_s)
-    _, expected = van_loan(step_s, rate_walk @ rate_walk.T, pose_walk[:, :3] @ pose_walk[:, :3].T)
-    np.testing.assert_allclose(root @ root.T, expected, rtol=1e-12, atol=1e-14)
-
-
-def test_a_motion_without_a_walk_of_the_pose_has_none():
-    root = RandomMotion(np.eye(5), np.eye(5)).noise(0.1)
-    np.testing.assert_allclose(root @ root.T, van_loan(0.1, np.eye(5))[1], rtol=1e-12)
+@given(st.floats(0, 3), st.lists(st.floats(0, 10), min_size=5, max_size=5))
+def test_the_noise_of_a_step_is_van_loans(step_s, walk):
+    root = walk_noise(np.array(walk), step_s)
+    _, expected = van_loan(step_s, np.diag(np.square(walk)))
+    np.testing.assert_allclose(root @ root.T, expected, rtol=1e-9, atol=1e-12)
 
 
 @given(st.lists(st.floats(-3, 3), min_size=10, max_size=10))
@@ -52,7 +45,7 @@ def test_each_command_holds_from_its_stamp_until_the_next():
     st.integers(-(10**9), 10**9),
     st.integers(0, 10**9),
 )
-def test_the_way_is_the_sum_of_the_commands_over_the_time(offsets, start, length):
+def test_the_displacement_is_the_sum_of_the_commands_over_the_time(offsets, start, length):
     own, commands = OwnMotion(), [(-np.inf, np.zeros(5))]
     for k, offset in enumerate(sorted(offsets)):
         commands.append((offset, (k + 1) * ALONG))
@@ -61,8 +54,8 @@ def test_the_way_is_the_sum_of_the_commands_over_the_time(offsets, start, length
     expected = np.zeros(5)
     for (since, twist), until in zip(commands, ends, strict=True):
         expected += max(min(until, start + length) - max(since, start), 0.0) * 1e-9 * twist
-    way = own.way(START_NS + start, START_NS + start + length)
-    np.testing.assert_allclose(way, expected, rtol=1e-12, atol=1e-12)
+    displacement = own.displacement(START_NS + start, START_NS + start + length)
+    np.testing.assert_allclose(displacement, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("again", [0, -1, -150, -10_000])
@@ -77,7 +70,7 @@ def test_a_command_replaces_those_from_its_stamp_on(again):
         motion.command(START_NS + again, -ALONG)
     for start in range(-20_000, 300, 70):
         ends = START_NS + start, START_NS + 400
-        np.testing.assert_array_equal(own.way(*ends), fresh.way(*ends))
+        np.testing.assert_array_equal(own.displacement(*ends), fresh.displacement(*ends))
         np.testing.assert_array_equal(own.twist(ends[1]), -ALONG)
 
 
@@ -89,7 +82,7 @@ def test_what_is_forgotten_no_longer_held():
     own.forget(START_NS + 55)
     for start in (55, 59, 60, 61, 300):
         ends = START_NS + start, START_NS + 400
-        np.testing.assert_array_equal(own.way(*ends), whole.way(*ends))
+        np.testing.assert_array_equal(own.displacement(*ends), whole.displacement(*ends))
     # The oldest that is left stands for all before it.
     np.testing.assert_array_equal(own.twist(START_NS), 5 * ALONG)
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.estimation.tracking.filter.root_filter import (
-    Belief,
-    Reading,
+from uuv_optical_array.estimation.tracking.root_filter import (
+    Gaussian,
+    Observation,
     correct,
     triangular,
     weigh,
@@ -16,28 +16,28 @@ from uuv_optical_array.estimation.tracking.filter.root_filter import (
 pytestmark = pytest.mark.filterwarnings("error")
 
 
-def problem(seed, size, count, spoilt):
-    """Return a belief and readings of it, with unlike scales."""
+def problem(seed, size, count, considered):
+    """Return a state and an observation of it, with unlike scales."""
     rng = np.random.default_rng(seed)
     scales = 10.0 ** rng.uniform(-2, 2, size)
     root = triangular(scales[:, None] * rng.standard_normal((size, size + 3)))
-    shared = scales[:, None] * rng.standard_normal((size, count if spoilt else 0))
+    shared = scales[:, None] * rng.standard_normal((size, count if considered else 0))
     slopes = rng.standard_normal((count, size)) / scales
     noise = rng.uniform(0.1, 2.0, count)
-    by_shared = rng.uniform(0.0, 2.0, count) if spoilt else np.zeros(0)
-    belief = Belief(rng.standard_normal(size), root, shared)
-    return belief, Reading(rng.standard_normal(count), slopes, noise, by_shared)
+    by_shared = rng.uniform(0.0, 2.0, count) if considered else np.zeros(0)
+    state = Gaussian(rng.standard_normal(size), root, shared)
+    return state, Observation(rng.standard_normal(count), slopes, noise, by_shared)
 
 
-def dense(belief, reading):
-    """Return covariances of the state, of it with the readings, and of these."""
-    covariance = belief.root @ belief.root.T + belief.shared @ belief.shared.T
-    both = covariance @ reading.slopes.T
-    spread = reading.slopes @ both + np.diag(reading.noise**2)
-    if len(reading.spoilt):
-        by_shared = belief.shared * reading.spoilt
-        spread += reading.slopes @ by_shared + (reading.slopes @ by_shared).T
-        spread += np.diag(reading.spoilt**2)
+def dense(state, observation):
+    """Return covariances of the state, of it with the observation, and of that."""
+    covariance = state.root @ state.root.T + state.consider @ state.consider.T
+    both = covariance @ observation.slopes.T
+    spread = observation.slopes @ both + np.diag(observation.noise**2)
+    if len(observation.consider):
+        by_shared = state.consider * observation.consider
+        spread += observation.slopes @ by_shared + (observation.slopes @ by_shared).T
+        spread += np.diag(observation.consider**2)
         both = both + by_shared
     return covariance, both, spread
 
@@ -53,34 +53,38 @@ PROBLEMS = st.builds(
 
 @given(PROBLEMS, st.sampled_from([5, 6]))
 @settings(max_examples=60)
-def test_a_correction_is_that_of_the_dense_formulas(given_problem, learnt):
-    belief, reading = given_problem
-    covariance, both, spread = dense(belief, reading)
-    best = np.linalg.solve(spread, both.T).T[:learnt]
+def test_a_correction_is_that_of_the_dense_formulas(given_problem, corrected):
+    state, observation = given_problem
+    covariance, both, spread = dense(state, observation)
+    best = np.linalg.solve(spread, both.T).T[:corrected]
     stds = np.sqrt(covariance.diagonal())
-    gain_of, distance = weigh(belief, reading, learnt)
+    gain_of, distance = weigh(state, observation, corrected)
     gain = gain_of()
-    np.testing.assert_allclose(gain / stds[:learnt, None], best / stds[:learnt, None], atol=1e-9)
-    # Of the readings' information about a jump: its estimate, squared by its covariance.
-    whole = np.linalg.solve(spread, np.column_stack([reading.residual, reading.slopes[:, :5]]))
-    about = reading.slopes[:, :5].T @ whole
+    np.testing.assert_allclose(
+        gain / stds[:corrected, None], best / stds[:corrected, None], atol=1e-9
+    )
+    # Of the information about a jump: its estimate, squared by its covariance.
+    whole = np.linalg.solve(
+        spread, np.column_stack([observation.innovation, observation.slopes[:, :5]])
+    )
+    about = observation.slopes[:, :5].T @ whole
     jump = about[:, 0] @ np.linalg.pinv(about[:, 1:], rcond=1e-12) @ about[:, 0]
-    if len(reading.residual) >= 5:
+    if len(observation.innovation) >= 5:
         assert distance == pytest.approx(np.sqrt(jump), rel=1e-6)
-    else:  # as many directions as readings: all of them count
-        all_of_it = reading.residual @ np.linalg.solve(spread, reading.residual)
+    else:  # as many directions as numbers: all of them count
+        all_of_it = observation.innovation @ np.linalg.solve(spread, observation.innovation)
         assert distance == pytest.approx(np.sqrt(all_of_it), rel=1e-6)
-    after = correct(belief, reading, gain)
-    padded = np.zeros((len(stds), len(reading.residual)))
-    padded[:learnt] = gain
-    np.testing.assert_allclose(after.mean, belief.mean + padded @ reading.residual, rtol=1e-12)
+    after = correct(state, observation, gain)
+    padded = np.zeros((len(stds), len(observation.innovation)))
+    padded[:corrected] = gain
+    np.testing.assert_allclose(after.mean, state.mean + padded @ observation.innovation, rtol=1e-12)
     expected = covariance - padded @ both.T - both @ padded.T + padded @ spread @ padded.T
     apart = (after.covariance - expected) / np.outer(stds, stds)
     np.testing.assert_allclose(apart, 0.0, atol=1e-9)
-    # What spoils readings for ever goes on doing so: by its part of the error.
-    left = belief.shared - padded @ reading.slopes @ belief.shared
-    left = left - padded * reading.spoilt if len(reading.spoilt) else left
-    np.testing.assert_allclose((after.shared - left) / stds[:, None], 0.0, atol=1e-9)
+    # Consider parameters stay: by their part of the error.
+    left = state.consider - padded @ observation.slopes @ state.consider
+    left = left - padded * observation.consider if len(observation.consider) else left
+    np.testing.assert_allclose((after.consider - left) / stds[:, None], 0.0, atol=1e-9)
     np.testing.assert_array_equal(after.root, np.triu(after.root))
 
 

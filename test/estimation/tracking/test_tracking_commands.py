@@ -1,4 +1,4 @@
-"""The track of a follower that tells its commands, and the track carried on to an instant."""
+"""The track of a follower whose commands are known, wrong or missing."""
 
 import contextlib
 import dataclasses
@@ -20,7 +20,6 @@ from tracks import (
     Textbook,
     assert_same,
     fed,
-    motion,
     moved,
     scattered,
     steady,
@@ -30,7 +29,6 @@ from tracks import (
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
-from uuv_optical_array.estimation.tracking.motion import RandomMotion
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import RATE_STD, Tracker
@@ -38,6 +36,9 @@ from uuv_optical_array.estimation.tracking.tracker import RATE_STD, Tracker
 pytestmark = pytest.mark.filterwarnings("error")
 
 SWERVE = np.array([0.4, -0.1, 0.05, 0.02, -0.06])
+WALK = np.diag(
+    np.repeat([OPEN.velocity_walk_m_per_s**2, math.radians(OPEN.turn_walk_deg_per_s) ** 2], [3, 2])
+)  # covariance of the rate's change in 1 s
 FINE = NOISE / 25  # of which a wrong command of 9 m/s is far out
 
 
@@ -61,129 +62,95 @@ def answer(tracker, frame):
         return str(reason)
 
 
-def assert_is(track, mean, covariance, rate):
-    np.testing.assert_allclose(track.pose, mean[:5], rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(track.rate, rate, rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(track.joint_covariance, covariance, rtol=1e-8, atol=1e-11)
-    np.testing.assert_array_equal(track.covariance, track.joint_covariance[:5, :5])
+def predicted(tracker, stamp):
+    """Return the track at a frame that says next to nothing."""
+    return tracker.update(stamp, STATION, 1e7 * np.eye(5))
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_commands_and_any_random_motion_give_the_textbook_filters_track_and_prediction(seed):
+def test_commands_give_the_textbook_filters_track(seed):
     rng = np.random.default_rng(100 + seed)
-    start, rate_walk, pose_walk = 0.1 * rng.standard_normal((3, 5, 5))
     frames = list(zip(*scattered(seed), strict=True))
     # Until the newest command the buffer holds all: what comes too late is replayed with its own.
-    options = dataclasses.replace(OPEN, buffer_s=10.0)
+    tracker = Tracker(dataclasses.replace(OPEN, buffer_s=10.0))
     commands = swerves([frames[0][0], frames[-1][0] + 5 * TENTH_NS], rng)
-    tracker = told(Tracker(options, RandomMotion(start, rate_walk, pose_walk)), commands)
-    walks = rate_walk @ rate_walk.T, pose_walk @ pose_walk.T
-    textbook = Textbook(frames[0], start @ start.T, *walks, commands)
+    told(tracker, commands)
+    textbook = Textbook(frames[0], np.diag(RATE_STD**2), WALK, None, commands)
     for frame in frames[1:]:
         textbook.take(*frame)
     track = fed(tracker, *frames[:4], *frames[5:], frames[4])
+    np.testing.assert_allclose(track.pose, textbook.mean[:5], rtol=1e-8, atol=1e-9)
     rate = textbook.rate(textbook.mean, textbook.stamp)
-    assert_is(track, textbook.mean, textbook.covariance, rate)
+    np.testing.assert_allclose(track.rate, rate, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(track.joint_covariance, textbook.covariance, rtol=1e-8, atol=1e-11)
+    np.testing.assert_array_equal(track.covariance, track.joint_covariance[:5, :5])
     assert (track.stamp_ns, track.frames) == (textbook.stamp, len(frames))
-    for later_ns in (0, 1, 3 * TENTH_NS, 7 * TENTH_NS):
-        stamp = textbook.stamp + later_ns
-        ahead = tracker.predict(stamp)
-        mean, covariance = textbook.ahead(stamp)
-        assert_is(ahead, mean, covariance, textbook.rate(mean, stamp))
-        assert (ahead.stamp_ns, ahead.frames) == (stamp, track.frames)
-        assert ahead.distance == track.distance
-
-
-def test_a_prediction_without_commands_keeps_the_rate_and_the_common_share():
-    options = dataclasses.replace(OPEN, common_share=0.3)
-    frames = list(zip(*scattered(5), strict=True))
-    tracker = Tracker(options)
-    track = fed(tracker, *frames)
-    ahead = tracker.predict(track.stamp_ns + 4 * TENTH_NS)
-    transition, noise = motion(0.4, options)
-    common = np.zeros((10, 10))
-    common[:5, :5] = 0.3 * frames[-1][2]
-    own = transition @ (track.joint_covariance - common) @ transition.T + noise
-    np.testing.assert_allclose(ahead.pose, track.pose + 0.4 * track.rate, rtol=1e-12)
-    np.testing.assert_array_equal(ahead.rate, track.rate)
-    np.testing.assert_allclose(ahead.joint_covariance, own + common, rtol=1e-9, atol=1e-12)
-    # It has asked and changed nothing.
-    assert_same(tracker.predict(track.stamp_ns), track)
 
 
 def test_a_follower_on_station_learns_the_leaders_turn_from_its_own():
     # Abeam at 0.36 m/s and turning by 0.06 rad/s it stays in place, so the leader turns too.
     abeam = np.array([0.0, -0.36, 0.0, 0.0, 0.06])
-    still, tracker = Tracker(OPEN), Tracker(dataclasses.replace(OPEN, command_timeout_s=60.0))
+    tracker = Tracker(dataclasses.replace(OPEN, command_timeout_s=60.0))
     tracker.command(START_NS, abeam)
     at = np.array([-6.0, 0, 0, 0, 0])
-    track, before = fed(tracker, *steady(100, at)), fed(still, *steady(100, at))
+    track = fed(tracker, *steady(100, at))
     np.testing.assert_allclose(track.rate, 0.0, atol=1e-4)
-    np.testing.assert_allclose(before.rate, 0.0, atol=1e-4)
     # When it stops, it is left behind at the rate it moved with.
-    stamp = track.stamp_ns + TENTH_NS
     tracker.command(track.stamp_ns, np.zeros(5))
-    np.testing.assert_allclose(tracker.predict(stamp).rate, -abeam, atol=1e-4)
-    np.testing.assert_allclose(tracker.predict(stamp).pose, at - 0.1 * abeam, atol=1e-4)
-    np.testing.assert_allclose(still.predict(stamp).pose, at, atol=1e-4)
+    ahead = predicted(tracker, track.stamp_ns + TENTH_NS)
+    np.testing.assert_allclose(ahead.rate, -abeam, atol=1e-4)
+    np.testing.assert_allclose(ahead.pose, at - 0.1 * abeam, atol=1e-4)
 
 
 def test_errors_are_as_large_as_the_track_says_when_the_follower_moves_by_command():
     rng = np.random.default_rng(77)
-    lever = np.eye(5)
-    lever[1, 4], lever[2, 3] = -6.0, 6.0
-    start, walk = 0.3 * np.diag(RATE_STD), lever * [0.02, 0.01, 0.01, 0.01, 0.01]
-    pose_walk = 0.02 * np.eye(5)
-    transition, noise = van_loan(0.1, walk @ walk.T, pose_walk @ pose_walk.T)
-    gathered, root = np.linalg.cholesky(noise), np.linalg.cholesky(CORRELATED)
-    now, ahead = [], []
+    transition, noise = van_loan(0.1, WALK)
+    gathered, root, squares = np.linalg.cholesky(noise), np.linalg.cholesky(CORRELATED), []
     for _ in range(100):
-        tracker = Tracker(OPEN, RandomMotion(start, walk, pose_walk))
-        state = np.concatenate([STATION, start @ rng.standard_normal(5)])
+        tracker, twist = Tracker(OPEN), np.zeros(5)
+        state = np.concatenate([STATION, RATE_STD * rng.standard_normal(5)])
         for k in range(20):
             stamp = START_NS + k * TENTH_NS
-            tracker.update(stamp, state[:5] + root @ rng.standard_normal(5), CORRELATED)
+            if k:
+                before = state
+                state = transition @ state + gathered @ rng.standard_normal(10)
+                state[:5] += turned(before[:5], twist) * 0.1
             twist = SWERVE * rng.uniform(-1, 2, 5)
             tracker.command(stamp, twist)
-            before = state
-            state = transition @ state + gathered @ rng.standard_normal(10)
-            state[:5] += turned(before[:5], twist) * 0.1
-        for squares, at, true in ((now, stamp, before), (ahead, stamp + TENTH_NS, state)):
-            track = tracker.predict(at)
-            rate = true[5:] + turned(true[:5], twist)
-            off = np.concatenate([track.pose - true[:5], track.rate - rate])
-            squares.append(off @ np.linalg.solve(track.joint_covariance, off))
-    low, high = chi2.ppf([0.0005, 0.9995], 10 * len(now))
-    assert low < sum(now) < high
-    assert low < sum(ahead) < high
+            seen = state[:5] + root @ rng.standard_normal(5)
+            track = tracker.update(stamp, seen, CORRELATED)
+        rate = state[5:] + turned(state[:5], twist)
+        off = np.concatenate([track.pose - state[:5], track.rate - rate])
+        squares.append(off @ np.linalg.solve(track.joint_covariance, off))
+    low, high = chi2.ppf([0.0005, 0.9995], 10 * len(squares))
+    assert low < sum(squares) < high
 
 
 def test_where_commands_begin_and_end_the_rate_is_as_unknown_as_at_a_start():
-    tracker = Tracker(OPEN)
-    track = fed(tracker, *zip(*scattered(5), strict=True))
-    walk = np.diag(np.repeat([OPEN.velocity_walk_m_per_s**2, math.radians(2.0) ** 2], [3, 2]))
-    before = track.joint_covariance[5:, 5:]
-    first_ns, last_ns = track.stamp_ns + TENTH_NS, track.stamp_ns + 3 * TENTH_NS
-    for stamp in (first_ns, last_ns):
-        tracker.command(stamp, SWERVE)
+    frames = list(zip(*scattered(5), strict=True))
     timeout_ns = round(OPEN.command_timeout_s * 1e9)
-    for stamp, told in ((first_ns - 1, 0), (first_ns, 1), (last_ns + timeout_ns, 1)):
-        ahead = tracker.predict(stamp)
-        own = turned(ahead.pose, told * SWERVE)
-        assert ahead.own_motion == ("told" if told else "not told")
-        np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-9)
-        grown = before + (stamp - track.stamp_ns) * 1e-9 * walk + told * np.diag(RATE_STD) ** 2
-        np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)
+    start = np.diag(RATE_STD**2)
+    for later_ns, said in ((-1, "not told"), (0, "told"), (timeout_ns, "told")):
+        tracker = Tracker(OPEN)
+        track = fed(tracker, *frames)
+        first_ns = track.stamp_ns + TENTH_NS
+        tracker.command(first_ns, SWERVE)
+        ahead = predicted(tracker, first_ns + later_ns)
+        assert ahead.own_motion == said
+        own = turned(ahead.pose, SWERVE) if said == "told" else 0.0
+        np.testing.assert_allclose(ahead.rate, track.rate + own, rtol=1e-5)
+        grown = track.joint_covariance[5:, 5:] + (TENTH_NS + later_ns) * 1e-9 * WALK
+        grown = grown + start * (said == "told")
+        np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-5, atol=1e-7)
     # A frame that came while there were commands, and then none for too long.
-    track = tracker.update(last_ns, STATION, NOISE)
-    stamp = last_ns + timeout_ns + 1
-    ahead, beside = tracker.predict(stamp), track.rate - turned(track.pose, SWERVE)
-    np.testing.assert_allclose(ahead.rate, beside, rtol=1e-9)
-    grown = track.joint_covariance[5:, 5:] + (stamp - last_ns) * 1e-9 * walk
-    grown = grown + np.diag(RATE_STD) ** 2
-    np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-9, atol=1e-12)
-    way = (stamp - last_ns) * 1e-9 * beside
-    np.testing.assert_allclose(ahead.pose, track.pose + way, rtol=1e-9)
+    step_ns = timeout_ns + 1
+    tracker = told(Tracker(OPEN), [(START_NS, SWERVE)])
+    track = tracker.update(START_NS, STATION, NOISE)
+    ahead = predicted(tracker, START_NS + step_ns)
+    assert ahead.own_motion == "not told"
+    grown = track.joint_covariance[5:, 5:] + step_ns * 1e-9 * WALK + start
+    np.testing.assert_allclose(ahead.joint_covariance[5:, 5:], grown, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(ahead.pose, track.pose, atol=1e-6)
 
 
 def test_a_follower_that_does_not_obey_is_tracked_nevertheless():
@@ -217,9 +184,7 @@ def test_a_follower_whose_commands_are_of_other_units_is_tracked_as_if_there_wer
         told.command(stamp, wrong)
     assert said == ["not told"] + ["contradicted"] * 14
     assert_same(dataclasses.replace(track, own_motion="not told"), beside)
-    # So it goes on, without a frame, and in a track that starts anew.
-    ahead, beside = (tracker.predict(stamps[17]) for tracker in (told, alone))
-    assert_same(dataclasses.replace(ahead, own_motion="not told"), beside)
+    # So it does in a track that starts anew.
     late = stamps[14] + 2_100_000_000
     told.command(late - 1, wrong)
     anew = told.update(late, STATION, FINE)
@@ -301,59 +266,18 @@ def test_commands_of_long_ago_are_dropped_without_a_trace():
         elif k % 4 == 3:
             frame = stamp - 5 * TENTH_NS // 2, STATION, NOISE
             assert_same(short.update(*frame), whole.update(*frame))
-    assert len(short._own_motion._commands) < 120 < len(whole._own_motion._commands)
 
 
-def test_there_is_no_prediction_without_a_track_or_of_the_past():
-    tracker = Tracker(TrackerSettings())
-    with pytest.raises(NoPose, match=r"^no track: there is no frame yet"):
-        tracker.predict(START_NS)
-    newest = fed(tracker, *steady(5)).stamp_ns
-    with pytest.raises(ValueError, match=f"^stamp_ns: {newest - 1} is before .*; give {newest} or"):
-        tracker.predict(newest - 1)
-    assert tracker.predict(newest + 2_000_000_000).frames == 5
-    with pytest.raises(NoPose, match=r"^no track: no frame for 2\.000 s, .* reset_after_s 2"):
-        tracker.predict(newest + 2_000_000_001)
-    # Outliers are no frames of the track.
-    with pytest.raises(Outlier):
-        tracker.update(newest + TENTH_NS, moved(Y, 4.0), NOISE)
-    assert tracker.predict(newest).stamp_ns == newest
-
-
-def test_a_prediction_across_half_a_circle_is_wrapped():
+def test_a_turn_by_command_across_half_a_circle_is_wrapped():
     tracker, turning = Tracker(OPEN), np.array([0, 0, 0, 0, 0.5])
-    pose = np.array([*STATION[:4], math.pi - 0.01])
-    fed(tracker, *steady(3, pose))
-    tracker.command(START_NS + 2 * TENTH_NS, turning)
-    yaw = tracker.predict(START_NS + 3 * TENTH_NS).pose[4]
-    assert yaw == pytest.approx(-math.pi + 0.04)
+    tracker.command(START_NS, turning)
+    tracker.update(START_NS, [*STATION[:4], math.pi - 0.01], NOISE)
+    assert predicted(tracker, START_NS + TENTH_NS).pose[4] == pytest.approx(-math.pi + 0.04)
 
 
-def test_a_reset_forgets_the_track_and_keeps_the_commands():
-    tracker, fresh = (told(Tracker(OPEN), [(START_NS, SWERVE)]) for _ in range(2))
-    fed(tracker, *steady(5, STATION + 3.0))
-    tracker.reset()
-    with pytest.raises(NoPose, match="no track"):
-        tracker.predict(START_NS + TENTH_NS)
-    frames = steady(5, start_ns=START_NS + TENTH_NS)  # the first is older than the newest was
-    assert_same(fed(tracker, *frames), fed(fresh, *frames))
-
-
-def test_other_settings_keep_the_track():
-    tracker, same = Tracker(OPEN), Tracker(OPEN)
-    *frames, probe = zip(*scattered(1), strict=True)
-    track = fed(tracker, *frames)
-    fed(same, *frames)
-    other = dataclasses.replace(OPEN, velocity_walk_m_per_s=1.0, buffer_s=0.0, reset_after_s=10.0)
-    tracker.configure(other)
-    assert_same(tracker.predict(track.stamp_ns), track)
-    transition, noise = motion((probe[0] - track.stamp_ns) * 1e-9, other)
-    expected = transition @ track.joint_covariance @ transition.T + noise
-    ahead = tracker.predict(probe[0])
-    np.testing.assert_allclose(ahead.joint_covariance, expected, rtol=1e-9, atol=1e-12)
-    after = tracker.update(*probe)
-    assert after.frames == same.update(*probe).frames == 12
-    assert (np.diag(after.covariance) > 0).all()
+def test_there_is_no_track_without_a_frame():
+    with pytest.raises(NoPose, match=r"^no track: there is no frame yet"):
+        Tracker(TrackerSettings()).track()
 
 
 def test_a_bad_command_is_refused_and_leaves_no_trace():

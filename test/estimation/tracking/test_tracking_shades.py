@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracks import NOISE, START_NS, STATION, STD, TENTH_NS
 
-from uuv_optical_array.estimation.tracking.filter.correction import DOUBTS_ALIKE, MOST_LASTING
+from uuv_optical_array.estimation.tracking.correction import CORRELATED_FRAMES, SHADE_SHARE
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -22,7 +22,7 @@ def tracked(tracker, lasting, rng):
         error = kept * error + np.sqrt(1 - kept**2) * rng.standard_normal(5)
         off = STD * (np.sqrt(SHARE) * error + np.sqrt(1 - SHARE) * rng.standard_normal(5))
         try:
-            track = tracker.update(START_NS + k * TENTH_NS, STATION + off, NOISE, lasting=lasting)
+            track = tracker.update(START_NS + k * TENTH_NS, STATION + off, NOISE, shaded=lasting)
         except Outlier:
             continue
         if k > 10:
@@ -45,9 +45,9 @@ def test_a_track_claims_no_more_than_errors_that_last_allow(lasting, low, high):
 def test_what_a_shade_does_to_two_frames_is_one_error():
     tracker = Tracker(TrackerSettings(common_share=0.0), constants=Constants(unclear_lasts_s=1e6))
     for k in range(2):
-        track = tracker.update(START_NS + 1000 * k, STATION, NOISE, lasting=1.0)
-    lasts = MOST_LASTING * NOISE
-    new = DOUBTS_ALIKE * (NOISE - lasts) / 2
+        track = tracker.update(START_NS + 1000 * k, STATION, NOISE, shaded=1.0)
+    lasts = SHADE_SHARE * NOISE
+    new = CORRELATED_FRAMES * (NOISE - lasts) / 2
     np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
@@ -57,7 +57,7 @@ def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():
         tracker, rng = Tracker(TrackerSettings()), np.random.default_rng(1)
         for k in range(20):
             pose = STATION + 0.1 * STD * rng.standard_normal(5)
-            track = tracker.update(START_NS + k * TENTH_NS, pose, NOISE, lasting=lasting)
+            track = tracker.update(START_NS + k * TENTH_NS, pose, NOISE, shaded=lasting)
         tracks.append(track)
     np.testing.assert_array_equal(tracks[0].joint_covariance, tracks[1].joint_covariance)
 
@@ -65,7 +65,7 @@ def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():
 def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():
     tracker = Tracker(TrackerSettings(), constants=Constants(unclear_lasts_s=LASTS_S, uneven=0.02))
     assert tracker.expected(START_NS).uneven == 0.02
-    tracker.update(START_NS, STATION, NOISE, lasting=0.9)
+    tracker.update(START_NS, STATION, NOISE, shaded=0.9)
     for seconds in (0.0, 1.5, 100.0):
         expected = 0.02 + (0.9 - 0.02) * np.exp(-seconds / LASTS_S)
         stamp = START_NS + round(seconds * 1e9)

@@ -1,13 +1,11 @@
 """How the relative pose moves from frame to frame: at random, and by the follower's own commands.
 
 The random part is white-noise acceleration (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan,
-*Estimation with Applications to Tracking and Navigation*, 2001, ch. 6) and, beside it, a random
-walk of the pose. Covariances are given as roots: a root times its transpose.
+*Estimation with Applications to Tracking and Navigation*, 2001, ch. 6).
 """
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,49 +14,28 @@ from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
 from uuv_optical_array.core.messages import MAX_TWIST
 
 LONG_AGO_NS = -(2**62)  # before any stamp
-MOST = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
+MAX_RATE = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 
 
-@dataclass(frozen=True)
-class RandomMotion:
-    """What is known of a rate at the start of a track, and how it changes from then on.
+def walk_noise(walk: Array, step_s: float) -> Array:
+    """Return a root of the covariance that a random walk of the rate adds to pose and rate.
 
     Parameters
     ----------
-    start
-        Root of the covariance of the rate at the start, m/s and rad/s, shape ``(5, k)``.
-    rate_walk
-        Root of the covariance of the change of the rate in 1 s, shape ``(5, k)``.
-    pose_walk
-        Root of the covariance of the change of the pose in 1 s that no rate explains, m and rad,
-        shape ``(5, k)``.
+    walk
+        Standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.
+    step_s
+        Length of the step, s, >= 0.
+
+    Returns
+    -------
+    Array
+        Shape ``(10, 10)``: five rows of the pose, five of its rate.
     """
-
-    start: Array
-    rate_walk: Array
-    pose_walk: Array = field(default_factory=lambda: np.zeros((5, 0)))
-
-    def noise(self, step_s: float) -> Array:
-        """Return a root of the covariance that a step adds to pose and rate.
-
-        Parameters
-        ----------
-        step_s
-            Length of the step, s, >= 0.
-
-        Returns
-        -------
-        Array
-            Shape ``(10, k)``: five rows of the pose, five of its rate.
-        """
-        rate, pose = self.rate_walk, self.pose_walk
-        width = rate.shape[1]
-        root = np.zeros((10, 2 * width + pose.shape[1]))
-        # The first two columns are a root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
-        root[:5, :width], root[5:, :width] = step_s / math.sqrt(3) * rate, math.sqrt(3) / 2 * rate
-        root[5:, width : 2 * width] = rate / 2
-        root[:5, 2 * width :] = pose
-        return math.sqrt(step_s) * root
+    # A root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
+    root = np.array([[step_s / math.sqrt(3), 0.0], [math.sqrt(3) / 2, 0.5]])
+    noise: Array = math.sqrt(step_s) * np.kron(root, np.diag(walk))
+    return noise
 
 
 class OwnMotion:
@@ -85,10 +62,10 @@ class OwnMotion:
             For a twist of wrong shape or out of bounds.
         """
         twist = np.array(twist, dtype=float)
-        if twist.shape != (5,) or not (np.abs(twist) <= MOST).all():
+        if twist.shape != (5,) or not (np.abs(twist) <= MAX_RATE).all():
             raise ValueError(
-                f"twist: {twist.tolist()}; give three within +-{MOST[0]:g} m/s and two within "
-                f"+-{MOST[-1]:g} rad/s"
+                f"twist: {twist.tolist()}; give three within +-{MAX_RATE[0]:g} m/s and two within "
+                f"+-{MAX_RATE[-1]:g} rad/s"
             )
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
         self._commands.append((stamp_ns, twist))
@@ -105,7 +82,7 @@ class OwnMotion:
         """Return the command that holds at a stamp, shape ``(5,)``."""
         return self._commands[self._holding(stamp_ns)][1]
 
-    def way(self, start_ns: int, end_ns: int) -> Array:
+    def displacement(self, start_ns: int, end_ns: int) -> Array:
         """Return the integral of the commands over a time, m and rad, shape ``(5,)``."""
         if len(self._commands) == 1:
             return (end_ns - start_ns) * 1e-9 * self._commands[0][1]

@@ -1,4 +1,4 @@
-"""What a tracker returns: the track, or why a frame is not in it."""
+"""What a tracker returns: the track, also as odometry, or why a frame is not in it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, body_twist, covariance_6x6
 
 POSE, RATE = slice(0, 5), slice(5, 10)  # of the joint mean and covariance
 OwnMotionIs = Literal["told", "not told", "contradicted"]
@@ -47,7 +47,7 @@ class Track:
     Parameters
     ----------
     stamp_ns
-        The instant, ns: that of the newest frame in the track, or the one of a prediction.
+        The instant, ns: that of the newest frame in the track.
     pose
         ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``; yaw in [-pi, pi].
     rate
@@ -81,3 +81,39 @@ class Track:
     def covariance(self) -> Array:
         """Covariance of `pose`, shape ``(5, 5)``, positive definite."""
         return self.joint_covariance[POSE, POSE]
+
+
+class RelativeOdometry(NamedTuple):
+    """The follower in ``beacon``, and how it moves.
+
+    Parameters
+    ----------
+    pose
+        ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
+    covariance
+        Of the pose as `geometry.covariance_6x6` has it, shape ``(6, 6)``.
+    twist
+        Linear and angular velocity in the follower's frame, m/s and rad/s, shape ``(6,)``.
+    spread
+        Covariance of `twist`, shape ``(6, 6)``.
+    """
+
+    pose: Array
+    covariance: Array
+    twist: Array
+    spread: Array
+
+
+def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdometry:
+    """Return a track as odometry.
+
+    Parameters
+    ----------
+    track
+        Of a frame, as `Pipeline.track` returns it.
+    roll, roll_std
+        Of the follower, and its standard deviation, rad.
+    """
+    covariance = covariance_6x6(track.pose, track.covariance, roll_std)
+    twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)
+    return RelativeOdometry(track.pose, covariance, twist, spread)

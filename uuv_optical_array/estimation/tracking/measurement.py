@@ -1,4 +1,4 @@
-"""A frame for the tracker, and what is refused."""
+"""What a tracker takes of a frame, and what it refuses."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,8 +17,8 @@ MAX_POSE, MIN_VARIANCE, MAX_VARIANCE, MAX_CONDITION = 1e6, 1e-24, 1e8, 1e13
 Relinearise = Callable[[Array], LinearisedReadings]
 
 
-class Frame(NamedTuple):
-    """A frame as `Tracker.update` takes it, checked.
+class Measurement(NamedTuple):
+    """A frame as `Tracker.take` takes it, checked.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ class Frame(NamedTuple):
         m and rad, shape ``(5,)``, yaw in [-pi, pi].
     root
         Of the covariance of `pose`, lower triangular, shape ``(5, 5)``.
-    readings, relinearise, lasting
-        As of `Tracker.update`.
+    readings, relinearise, shaded
+        As of `Tracker.take`.
     """
 
     stamp_ns: int
@@ -37,11 +37,18 @@ class Frame(NamedTuple):
     root: Array
     readings: LinearisedReadings | None
     relinearise: Relinearise | None
-    lasting: float
+    shaded: float
 
 
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
-    """Return a pose, and the root of its covariance, as arrays of the tracker's own."""
+    """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.
+
+    Raises
+    ------
+    ValueError
+        For a wrong shape, a number out of bounds, or a covariance that is not symmetric or not
+        positive definite.
+    """
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
     cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
     if pose.shape != (5,):
@@ -64,7 +71,14 @@ def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
 
 
 def checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:
-    """Return readings as arrays of the tracker's own."""
+    """Return a copy of readings.
+
+    Raises
+    ------
+    ValueError
+        For shapes that are not those of `constants`, numbers that are not finite, or variances that
+        are not > 0.
+    """
     readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
     width = 5 + len(constants.names)
     count = constants.detectors if constants.gain_std > 0 else readings.residuals.size

@@ -68,15 +68,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Need:
-    """The rate and the accuracy that a setting has to meet.
-
-    Parameters
-    ----------
-    rate_hz
-        Frames a second; 99 of 100 are to be done before the next one comes.
-    position_m, angle_deg
-        Largest root mean square error.
-    """
+    """The rate, which 99 of 100 frames have to meet, and the largest RMS errors."""
 
     rate_hz: float
     position_m: float
@@ -104,13 +96,6 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     The cheapest has the fewest detectors, then the smallest table, then the least median time. The
     nearest is the one whose worst value is the least multiple of its limit. Published methods are
     not considered: the estimator's node does not have them.
-
-    Parameters
-    ----------
-    rows
-        The measured settings.
-    need
-        The rate and the accuracy.
 
     Returns
     -------

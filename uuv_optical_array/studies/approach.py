@@ -74,15 +74,14 @@ WIDE_BEAM_DEG = 15.0
 
 @dataclasses.dataclass(frozen=True)
 class ApproachErrors:
-    """The errors in n runs of a case.
+    """The errors in n runs of a case, m and rad.
 
     Parameters
     ----------
     errors
-        By method, estimate less truth, m and rad, shape ``(n, FRAMES, 5)``; nan without a pose.
+        By method, estimate less truth, shape ``(n, FRAMES, 5)``; nan without a pose.
     bound
-        Least standard deviation from a single frame and the prior of lamp and water, the
-        Cramer-Rao bound, m and rad, shape ``(FRAMES, 5)``.
+        Cramer-Rao bound of a single frame with the prior of lamp and water, shape ``(FRAMES, 5)``.
     run_bound
         The same from all frames so far and the motion of `DOCKING`.
     """
@@ -125,7 +124,7 @@ def simulate(
     done: Callable[[int], object] = lambda runs: None,
     batch: int = BATCH,
 ) -> ApproachErrors:
-    """Run a case; an interrupt ends it with the complete batches.
+    """Run a case by every method; an interrupt ends it with the complete batches.
 
     Parameters
     ----------
@@ -141,11 +140,6 @@ def simulate(
         Called with the number of runs after every batch.
     batch
         Runs that are simulated together, >= 1.
-
-    Returns
-    -------
-    ApproachErrors
-        Of every method in `METHODS`.
 
     Raises
     ------
@@ -234,21 +228,9 @@ def all_cases(
     seed: int,
     done: Callable[[int], object] = lambda runs: None,
 ) -> Iterator[tuple[str, ApproachErrors]]:
-    """Run case after case, each from the same seed; an interrupt ends it with the complete runs.
+    """Yield the errors of case after case, each from the same seed.
 
-    Parameters
-    ----------
-    scene, choices, runs, done
-        As in `simulate`.
-    seed
-        Of the random numbers, the same in every case.
-
-    Yields
-    ------
-    str
-        Name of the case, of `CASES`.
-    ApproachErrors
-        Its errors; after an interrupt those of fewer runs.
+    An interrupt ends it with the complete runs, so the last case may have fewer.
     """
     for name, case in CASES.items():
         try:
@@ -363,20 +345,7 @@ ROWS = {
 
 
 def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
-    """Draw 95 % errors against range, a column a case.
-
-    Parameters
-    ----------
-    results
-        Of at least one case, by its name.
-    about
-        For the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture.
-    """
+    """Draw 95 % errors against range, a column a case; return the figure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(max(9.2, 4.6 * len(results)), 10.5), layout="constrained")

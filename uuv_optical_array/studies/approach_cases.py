@@ -48,17 +48,7 @@ class Published:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A case of the paper.
-
-    Parameters
-    ----------
-    k_per_m
-        Attenuation that method and estimator assume.
-    path
-        True poses, m and rad, shape ``(FRAMES, 5)``.
-    published
-        The paper's errors.
-    """
+    """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors."""
 
     k_per_m: float
     path: Array
@@ -106,14 +96,10 @@ CASES = _cases()
 class Choices:
     """What the paper leaves open.
 
-    Parameters
-    ----------
-    noise
-        What noise of 1 % is: uniform from 0 to 1 % of full scale, Gaussian with that standard
-        deviation, or the mean of `AVERAGED` readings with the uniform one.
-    offset_share
-        Standard deviation of temperature and attenuation, as a share of what they are off "by up
-        to": 1, or 0.5 where that is the 95 % point.
+    Noise of 1 % is uniform from 0 to 1 % of full scale, Gaussian with that standard deviation, or
+    the mean of `AVERAGED` readings with the uniform one. `offset_share` is the standard deviation
+    of temperature and attenuation as a share of what they are off "by up to": 1, or 0.5 where that
+    is the 95 % point.
     """
 
     noise: Noise = "uniform"
@@ -123,22 +109,8 @@ class Choices:
 def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
     """Return the scene that the estimators assume, with the uncertainty of its settings.
 
-    Parameters
-    ----------
-    scene
-        The tank. Its lamp stays the same, whatever the water.
-    case, choices
-        Give the water, the noise and the uncertainty of both.
-
-    Returns
-    -------
-    Scene
-        The mean of unipolar noise is an ambient level, its spread a Gaussian one.
-
-    Raises
-    ------
-    ValueError
-        For a scene without attenuation.
+    The lamp of the tank stays the same, whatever the water. The mean of unipolar noise is an
+    ambient level, its spread a Gaussian one. ValueError for a scene without attenuation.
     """
     if "attenuation" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.attenuation; add it")
@@ -181,26 +153,7 @@ def expose(
     noise: Noise,
     rng: np.random.Generator,
 ) -> Array:
-    """Expose every image of every run.
-
-    Parameters
-    ----------
-    model
-        Of the `assumed_scene`.
-    path
-        True poses, m and rad, shape ``(frames, 5)``.
-    offsets
-        From `draw_offsets`, for n runs.
-    noise
-        As in `Choices`.
-    rng
-        Source of the noise.
-
-    Returns
-    -------
-    Array
-        Counts, shape ``(n, frames, side, side)``.
-    """
+    """Expose all images of n runs with `draw_offsets`, counts, ``(n, frames, side, side)``."""
     shape = (len(offsets["lamp.power"]), len(path))
     spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
     light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)

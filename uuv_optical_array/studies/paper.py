@@ -103,14 +103,7 @@ class Reproduction:
     ) -> None:
         """Compute all, the most important first; an interrupt leaves the results so far.
 
-        Parameters
-        ----------
-        scene
-            Lamp, water and sphere.
-        seed
-            Of the noise.
-        progress
-            Wraps each loop; its second argument names what a round is.
+        `progress` wraps each loop; its second argument names what a round is.
         """
         rng = np.random.default_rng(seed)
         angles = functools.partial(angles_deg, scene)
@@ -225,17 +218,7 @@ AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"
 def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> Any:
     """Draw the three figures, panel by panel as in the paper, with the statements of its text.
 
-    Parameters
-    ----------
-    curves
-        Panel, conditions and angles in deg at `STEPS`.
-    scene_name
-        For the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture.
+    `curves` are those of a `Reproduction`. Returns the figure.
     """
     from matplotlib.figure import Figure
 

@@ -21,18 +21,7 @@ from uuv_optical_array.studies.separation import (
 
 
 def alternatives(rng: np.random.Generator) -> list[Choice]:
-    """Return the reconstruction, which is the first, and other choices.
-
-    Parameters
-    ----------
-    rng
-        Source of the noise, where a choice has noise.
-
-    Returns
-    -------
-    list of Choice
-        Each differs from the reconstruction in one thing.
-    """
+    """Return the reconstruction, and choices that differ from it in one thing each."""
     return [
         RECONSTRUCTION,
         *(Choice(f"beam sigma {deg:g} deg", _with_sigma(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),

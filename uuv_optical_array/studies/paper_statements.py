@@ -155,20 +155,7 @@ STATEMENTS = (
 
 
 def agreement(ours: Sequence[float]) -> tuple[int, float]:
-    """Sum up numbers of all `STATEMENTS`.
-
-    Parameters
-    ----------
-    ours
-        One for each statement, deg.
-
-    Returns
-    -------
-    met : int
-        How many of them lie on the stated side.
-    rms_deg : float
-        Root mean square of the differences from the stated angles.
-    """
+    """Return how many numbers lie on the stated side, and the RMS difference of angles, deg."""
     pairs = list(zip(STATEMENTS, ours, strict=True))
     off = [value - s.paper for s, value in pairs if s.relation == "is" and s.paper is not None]
     return sum(s.met(value) is True for s, value in pairs), float(np.sqrt(np.mean(np.square(off))))

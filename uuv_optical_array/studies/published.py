@@ -61,19 +61,9 @@ def lookup_scene(scene: Scene, grid: TableSettings = GRID) -> Scene:
 
 
 class LookUp:
-    """Estimate poses by looking them up.
+    """Estimate poses by looking them up in a table of the `lookup_scene`.
 
-    Parameters
-    ----------
-    table
-        Table of a scene whose signature has its peak at a whole detector, as `lookup_scene` does.
-    weights
-        Of the cost.
-
-    Raises
-    ------
-    ValueError
-        For a table whose peaks lie between detectors.
+    ValueError for a table whose peaks lie between detectors.
     """
 
     def __init__(self, table: SignatureTable, weights: Weights | None = None) -> None:
@@ -242,23 +232,7 @@ class MomentCalibration:
         return poses
 
     def pose(self, image: ArrayLike) -> Array:
-        """Estimate the pose of a single image.
-
-        Parameters
-        ----------
-        image
-            Readings in counts, finite and >= 0, shape ``(side, side)``.
-
-        Returns
-        -------
-        Array
-            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-
-        Raises
-        ------
-        NoPose
-            For an image without light or without a pattern.
-        """
+        """Estimate the pose of an image as `LookUp.pose`; NoPose without light or a pattern."""
         image = np.asarray(image, dtype=float)
         if image.ndim != 2 or not np.isfinite(image).all():
             raise NoPose("no image: the moments need a square of finite readings")
@@ -276,25 +250,11 @@ class MomentCalibration:
 def calibrate(
     model: ForwardModel, rng: np.random.Generator, samples: int = SAMPLES
 ) -> MomentCalibration:
-    """Calibrate the moments method in a scene, at the paper's poses.
+    """Calibrate the moments method at the paper's poses, by the mean of `samples` images at each.
 
     Range and position are fitted over 125 positions of an array that looks ahead; pitch and yaw
     over turns by 1 deg, one at a time, on the beam's axis at each range: the paper does not say
     where its array was turned.
-
-    Parameters
-    ----------
-    model
-        Forward model of the scene.
-    rng
-        Source of the noise.
-    samples
-        How many images are averaged at each pose, >= 1.
-
-    Returns
-    -------
-    MomentCalibration
-        Least-squares fits.
     """
 
     def measured(poses: Array) -> Moments:
@@ -328,17 +288,8 @@ def dead_reckoned(poses: Array) -> Array:
     """Carry y and z of the first frame forward, along the heading of each later one.
 
     ``dx = x(k+1) - x(k)``, ``R = dx / (cos pitch cos yaw)``, ``dy = R cos pitch sin yaw`` and
-    ``dz = -R sin pitch`` (bow down is positive, and z is up), with the angles of frame k+1.
-
-    Parameters
-    ----------
-    poses
-        Estimates of single frames, m and rad, shape ``(..., frames, 5)``.
-
-    Returns
-    -------
-    Array
-        The same with y and z replaced from the second frame on.
+    ``dz = -R sin pitch`` (bow down is positive, and z is up), with the angles of frame k+1. Poses
+    are in m and rad, shape ``(..., frames, 5)``.
     """
     x, pitch, yaw = (poses[..., dof] for dof in (X, PITCH, YAW))
     advance = np.diff(x) / (np.cos(pitch) * np.cos(yaw))[..., 1:]

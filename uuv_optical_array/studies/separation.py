@@ -29,18 +29,9 @@ FLAT = 1e-9  # share of the peak below which differences are rounding
 
 
 def from_paper_axes(poses: ArrayLike) -> Array:
-    """Convert poses from the paper's axes to ours; every sign changes.
+    """Convert poses from the paper's axes to ours, shape ``(..., 5)``; every sign changes.
 
-    Parameters
-    ----------
-    poses
-        Range behind the lamp, to starboard and down, m; bow up and bow to starboard, rad,
-        shape ``(..., 5)``.
-
-    Returns
-    -------
-    Array
-        ``(x, y, z, pitch, yaw)`` in ``beacon`` (REP 103), shape ``(..., 5)``.
+    The paper has the range behind the lamp, to starboard and down, bow up and bow to starboard.
     """
     return 0.0 - np.asarray(poses, dtype=float)
 
@@ -48,24 +39,11 @@ def from_paper_axes(poses: ArrayLike) -> Array:
 def paper_signature(
     images: Array, on_axis_counts: float, peak: Literal["detector", "subdetector"] = "detector"
 ) -> Array:
-    """Scale the five key parameters as the paper's figures seem to.
+    """Scale the five key parameters as the paper's figures seem to, shape ``(..., 5)``.
 
-    Column and row count from 1 at the port and the top edge and are divided by the detectors in
-    a row; nothing is appended. The text gives neither divisor, and measures from the centre.
-
-    Parameters
-    ----------
-    images
-        Readings in counts, shape ``(..., side, side)``.
-    on_axis_counts
-        Largest reading of the aligned array at the same range, counts, > 0.
-    peak
-        As in `key_parameters`; the paper takes a whole detector.
-
-    Returns
-    -------
-    Array
-        ``(peak / on axis, column / side, row / side, skewness, skewness)``, shape ``(..., 5)``.
+    The peak is divided by `on_axis_counts`, the largest reading of the aligned array at the same
+    range. Column and row count from 1 at the port and the top edge and are divided by the detectors
+    in a row; nothing is appended. The text gives neither divisor, and measures from the centre.
     """
     side = images.shape[-1]
     vectors = key_parameters(images, on_axis_counts, peak)

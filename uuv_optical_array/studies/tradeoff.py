@@ -48,21 +48,12 @@ ERRORS = {
 
 
 def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
-    """Find the settings on each Pareto front: of median time, in models, and one of both errors.
+    """Find which rows are on each Pareto front, by ``position`` and ``angle``, shape ``(n,)``.
 
-    The middle of the volume is an estimate without any measurement, so a setting has to be better
-    than that. Time and error are rounded to steps of 10 %. Of settings that are then equal, only
-    the one of least effort is on the front.
-
-    Parameters
-    ----------
-    rows
-        n settings; those that leave frames without a pose are on no front.
-
-    Returns
-    -------
-    dict
-        Which rows are on the front, shape ``(n,)``, by ``position`` and ``angle``.
+    The costs are the median time, in forward models, and one of the two errors. The middle of the
+    volume is an estimate without any measurement, so a setting has to be better than that, and one
+    that leaves frames without a pose is on no front. Time and error are rounded to steps of 10 %.
+    Of settings that are then equal, only the one of least effort is on the front.
     """
     on_front = {}
     for name, (column, _, which) in ERRORS.items():
@@ -121,20 +112,7 @@ MARGIN, LABELS_AT = 0.3, 0.25  # of the axes' width, left of all points: for wor
 
 
 def draw(rows: Sequence[Measurement], about: str) -> Any:
-    """Draw errors against time, every setting a point.
-
-    Parameters
-    ----------
-    rows
-        At least one.
-    about
-        For the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture.
-    """
+    """Draw errors against time, every setting a point; return the figure."""
     from matplotlib.figure import Figure
 
     rows = at_one_speed(rows)

@@ -158,8 +158,3 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
     assert result["measured"].startswith(str(tmp_path / "cache"))
     assert stopped == [(300, 1)]
     assert "another scene or machine" in err
-
-
-@pytest.mark.parametrize("words", [("--rate", "0"), ("--position", "nan"), ("--angle", "-1")])
-def test_needs_out_of_bounds_are_refused(words):
-    assert words[0] in run(*words, code=2)

@@ -302,11 +302,6 @@ def test_choices_are_compared(tank_file, capsys, monkeypatch):
     assert rows[0]["methods"]["moments"]["end_95"]["x_m"] == pytest.approx(0.25)
 
 
-def test_bad_numbers_are_named():
-    assert "--runs: 0 is out of bounds" in run("--runs", 0, code=2)
-    assert "--seed: -1 is out of bounds" in run("--seed", -1, code=2)
-
-
 def test_the_docking_smoother_beats_the_tracker_and_single_images(tank):
     result = simulate(tank, CASES["dive"], Choices(), 5, np.random.default_rng(6))
     last = {m: np.sqrt(np.nanmean(result.errors[m][:, -10:] ** 2, axis=(0, 1))) for m in METHODS}

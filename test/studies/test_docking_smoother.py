@@ -170,7 +170,9 @@ def test_the_path_is_the_most_probable_one(model):
     assert theirs[1][0] - theirs[0][0] == pytest.approx(cost(moved) - cost(found), rel=1e-9)
     assert images.min() > 0
     assert images.max() < 1023
-    scale = np.sqrt(np.diag(np.linalg.inv(_hessian(cost, found))))
+    # The scale of a search, by the information.
+    at_found = evaluate(problem, found[:, None])
+    scale = np.sqrt(np.diag(np.linalg.inv(at_found.information[..., 0])))
     nudges = 1e-5 * np.eye(len(found))
 
     def slopes(u):
@@ -184,17 +186,6 @@ def test_the_path_is_the_most_probable_one(model):
     # All four images at once, from a straight path, lead there too.
     whole = refine(problem, path_of(path)[:, None])
     assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
-
-
-def _hessian(function, at):
-    """Second differences, good to a few per cent: it only sets the scale of a search."""
-    steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2])
-    steps = np.concatenate([np.tile(steps, (len(at) - 2) // STATE), [1e-3, 1e-3]])
-    a, b = np.diag(steps)[:, None], np.diag(steps)
-    corners = (
-        function(at + a + b) - function(at + a - b) - function(at - a + b) + function(at - a - b)
-    )
-    return corners / (4 * np.outer(steps, steps))
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])
@@ -242,7 +233,7 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
     assert 3.0 < nees.mean() < 5.7
 
 
-def test_approaches_together_are_as_each_by_itself(model):
+def test_approaches_together_are_as_one_by_one_and_need_a_guess(model):
     rng = np.random.default_rng(5)
     path = straight(5)
     images = exposed(model, path, offsets(model, 3, rng), rng)
@@ -252,16 +243,12 @@ def test_approaches_together_are_as_each_by_itself(model):
         many = together.update(images[:, frame], guess)
     for run in range(3):
         alone = DockingSmoother(model, STEP_S)
+        with pytest.raises(ValueError, match="guess: missing"):
+            alone.update(images[run : run + 1, 0])
         for frame in range(5):
             pose, covariance = alone.update(images[run : run + 1, frame], guess[:1])
         np.testing.assert_allclose(pose[0], many[0][run], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(covariance[0], many[1][run], rtol=1e-9)
-
-
-def test_the_first_images_need_a_guess(model):
-    smoother = DockingSmoother(model, STEP_S)
-    with pytest.raises(ValueError, match="guess: missing"):
-        smoother.update(np.ones((1, 5, 5)))
 
 
 def test_a_known_sea_has_no_settings_to_estimate(model):
@@ -280,7 +267,7 @@ def test_a_known_sea_has_no_settings_to_estimate(model):
 
 
 @pytest.mark.parametrize("counts", [0.0, 1023.0])
-def test_dark_and_saturated_images_leave_a_finite_pose_and_an_honest_doubt(model, counts):
+def test_dark_and_saturated_images_leave_a_finite_pose_and_covariance(model, counts):
     smoother = DockingSmoother(model, STEP_S)
     path = straight(3)
     first = smoother.update(model.expected(path[:1]), path[:1])[1]

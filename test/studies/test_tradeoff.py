@@ -14,7 +14,6 @@ from command_line import assert_picture
 from measured import row
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
-from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -150,17 +149,6 @@ def test_rows_hold_the_errors_of_the_estimators_own_study(scene):
         assert row.models == pytest.approx(row.median_ms / row.model_ms)
 
 
-def test_large_arrays_get_the_same_table_in_smaller_blocks(scene):
-    inside = Group("curved", 41, 3, METHODS).scene(scene)
-    blocks = []
-    table = build_table(inside, progress=lambda rounds: blocks.extend(rounds) or blocks)
-    assert len(blocks) > 1
-    images = ForwardModel(inside).expected(table.poses)
-    wanted = key_parameters(images, inside.full_scale_counts, inside.signature.peak)
-    assert len(table.poses) == 3**5
-    np.testing.assert_allclose(table.parameters, wanted, rtol=1e-12, atol=1e-12)
-
-
 # --- the command ---------------------------------------------------------------------------
 
 
@@ -233,15 +221,3 @@ def test_nothing_is_drawn_of_nothing(tmp_path, capsys, monkeypatch):
     run("--output", tmp_path, code=130)
     assert capsys.readouterr().out == "interrupted: nothing measured\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_seed_out_of_bounds_is_refused(tmp_path):
-    assert "--seed" in run("--seed", "-1", "--output", tmp_path / "a", code=2)
-    assert not (tmp_path / "a").exists()
-
-
-@pytest.mark.parametrize("words", [("study", "tradeoff"), ("advise",)])
-def test_help_has_examples(capsys, words):
-    command_line.run(*words, "--help")
-    examples = capsys.readouterr().out.partition("examples:")[2]
-    assert len(re.findall(rf"^  uuv_array {' '.join(words)}\b", examples, re.MULTILINE)) >= 3

@@ -61,10 +61,14 @@ def test_help_names_every_command(capsys):
     [
         ("table", ("--scene", "--output")),
         ("follow", ("--duration", "--scene", "--seed", "--params-file", "--output")),
+        ("advise", ("--rate", "--position", "--angle", "--output", "--json")),
+        ("study paper", ("--scene", "--seed", "--output", "--json")),
+        ("study approach", ("--runs", "--noise", "--offsets", "--choices")),
+        ("study tradeoff", ("--full", "--output", "--pictures")),
     ],
 )
 def test_help_of_a_command_explains_every_option_and_shows_examples(capsys, command, options):
-    run(command, "--help")
+    run(*command.split(), "--help")
     text = capsys.readouterr().out
     for option in options:
         assert re.search(rf"{option}\b.*?\s\w+ \w+", text, re.DOTALL)

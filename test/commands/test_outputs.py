@@ -165,6 +165,19 @@ def test_a_full_disk_leaves_what_was_there(full_disk, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["page.md"]
 
 
+def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "new" / "t"
+    with pytest.raises(KeyboardInterrupt), files.whole_directory(path) as scratch:
+        (scratch / "a").write_text("half")
+        assert not path.exists()
+        raise KeyboardInterrupt
+    assert not list(path.parent.iterdir())
+    with files.whole_directory(path) as scratch:
+        (scratch / "a").write_text("whole")
+    assert [(file.name, file.read_text()) for file in path.iterdir()] == [("a", "whole")]
+    assert list(path.parent.iterdir()) == [path]
+
+
 def test_an_error_of_another_file_keeps_its_name(tmp_path):
     with pytest.raises(FileNotFoundError) as told, files.whole_file(tmp_path / "x") as scratch:
         np.load(tmp_path / "other.npy")

@@ -24,6 +24,7 @@ from uuv_optical_array.estimation.signature_table import (
     grid_poses,
     machine_bytes,
 )
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -96,6 +97,10 @@ def test_poses_count_from_the_threshold_of_light_on_and_the_dark_ones_are_left_o
         np.testing.assert_allclose(table.parameters, parameters[lit], atol=1e-9)
     np.testing.assert_allclose(build_table(scene).poses, poses[peaks >= 1], atol=1e-14)
     assert ((peaks > 0.5) & (peaks < 1)).any()
+    # A pose at the threshold has light.
+    at = ForwardModel(scene).expected(poses).max(axis=(1, 2))
+    threshold = at[(at > 1) & (at < 900)][0]
+    assert len(build_table(scene, threshold).poses) == (at >= threshold).sum()
 
 
 def test_blocks_do_not_show_in_the_table():
@@ -153,6 +158,7 @@ def test_the_memory_is_that_of_the_machine_or_of_the_container(tmp_path):
 
 FRESH_PAGES = """import resource
 from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 rows = len(build_table(load_scene("follow")).poses)

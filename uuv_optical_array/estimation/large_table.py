@@ -76,7 +76,7 @@ def build_large_table(
     ------
     ValueError
         Where the folder holds anything else, or the table of another scene; where the disk is too
-        small, no pose has light, or the scheduler has no suitable worker.
+        small, no pose has light, or the scheduler has no worker.
     OSError
         Where a block cannot be written.
     """
@@ -94,12 +94,8 @@ def build_large_table(
             none = f"scheduler {scheduler}: no workers; start some with dask worker {scheduler}"
             raise ValueError(none) from None
         futures = client.map(fill, blocks, path=path, scene=scene, pure=False, retries=RETRIES)
-        try:
-            done = distributed.as_completed(futures)
-            lit = sum(future.result() for _, future in zip(progress(blocks), done, strict=False))
-        except BaseException:
-            client.cancel(futures, force=True)
-            raise
+        done = distributed.as_completed(futures)
+        lit = sum(future.result() for _, future in zip(progress(blocks), done, strict=False))
     if lit == 0:
         raise no_light(scene)
     return lit

@@ -1,0 +1,115 @@
+"""Options made from settings: their bounds, defaults and words, and the exit codes."""
+
+import argparse
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import pytest
+from command_line import run
+from generated import reference
+from hypothesis import given
+from hypothesis import strategies as st
+
+import uuv_optical_array
+from uuv_optical_array.cli import options
+from uuv_optical_array.commands import build_parser
+from uuv_optical_array.core.settings import Quantity
+
+
+@dataclass(frozen=True)
+class Course:
+    rate_hz: Annotated[float, Quantity("rate, 100 % of it", "Hz", 0.5, 1000.0)] = 10.0
+    laps: Annotated[int, Quantity("laps", "", 1, 50)] = 3
+    way: Annotated[Literal["out", "home"], Quantity("direction")] = "out"
+    still: Annotated[bool, Quantity("without current")] = False
+
+
+def parsed(*words):
+    parser = argparse.ArgumentParser()
+    options.add_settings(parser, Course)
+    return Course(**options.settings_of(parser.parse_args(words), Course))
+
+
+@given(st.floats(0.5, 1000.0), st.integers(1, 50))
+def test_options_set_the_settings_that_they_were_made_from(rate, laps):
+    given = parsed("--rate-hz", repr(rate), "--laps", str(laps), "--way", "home", "--still")
+    assert given == Course(rate, laps, "home", True)
+    assert parsed() == Course()
+
+
+@given(
+    st.floats(max_value=0.49) | st.floats(min_value=1000.1) | st.just(float("nan")),
+    st.integers(max_value=0) | st.integers(51, 10**20),
+)
+def test_what_is_out_of_bounds_is_no_command_line(rate, laps):
+    for words in (["--rate-hz", repr(rate)], ["--laps", str(laps)], ["--way", "up"]):
+        with pytest.raises(SystemExit) as end:
+            parsed(*[words[0] + "=" + words[1]])
+        assert end.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--laps", "2.5"), "argument --laps: '2.5' is no whole number"),
+        (("--laps", "inf"), "argument --laps: 'inf' is no whole number"),
+        (("--laps", ""), "argument --laps: '' is no whole number"),
+        (("--rate-hz", "fast"), "argument --rate-hz: 'fast' is no number"),
+        (("--rate-hz", "0"), "--rate-hz: 0.0 is out of bounds; it must be from 0.5 to 1000 Hz"),
+    ],
+)
+def test_an_error_names_option_value_and_bound(words, reason, capsys):
+    with pytest.raises(SystemExit):
+        parsed(*words)
+    assert reason in capsys.readouterr().err
+
+
+def test_a_whole_number_may_be_written_as_a_power():
+    assert parsed("--laps", "4e1").laps == 40
+
+
+def test_help_gives_text_unit_and_default(capsys):
+    with pytest.raises(SystemExit):
+        parsed("--help")
+    text = " ".join(capsys.readouterr().out.split())
+    assert "--rate-hz HZ rate, 100 % of it (default: 10)" in text
+    assert "--laps N laps (default: 3)" in text
+
+
+def test_every_default_is_a_value_that_its_option_takes():
+    for parser in reference.command_parsers(build_parser()):
+        for action in parser._actions:
+            if action.type is not None and isinstance(action.default, int | float):
+                value = action.type(str(action.default))
+                assert value == action.default, (parser.prog, action.dest)
+
+
+@pytest.mark.parametrize("name", ["accuracy", "tradeoff", "paper", "approach"])
+def test_the_name_of_a_study_alone_says_how_it_is_called(name):
+    error = run(name, "--json", code=2)
+    assert error == f"uuv_array {name}: it is called `uuv_array study {name}`"
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("render", "--scene", "atlantis"), "uuv_array render: scene atlantis: neither"),
+        (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
+        (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
+        (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
+        (("follow", "--followers", "4", "--no-chain"), "4 is out of bounds; with no chain"),
+    ],
+)
+def test_a_value_that_cannot_be_used_ends_with_2_in_one_line(words, error):
+    assert error in run(*words, code=2)
+
+
+def test_what_fails_at_run_time_ends_with_1(tmp_path):
+    error = run("calibrate", tmp_path / "no_bag", "-o", tmp_path / "sea.yaml", code=1)
+    assert error.startswith("uuv_array calibrate: ")
+    assert "no such file" in error
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    run("--version")
+    assert capsys.readouterr().out == f"uuv_array {uuv_optical_array.__version__}\n"

@@ -46,13 +46,6 @@ def test_without_a_minimum_the_same_bias_brings_the_follower_nearer() -> None:
     assert nearest(errors, s) < 2.0
 
 
-@pytest.mark.parametrize("bias", [3.0, 2.0])
-def test_a_bias_of_metres_that_the_covariance_admits_is_kept_off_too(bias: float) -> None:
-    s = FormationSettings()
-    errors, _ = follow(40, biased(bias), stops, published=PUBLISHED * (bias / MARGIN_M) ** 2)
-    assert nearest(errors, s) > s.min_distance_m
-
-
 EXACT = PUBLISHED * 1e-4  # as exact as it may be, and so as near as it may go
 
 

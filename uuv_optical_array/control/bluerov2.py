@@ -58,7 +58,7 @@ FLU_FRD = np.array([1.0, -1.0, -1.0])
 
 
 def flu_to_frd(vectors: Array) -> Array:
-    """Turn triples, or pairs of them, from x, left, up to x, right, down; the inverse is itself.
+    """Turn one or two vectors from x, left, up to x, right, down; it is its own inverse.
 
     Parameters
     ----------
@@ -70,17 +70,17 @@ def flu_to_frd(vectors: Array) -> Array:
 
 
 def saturated(wrench: Array) -> Array:
-    """Return what the thrusters make of a force and moment, N and N m, shape ``(6,)``.
+    """Return the force and moment that the thrusters give for one wanted, N and N m, ``(6,)``.
 
-    Each gives its share of the least total of squares. The moment comes first, so that the vehicle
-    stays upright; the force is cut evenly where a thruster has no more.
+    The thrusts have the least sum of squares. The moment comes first, so that the vehicle stays
+    upright; the force is scaled down where a thruster is at its limit.
     """
     turning = np.clip(_TO_THRUSTERS[:, 3:] @ wrench[3:], -MAX_THRUST_N, MAX_THRUST_N)
     pushing = _TO_THRUSTERS[:, :3] @ wrench[:3]
-    room = MAX_THRUST_N - np.sign(pushing) * turning
-    share = min(1.0, float(np.min(room / np.maximum(np.abs(pushing), 1e-9))))
-    made: Array = ALLOCATION @ (turning + share * pushing)
-    return made
+    spare = MAX_THRUST_N - np.sign(pushing) * turning
+    share = min(1.0, float(np.min(spare / np.maximum(np.abs(pushing), 1e-9))))
+    result: Array = ALLOCATION @ (turning + share * pushing)
+    return result
 
 
 class BlueRov2(Vehicle):
@@ -139,10 +139,10 @@ class BlueRov2(Vehicle):
             + BLUEROV2.damping(target)
             + BLUEROV2.restoring(down)
         )
-        made = saturated(wanted)
-        if np.allclose(made[3:], wanted[3:]):  # an integral that cannot act would wind up
+        wrench = saturated(wanted)
+        if np.allclose(wrench[3:], wanted[3:]):  # an integral that cannot act would wind up
             self._turned += missing * step_s
-        return made
+        return wrench
 
     def _advance(self, thrust: Array, step_s: float) -> None:
         """Integrate the motion over one step."""

@@ -2,10 +2,8 @@
 
 A follower sees the lamp ahead of it and nothing else: the formation law keeps its distance to that
 lamp, and no law keeps two followers apart that do not see each other. They stay apart because their
-stations are: by `MIN_SEPARATION_M` and by what every follower between them may be off its station.
-That is no guarantee. It holds while no follower is farther off than that, which is so in the
-demonstration's turns once all are on station, and it does not hold for one that lost its light and
-stopped.
+stations are: by `MIN_SEPARATION_M` and by how far every follower between them may be off its
+station. That is no guarantee: a follower that lost its light and stopped is farther off.
 
 A station swings sideways by its distance to the leader times the leader's turn rate. A second link
 of a chain is as far behind as the law's fastest sway can follow, so there is no third.

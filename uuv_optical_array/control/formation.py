@@ -1,8 +1,8 @@
 """The control law that keeps a follower on station behind the leader.
 
-It takes relative pose and rate as the tracker of the estimator has them, removes the follower's own
-command from the rate, and predicts the pose to the present by the leader's motion and its own
-commands. The commanded velocity is the leader's, plus one proportional to the error of the
+It takes relative pose and rate from the estimator's tracker, subtracts its own command from the
+rate, which leaves the leader's motion, and predicts the pose to the present by that motion and its
+commands since. It commands the leader's velocity, plus one proportional to the error of the
 predicted pose. So nothing lags at a steady speed or turn of the leader or in a steady current,
 which looks like a motion of the leader, and there is no integral to wind up.
 
@@ -37,7 +37,7 @@ from scipy.special import chdtri
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
-from uuv_optical_array.estimation.tracking.motion import MAX_RATE, OwnMotion, in_beacon
+from uuv_optical_array.estimation.tracking.motion import OwnMotion, checked_rate, in_beacon
 from uuv_optical_array.estimation.tracking.settings import GateProbability, TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -88,7 +88,7 @@ class FormationSettings:
 
 
 class _Odometry(NamedTuple):
-    """A checked pose, its covariance, and the rate of the pose that is not the follower's own."""
+    """A checked pose, its covariance, and the part of its rate that is the leader's motion."""
 
     stamp_ns: int
     pose: Array
@@ -162,7 +162,7 @@ class FormationController:
         """
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)
-        rate = _checked_rate(rate)
+        rate = checked_rate("rate", rate)
         if self._steered_ns is not None and 0 <= self._newest_ns - stamp_ns <= self._timeout_ns:
             newest_s = self._newest_ns * 1e-9
             raise ValueError(f"pose: stamp {stamp_s:.3f} s is not after {newest_s:.3f} s")
@@ -271,32 +271,32 @@ class FormationController:
         return rate
 
     def _kept_off(self, velocity: Array, place: Array, drift: Array, slew: float) -> Array:
-        """Return a velocity that keeps the minimum distance, m/s, shape ``(3,)``.
+        """Return the velocity nearest to one wanted that keeps the minimum distance, m/s.
 
-        `velocity` is the one wanted, `place` the follower as seen from the lamp (m) and `drift`
-        what the leader adds to its motion (m/s), all in the follower's frame; `slew` is how much
-        the speed of backing off may grow, m/s.
+        `place` is the follower from the lamp (m), `drift` its motion by that of the leader (m/s),
+        all in its own frame; `slew` is how much the speed of backing off may grow, m/s.
         """
         s = self._settings
         if s.min_distance_m == 0:
             return velocity
         range_m, away = _polar(place)
-        room = min(range_m - self._margin_m, self._nearest_m) - s.min_distance_m
-        if room > 0:
+        spare_m = min(range_m - self._margin_m, self._nearest_m) - s.min_distance_m
+        if spare_m > 0:
             blind_s = s.light_timeout_s + s.stop_time_s / 2  # of the speed, once the light is lost
-            allowed = min(room / blind_s, math.sqrt(2 * s.max_acceleration_m_per_s2 * room))
+            braking = math.sqrt(2 * s.max_acceleration_m_per_s2 * spare_m)
+            allowed = min(spare_m / blind_s, braking)
         else:
-            allowed = s.position_gain_per_s * room
+            allowed = s.position_gain_per_s * spare_m
         allowed += min(float(away @ drift), 0.0)  # a leader that comes nearer
         # Backing off gains speed as any motion does.
         allowed = max(allowed, min(-float(away @ self._rate[:3]), 0.0) - slew)
-        # Straight away from the lamp, as fast as the slowest axis lets it.
+        # Straight away from the lamp, within the limits of all axes.
         fastest = float(np.min(self._max_rate[:3] / np.maximum(np.abs(away), 1e-9)))
         allowed = max(allowed, -fastest)
         closing = -float(away @ velocity)
         if closing <= allowed:
             return velocity
-        # Between two velocities within the limits of all axes lie only such.
+        # The limits are convex: what lies between two velocities within them is so, too.
         share = (closing - allowed) / (closing + fastest)
         return velocity + share * (fastest * away - velocity)
 
@@ -315,13 +315,3 @@ def _nanoseconds(name: str, seconds: float) -> int:
             f"{name} is {seconds:g} s, out of bounds; give seconds within +-{MAX_STAMP_S:g}"
         )
     return round(seconds * 1e9)
-
-
-def _checked_rate(rate: ArrayLike) -> Array:
-    values = np.array(rate, dtype=float)
-    if values.shape != (5,) or not (np.abs(values) <= MAX_RATE).all():
-        raise ValueError(
-            f"rate: {values.tolist()}; give three within +-{MAX_RATE[0]:g} m/s and two within "
-            f"+-{MAX_RATE[-1]:g} rad/s"
-        )
-    return values

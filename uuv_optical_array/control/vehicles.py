@@ -141,7 +141,7 @@ def _symmetric(limit: ArrayLike, scale: float = 1.0) -> tuple[Array, Array]:
 
 
 def _raised_cosine(t_s: float, start_s: float, duration_s: float, peak: float) -> float:
-    """Return a smooth pulse of the given peak, whose integral is half peak times duration."""
+    """Return a smooth pulse; its integral is half of peak times duration."""
     phase = (t_s - start_s) / duration_s
     return peak * (1 - np.cos(2 * np.pi * phase)) / 2 if 0 < phase < 1 else 0.0
 

@@ -29,7 +29,6 @@ from tracks import (
     whitened,
 )
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Y
 from uuv_optical_array.core.settings import check_all
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
@@ -61,7 +60,7 @@ def least_squares(stamps, poses, noises, options):
     return np.linalg.solve(r, q.T @ np.concatenate(values))[-10:], covariance[-10:, -10:]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_track_is_the_least_squares_solution_over_all_frames(seed):
     frames = scattered(seed)
     track = fed(Tracker(OPEN), *zip(*frames, strict=True))
@@ -177,7 +176,7 @@ def test_frames_out_of_order_give_exactly_the_track_of_frames_in_order(frames, s
         for _, frame in arrivals:
             with contextlib.suppress(Outlier):
                 tracker.update(*frame)
-    # What they know shows in the answers to the frames that follow.
+    # Their states show in the answers to the frames that follow.
     for step in (1, 2, 3):
         answers = []
         for tracker in (in_order, as_they_come):
@@ -189,16 +188,6 @@ def test_frames_out_of_order_give_exactly_the_track_of_frames_in_order(frames, s
             assert answers[0] == answers[1]
         else:
             assert_same(*answers)
-
-
-def test_a_late_frame_sharpens_the_track_at_the_newest_one():
-    tracker = Tracker(TrackerSettings())
-    *frames, missing, newest = steady(8)
-    before = fed(tracker, *frames, newest)
-    after = tracker.update(*missing)
-    assert after.stamp_ns == before.stamp_ns == newest[0]
-    assert after.frames == before.frames + 1
-    assert (np.linalg.eigvalsh(before.covariance - after.covariance) > 0).all()
 
 
 def test_a_late_frame_finds_the_track_that_ended_before_the_buffer():
@@ -241,11 +230,6 @@ def test_frames_older_than_the_buffer_and_repeated_ones_are_refused_and_leave_no
             tracker.update(stamp, STATION + 0.1, NOISE)
     probe = (frames[-1][0] + TENTH_NS, STATION, NOISE)
     assert_same(tracker.update(*probe), untouched.update(*probe))
-
-
-def test_the_node_that_answers_no_pose_answers_every_refusal():
-    assert issubclass(Outlier, NoPose)
-    assert issubclass(StampRefused, NoPose)
 
 
 @pytest.mark.parametrize("turns", [0.5, -0.5, 1.5])
@@ -359,13 +343,6 @@ def test_the_arrays_given_and_returned_are_the_callers_own():
     # Once from the track, and once from the frames, which the late one has replayed.
     assert_same(tracker.update(*last), untouched.update(*last))
     assert_same(tracker.update(*late), untouched.update(*late))
-
-
-def test_a_nanosecond_of_a_wall_clock_is_not_lost():
-    frames = scattered(3)
-    late = fed(Tracker(OPEN), *zip(*frames, strict=True))
-    early = fed(Tracker(OPEN), *zip([s - START_NS for s in frames[0]], *frames[1:], strict=True))
-    assert_same(dataclasses.replace(late, stamp_ns=0), dataclasses.replace(early, stamp_ns=0))
 
 
 def test_every_default_lies_within_its_bounds():

@@ -214,15 +214,6 @@ def test_a_follower_that_obeys_again_is_told_again():
     assert set(said[25:]) == {"told"}
 
 
-def test_a_jump_is_an_outlier_with_commands_and_without():
-    for command in (np.zeros(5), SWERVE):
-        tracker = told(Tracker(TrackerSettings()), [(START_NS, command)])
-        for stamp, *_ in steady(8):
-            tracker.update(stamp, STATION + (stamp - START_NS) * 1e-9 * command, NOISE)
-        with pytest.raises(Outlier):
-            tracker.update(stamp + TENTH_NS, moved(Y, 4.0), NOISE)
-
-
 @settings(max_examples=40)
 @given(st.permutations(range(10)), st.integers(0, 2**32))
 def test_frames_out_of_order_move_by_the_commands_of_their_own_time(order, seed):
@@ -240,7 +231,7 @@ def test_frames_out_of_order_move_by_the_commands_of_their_own_time(order, seed)
     for k in order:
         with contextlib.suppress(Outlier):
             as_they_come.update(*frames[k])
-    # What they know shows in the answers to the frames that follow.
+    # Their states show in the answers to the frames that follow.
     for probe in ((frames[-1][0] + step, STATION, NOISE) for step in (1, 2, 3)):
         answers = answer(in_order, probe), answer(as_they_come, probe)
         if isinstance(answers[0], str):

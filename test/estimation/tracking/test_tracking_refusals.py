@@ -124,16 +124,6 @@ def test_outliers_that_do_not_agree_or_do_not_last_are_never_the_track():
             np.testing.assert_allclose(tracker.update(*frame).pose, STATION, atol=1e-9)
 
 
-def test_a_first_frame_that_was_an_outlier_is_outvoted():
-    tracker = Tracker(TrackerSettings(reacquire_frames=3))
-    tracker.update(START_NS - TENTH_NS, STATION + 5.0, NOISE)
-    *first, last = steady(3)
-    for frame in first:
-        with pytest.raises(Outlier):
-            tracker.update(*frame)
-    np.testing.assert_allclose(tracker.update(*last).pose, STATION, atol=1e-9)
-
-
 def with_entry(matrix, value, *places):
     changed = np.array(matrix, dtype=float)
     for place in places:

@@ -51,17 +51,6 @@ def test_what_a_shade_does_to_two_frames_is_one_error():
     np.testing.assert_allclose(track.covariance, lasts + new, 1e-3, 1e-9)
 
 
-def test_where_nothing_shades_a_frame_that_may_be_shaded_counts_as_any():
-    tracks = []
-    for lasting in (0.0, 0.7):
-        tracker, rng = Tracker(TrackerSettings()), np.random.default_rng(1)
-        for k in range(20):
-            pose = STATION + 0.1 * STD * rng.standard_normal(5)
-            track = tracker.update(START_NS + k * TENTH_NS, pose, NOISE, shaded=lasting)
-        tracks.append(track)
-    np.testing.assert_array_equal(tracks[0].joint_covariance, tracks[1].joint_covariance)
-
-
 def test_uneven_light_is_expected_to_last_and_then_as_often_as_usual():
     tracker = Tracker(TrackerSettings(), constants=Constants(unclear_lasts_s=LASTS_S, uneven=0.02))
     assert tracker.expected(START_NS).uneven == 0.02

@@ -38,6 +38,17 @@ def walk_noise(walk: Array, step_s: float) -> Array:
     return noise
 
 
+def checked_rate(name: str, values: ArrayLike) -> Array:
+    """Return a copy of five rates, m/s and rad/s; ValueError where they are out of bounds."""
+    rate = np.array(values, dtype=float)
+    if rate.shape != (5,) or not (np.abs(rate) <= MAX_RATE).all():
+        raise ValueError(
+            f"{name}: {rate.tolist()}; give three within +-{MAX_RATE[0]:g} m/s and two within "
+            f"+-{MAX_RATE[-1]:g} rad/s"
+        )
+    return rate
+
+
 class OwnMotion:
     """The follower's own motion: each command holds until the next."""
 
@@ -61,12 +72,7 @@ class OwnMotion:
         ValueError
             For a twist of wrong shape or out of bounds.
         """
-        twist = np.array(twist, dtype=float)
-        if twist.shape != (5,) or not (np.abs(twist) <= MAX_RATE).all():
-            raise ValueError(
-                f"twist: {twist.tolist()}; give three within +-{MAX_RATE[0]:g} m/s and two within "
-                f"+-{MAX_RATE[-1]:g} rad/s"
-            )
+        twist = checked_rate("twist", twist)
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
         self._commands.append((stamp_ns, twist))
 

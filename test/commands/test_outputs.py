@@ -167,10 +167,15 @@ def test_a_full_disk_leaves_what_was_there(full_disk, tmp_path):
 
 def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     path = tmp_path / "new" / "t"
-    with pytest.raises(KeyboardInterrupt), files.whole_directory(path) as scratch:
-        (scratch / "a").write_text("half")
-        assert not path.exists()
-        raise KeyboardInterrupt
+
+    def interrupted():
+        with files.whole_directory(path) as scratch:
+            (scratch / "a").write_text("half")
+            assert not path.exists()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert not list(path.parent.iterdir())
     with files.whole_directory(path) as scratch:
         (scratch / "a").write_text("whole")

@@ -49,19 +49,10 @@ from uuv_optical_array.nodes.shared.node import (
     subscribe,
     transform_publisher,
 )
-from uuv_optical_array.nodes.shared.parameters import (
-    BASE_FRAME,
-    BEACON_POSITION,
-    FRAME_PREFIX,
-    PUBLISH_TF,
-    SCENE,
-    Parameter,
-    Parameters,
-    parameters_of,
-)
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 PARAMETERS = {
-    "scene": SCENE,
+    **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
     "table": Parameter(
         "",
         Quantity("folder of the signature table; empty: built in memory when it is needed"),
@@ -87,12 +78,9 @@ PARAMETERS = {
         True, Quantity("whether the poses of many frames are filtered and constants learnt")
     ),
     **parameters_of(TrackerSettings),
-    "frame_prefix": FRAME_PREFIX,
     "beacon_frame": Parameter(
         BEACON_FRAME, Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
     ),
-    "base_frame": BASE_FRAME,
-    "publish_tf": PUBLISH_TF,
     "tf_child_frame": Parameter(
         FOLLOWER_FRAME, Quantity("frame that pose and odometry place: the follower's"), True
     ),
@@ -107,7 +95,6 @@ PARAMETERS = {
         Quantity("frame that beacon_frame is tied to on /tf_static; empty: to none"),
         True,
     ),
-    "beacon_position_m": BEACON_POSITION,
 }
 # What needs a new estimator, and what a new track.
 OF_ESTIMATOR = {"table", *parameters_of(EstimatorSettings)}

@@ -26,10 +26,10 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
 )
 from uuv_optical_array.nodes.shared.node import Afterwards, publish, run, subscribe
-from uuv_optical_array.nodes.shared.parameters import SCENE, Parameters, parameters_of
+from uuv_optical_array.nodes.shared.parameters import Parameters, parameters_of, shared
 
 PARAMETERS = {
-    "scene": SCENE,
+    **shared("scene"),
     **parameters_of(FeatureSettings),
 }
 

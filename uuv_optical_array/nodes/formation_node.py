@@ -21,19 +21,12 @@ from uuv_optical_array.nodes.shared.messages import (
     twist_to_message,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe
-from uuv_optical_array.nodes.shared.parameters import (
-    BASE_FRAME,
-    FRAME_PREFIX,
-    Parameter,
-    Parameters,
-    parameters_of,
-)
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 PARAMETERS = {
+    **shared("frame_prefix", "base_frame"),
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
-    "frame_prefix": FRAME_PREFIX,
-    "base_frame": BASE_FRAME,
 }
 
 

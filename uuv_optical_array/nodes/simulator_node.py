@@ -27,30 +27,18 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.shared.parameters import (
-    BEACON_POSITION,
-    FRAME_PREFIX,
-    LONGEST_GAP,
-    ODOMETRY_AXES,
-    PUBLISH_TF,
-    SCENE,
-    Parameter,
-    Parameters,
-)
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
 
 PARAMETERS = {
-    "scene": SCENE,
+    **shared(
+        "scene", "frame_prefix", "beacon_position_m", "odometry_axes", "max_gap_s", "publish_tf"
+    ),
     "seed": Parameter(
         -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
     ),
-    "odometry_axes": ODOMETRY_AXES,
-    "beacon_position_m": BEACON_POSITION,
-    "frame_prefix": FRAME_PREFIX,
     "array_frame": Parameter(
         "", Quantity("frame of the image; empty: `array` beside the follower's base_link"), True
     ),
-    "max_gap_s": LONGEST_GAP,
-    "publish_tf": PUBLISH_TF,
 }
 WAITING = 50  # follower poses kept until the leader's odometry catches up
 

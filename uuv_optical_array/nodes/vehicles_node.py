@@ -30,17 +30,12 @@ from uuv_optical_array.nodes.shared.messages import (
     write_twist,
 )
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
-from uuv_optical_array.nodes.shared.parameters import (
-    FRAME_PREFIX,
-    PUBLISH_TF,
-    Parameter,
-    Parameters,
-    parameters_of,
-)
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 MODELS: dict[str, type[Vehicle]] = dict(kinematic=Vehicle, bluerov2=BlueRov2)
 
 PARAMETERS = {
+    **shared("frame_prefix", "publish_tf"),
     "vehicles": Parameter(
         "both",
         Quantity("which swim; a follower alone starts where it finds the leader's odometry"),
@@ -70,8 +65,6 @@ PARAMETERS = {
         1.0, Quantity("the follower stops when cmd_vel is older than this", "s", 0.05, 60)
     ),
     "world_frame": Parameter("odom", Quantity("frame of both odometries"), True),
-    "frame_prefix": FRAME_PREFIX,
-    "publish_tf": PUBLISH_TF,
 }
 
 

@@ -23,20 +23,13 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
 )
 from uuv_optical_array.nodes.shared.node import run, subscribe
-from uuv_optical_array.nodes.shared.parameters import (
-    BEACON_POSITION,
-    LONGEST_GAP,
-    ODOMETRY_AXES,
-    SCENE,
-    Parameter,
-    Parameters,
-)
+from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
 from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.page import Page
 from uuv_optical_array.view.sight import Sight
 
 PARAMETERS = {
-    "scene": SCENE,
+    **shared("scene", "beacon_position_m", "odometry_axes", "max_gap_s"),
     "host": Parameter(
         LOOPBACK, Quantity("address of the page; 0.0.0.0 is for the whole network"), True
     ),
@@ -44,9 +37,6 @@ PARAMETERS = {
         PORT, Quantity("port of the page, or the next that is free", "", 1, 65535), True
     ),
     "max_rate_hz": Parameter(10.0, Quantity("most images shown in a second", "Hz", 0.1, 100)),
-    "odometry_axes": ODOMETRY_AXES,
-    "beacon_position_m": BEACON_POSITION,
-    "max_gap_s": LONGEST_GAP,
 }
 
 

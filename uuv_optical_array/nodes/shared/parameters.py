@@ -128,25 +128,31 @@ class Parameters:
         return SetParametersResult(successful=True)
 
 
-# Of several nodes.
-SCENE = Parameter("follow", Quantity("a ready scene's name or a YAML file"), read_only=True)
-FRAME_PREFIX = Parameter(
-    "", Quantity("set before each frame's name; a name that begins with / stands alone"), True
-)
-BASE_FRAME = Parameter("follower/base_link", Quantity("the follower's own frame"), True)
-BEACON_POSITION = Parameter(
-    [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
-)
-ODOMETRY_AXES = Parameter(
-    "flu",
-    Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
-    True,
-    ("flu", "frd"),
-)
-LONGEST_GAP = Parameter(MAX_GAP_S, MAX_GAP, True)
-PUBLISH_TF = Parameter(
-    False, Quantity("whether frames go to /tf too, where tf2_msgs is installed"), True
-)
+SHARED = {
+    "scene": Parameter("follow", Quantity("a ready scene's name or a YAML file"), read_only=True),
+    "frame_prefix": Parameter(
+        "", Quantity("set before each frame's name; a name that begins with / stands alone"), True
+    ),
+    "base_frame": Parameter("follower/base_link", Quantity("the follower's own frame"), True),
+    "beacon_position_m": Parameter(
+        [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
+    ),
+    "odometry_axes": Parameter(
+        "flu",
+        Quantity("axes of both odometries: REP 103's, or NED and forward-right-down"),
+        True,
+        ("flu", "frd"),
+    ),
+    "max_gap_s": Parameter(MAX_GAP_S, MAX_GAP, True),
+    "publish_tf": Parameter(
+        False, Quantity("whether frames go to /tf too, where tf2_msgs is installed"), True
+    ),
+}
+
+
+def shared(*names: str) -> dict[str, Parameter]:
+    """Return parameters that several nodes have."""
+    return {name: SHARED[name] for name in names}
 
 
 def parameters_of(settings: type) -> dict[str, Parameter]:

@@ -79,10 +79,10 @@ def test_a_scene_is_printed_as_a_file_that_makes_the_same_scene(told, tmp_path):
 
 def test_every_key_is_explained_by_its_bounds_and_default():
     for owner, declares in command.OWNERS.items():
-        found = "\n".join(command.explained(owner))
+        found = "\n".join(command.explanation(owner))
         for key, setting in declared(declares).items():
             name = f"{owner}.{key}"
-            lines = "\n".join(command.explained(name)).splitlines()
+            lines = "\n".join(command.explanation(name)).splitlines()
             assert lines[0] == f"{name}: {setting.quantity.text}".removesuffix(": ")
             words = " or ".join(setting.choices) or setting.quantity.bounds()
             assert lines[1].startswith(f"  {words}")

@@ -25,9 +25,9 @@ from uuv_optical_array.forward.scene_files import (
 from uuv_optical_array.forward.scene_schema import scene_schema
 
 DESCRIPTION = """\
-List the ready scenes with their key figures; or explain one name: of a scene, ready or a file, with
-all its settings, those of the scene that it extends included, as a file that can be used; of a
-group, an effect or a key, with unit, bounds, default and source."""
+List the ready scenes with their key figures, or explain one name. For a scene, ready or a file, it
+prints all settings, including those of the scenes that it extends, as a file that can be used. For
+a group, an effect or a key it prints unit, bounds, default and source."""
 
 EPILOG = """\
 examples:
@@ -38,8 +38,8 @@ examples:
   uuv_array scenes --schema > scene.schema.json
 An editor with a YAML language server completes and checks a scene by the schema, if a line of it
 says: # yaml-language-server: $schema=scene.schema.json
-The reach is where the Cramer-Rao bound of one image of the aligned array is at most 0.2 m and 10
-deg, with all that the scene's prior leaves uncertain; looked for from 0.5 to 25 m."""
+The reach is the span of ranges, within 0.5 to 25 m, at which the Cramer-Rao bound of one image of
+the aligned array is at most 0.2 m and 10 deg, with all that the scene's prior leaves uncertain."""
 
 OWNERS: dict[str, Callable[..., Any]] = {
     **GROUPS,
@@ -64,32 +64,30 @@ def schema_text() -> str:
 
 
 def figures(scene: Scene) -> list[str]:
-    """Return what a scene is like, in lines."""
-    from uuv_optical_array.studies.limits import REACH_M, reach
-
-    lamp, array, found = scene.lamp, scene.array, reach(scene)
+    """Return the key figures of a scene, in lines."""
+    lamp, array, span = scene.lamp, scene.array, reach(scene)
     side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)
     full = f" of {scene.full_scale_counts:g}" if scene.effects else ""
-    where = "nowhere"
-    if found is not None:
-        beyond = "beyond " if found[1] == REACH_M[-1] else ""
-        where = f"from {found[0]:.1f} to {beyond}{found[1]:.1f} m"
+    text = "nowhere"
+    if span is not None:
+        beyond = "beyond " if span[1] == RANGES_M[-1] else ""
+        text = f"from {span[0]:.1f} to {beyond}{span[1]:.1f} m"
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, K {k_per_m:.3g} /m",
-        f"reach {where}, table to {-scene.table.x_m.start:g} m; known {known(scene.prior)}",
+        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior_text(scene.prior)}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]
 
 
-def known(prior: PriorSettings) -> str:
-    """Say how well a scene is known."""
-    usual = {**dataclasses.asdict(PriorSettings(prior.known)), **PRIORS[prior.known]}
-    others = [key for key, value in usual.items() if getattr(prior, key) != value]
+def prior_text(prior: PriorSettings) -> str:
+    """Return the name of a prior, and the keys in which it differs from that."""
+    named = {**dataclasses.asdict(PriorSettings(prior.known)), **PRIORS[prior.known]}
+    others = [key for key, value in named.items() if getattr(prior, key) != value]
     return prior.known + (f" but for {', '.join(others)}" if others else "")
 
 
-def listed() -> str:
+def list_text() -> str:
     """Return the ready scenes, each with its sentence and its figures."""
     return "\n".join(
         "\n  ".join((name, sentence(scene_file(name)), *figures(load_scene(name))))
@@ -97,19 +95,19 @@ def listed() -> str:
     )
 
 
-def whole(name: str) -> str:
+def settings_text(name: str) -> str:
     """Return a scene with all its settings, as a file that can be used."""
     file = scene_file(name)
     bases = [layer.extends for layer in layers(file) if layer.extends]
-    heads = [sentence(file)] if sentence(file) else []
+    lines = [sentence(file)] if sentence(file) else []
     if bases:
-        heads.append(f"{file.stem} extends {', which extends '.join(bases)}.")
-    comment = "".join(f"# {head}\n" for head in heads)
+        lines.append(f"{file.stem} extends {', which extends '.join(bases)}.")
+    comment = "".join(f"# {line}\n" for line in lines)
     return f"{comment}\n{yaml_text.text_of(load_scene(name).settings())}".strip()
 
 
-def limits(setting: Setting) -> str:
-    """Return the bounds of a setting, or its words, and its default."""
+def bounds_text(setting: Setting) -> str:
+    """Return the bounds or the words of a setting, and its default."""
     bounds = " or ".join(setting.choices) or setting.quantity.bounds()
     if setting.kind is Span:
         bounds += ", as [from, to, how many]"
@@ -117,15 +115,14 @@ def limits(setting: Setting) -> str:
         return f"{bounds}; must be given"
     if setting.default is None:
         return f"{bounds}; no default"
-    default = setting.default
-    shown = list(default) if isinstance(default, tuple) else default
-    return f"{bounds}; default {f'{shown:g}' if isinstance(shown, float) else shown}"
+    default = list(setting.default) if isinstance(setting.default, tuple) else setting.default
+    return f"{bounds}; default {f'{default:g}' if isinstance(default, float) else default}"
 
 
-def explained(name: str) -> Iterator[str]:
-    """Yield what a group, an effect or the keys of a name mean; nothing where none has it."""
+def explanation(name: str) -> Iterator[str]:
+    """Yield what a group, an effect or the keys of a name mean; nothing for another name."""
 
-    def meant(full: str) -> bool:
+    def matches(full: str) -> bool:
         return full == name or full.endswith(f".{name}")
 
     if name == "effects":
@@ -134,19 +131,19 @@ def explained(name: str) -> Iterator[str]:
             yield f"  {effect:<17}{summary(entry.function)}"
     for owner_name, owner in OWNERS.items():
         keys = declared(owner)
-        if meant(owner_name):
+        if matches(owner_name):
             yield f"{owner_name}: {inspect.getdoc(owner)}\n"
         else:
-            keys = {key: keys[key] for key in keys if meant(f"{owner_name}.{key}")}
+            keys = {key: keys[key] for key in keys if matches(f"{owner_name}.{key}")}
         for key, setting in keys.items():
             text = f": {setting.quantity.text}" if setting.quantity.text else ""
-            yield f"{owner_name}.{key}{text}\n  {limits(setting)}"
-        if keys and not meant(owner_name):
+            yield f"{owner_name}.{key}{text}\n  {bounds_text(setting)}"
+        if keys and not matches(owner_name):
             yield textwrap.indent(f"of {owner_name}: {inspect.getdoc(owner)}", "  ")
 
 
 def unknown_name(name: str) -> options.OptionError:
-    """Return the error for a name that is no scene's and no key's, with the nearest that is."""
+    """Return the error for a name that nothing has, with the nearest name that is known."""
     keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
     known = [*ready_scenes(), "effects", *OWNERS, *keys]
     known += [full.rpartition(".")[2] for full in known if "." in full]
@@ -156,17 +153,17 @@ def unknown_name(name: str) -> options.OptionError:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what is asked for."""
+    """Print the list, the schema or an explanation."""
     name = args.name
     if args.schema:
         print(schema_text(), end="")
     elif name is None:
-        print(listed())
+        print(list_text())
     elif is_file_name(name) or name in ready_scenes():
         with options.checking_options():
-            text = whole(name)
+            text = settings_text(name)
         print(text)
-    elif lines := list(explained(name)):
+    elif lines := list(explanation(name)):
         print("\n".join(lines).replace("``", "`"))
     else:
         raise unknown_name(name)

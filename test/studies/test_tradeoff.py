@@ -89,7 +89,7 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
         row(ms=0.2, position=1.01 * position, angle=1.01 * angle),
         row(ms=0.3, position=math.nan, angle=math.nan, lost=1.0),
         row(ms=5.0, position=0.5, angle=2 * angle),
-        row(ms=7.0, position=2 * position, angle=1.0),
+        row(ms=7.0, position=2 * position, angle=0.9 * angle),
     ]
     found = fronts(rows)
     assert found["position"].nonzero()[0].tolist() == [3]

@@ -106,7 +106,7 @@ def test_command_names_what_to_change(folder, scene, capsys):
 def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, capsys):
     run("--rate", 100, "--position", 0.08, "--output", folder, code=1)
     out = capsys.readouterr().out
-    assert out.startswith("no setting keeps 100 Hz, 0.08 m, 10 deg; the nearest: ")
+    assert out.startswith("no setting meets 100 Hz, 0.08 m, 10 deg; the nearest: ")
     assert "least_squares, curved 5 x 5, table 1e5" in out.splitlines()[0]
     assert "position is 0.1 m, 0.02 more than 0.08 (+25%)" in out
     assert "99th percentile is" not in out

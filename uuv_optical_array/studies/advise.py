@@ -139,7 +139,7 @@ def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float])
     needed = f"{need.rate_hz:g} Hz, {need.position_m:g} m, {need.angle_deg:g} deg"
     lines = [f"{needed}: {row.label}"]
     if excess:
-        lines = [f"no setting keeps {needed}; the nearest: {row.label}"]
+        lines = [f"no setting meets {needed}; the nearest: {row.label}"]
         for name, by in excess.items():
             what, unit = UNITS[name]
             limit = need.limits[name]

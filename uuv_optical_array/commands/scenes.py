@@ -65,12 +65,14 @@ def schema_text() -> str:
 
 def figures(scene: Scene) -> list[str]:
     """Return the key figures of a scene, in lines."""
+    from uuv_optical_array.studies.limits import REACH_M, reach
+
     lamp, array, span = scene.lamp, scene.array, reach(scene)
     side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)
     full = f" of {scene.full_scale_counts:g}" if scene.effects else ""
     text = "nowhere"
     if span is not None:
-        beyond = "beyond " if span[1] == RANGES_M[-1] else ""
+        beyond = "beyond " if span[1] == REACH_M[-1] else ""
         text = f"from {span[0]:.1f} to {beyond}{span[1]:.1f} m"
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "

@@ -200,8 +200,8 @@ def test_the_report_and_the_picture(bag, tmp_path, capsys):
     assert "note:" not in printed
 
 
-def test_another_sea_is_found_within_its_standard_errors(either_bag, tmp_path, capsys):
-    run(*command(either_bag, tmp_path, "--noise", "--json"))
+def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path, capsys):
+    run(*command(bag, tmp_path, "--noise", "--json"))
     found = json.loads(capsys.readouterr().out)
     true, gains = truth()
     sea = load_scene(tmp_path / "sea.yaml")

@@ -5,6 +5,7 @@ import importlib.util
 import numpy as np
 import pytest
 from bags import image_message, odometry_message, write_bag
+from calibrated_seas import HIGHEST, LOWEST
 from command_line import run
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -14,8 +15,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
-LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
-HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
 MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0])  # other axes: y and z, pitch and yaw
 
 

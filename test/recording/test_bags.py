@@ -103,6 +103,8 @@ def test_of_packed_chunks_the_whole_ones_are_read(tmp_path):
     file.write_bytes(file.read_bytes()[: 180_000 * 11])
     found = read_recording(bag, ARRAY, poses_needed=False)
     assert len(found.images) == 6
+    assert np.isnan(found.poses).all()
+    assert np.isnan(found.rolls).all()
 
 
 @pytest.mark.parametrize("length", [0, 4, 8, 60, 5000])

@@ -296,7 +296,7 @@ class ForwardModel:
                 rays = workspace(RAY_ROWS, lamp[0], n)
                 beam = workspace(BEAM_ROWS + len(optics.laws), lamp[0], n)
                 offset = nuisances[:, part]
-                illuminate(optics, lamp, offset, rays, beam, differentiate or bool(moving))
+                illuminate(optics, lamp, offset, rays, beam, differentiate)
                 for factor in moving:
                     beam[LIGHT] *= factor(times[part], rays, lamp[3:])
                 project(optics, lamp, slopes, rays, beam, image[:, part])

@@ -210,9 +210,11 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
         for i, row in enumerate(rows):
             at = np.arange(len(names)) + (i - (len(rows) - 1) / 2) * BAR
             errors, bounds = (list(row[key].values())[dofs] for key in ("rms_error", "rms_bound"))
-            bars = axes.bar(at, errors, 0.9 * BAR, color=COLOURS[row["known"]])
-            axes.bar_label(bars, [f"{error:.2g}" for error in errors], padding=3)
+            axes.bar(at, errors, 0.9 * BAR, color=COLOURS[row["known"]])
             axes.hlines(bounds, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
+            for x, error, bound in zip(at, errors, bounds, strict=True):
+                top = x, max(error, bound)
+                axes.annotate(f"{error:.2g}", top, (0, 3), textcoords="offset points", ha="center")
         axes.set_xticks(range(len(names)), names)
         axes.set_ylabel(f"RMS error ({unit})")
         axes.margins(y=0.12)

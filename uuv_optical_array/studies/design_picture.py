@@ -1,6 +1,6 @@
 """The picture of a design study: bounds against detectors, lamp, size and radius."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,8 +131,6 @@ def _close_up(
     by_beam: Any, by_radius: Any, study: DesignStudy, rows: Sequence[ScoredDesign]
 ) -> None:
     """Draw one number of detectors: against the lamp's beam, and against the sphere."""
-    from uuv_optical_array.plots.style import SHAPE_COLOURS
-
     own = Design.of(study.scene)
 
     def nearest(name: str, wanted: float) -> Any:
@@ -142,61 +140,49 @@ def _close_up(
     side = nearest("detectors_per_side", CLOSE_UP_SIDE)
     width, sigma = nearest("width_m", own.width_m), nearest("beam_sigma_deg", own.beam_sigma_deg)
     close = [row for row in rows if row.design.detectors_per_side == side]
-    _lines(
-        by_beam,
-        (row for row in close if row.design.width_m == width),
-        "beam_sigma_deg",
-        lambda design: design.radius_m or np.inf,
-        lambda radius: "planar" if radius == np.inf else f"radius {radius:g} m",
-        ("viridis", 0.85),
-        {np.inf: SHAPE_COLOURS["planar"]},
-    )
+    of_width = [row for row in close if row.design.width_m == width]
+    _lines(by_beam, of_width, "beam_sigma_deg", "radius_m", "radius {:g} m", "viridis")
     by_beam.set(
         xlabel="standard deviation of the beam (deg)", title=f"{side} x {side} on {width:g} m"
     )
-    _lines(
-        by_radius,
-        (row for row in close if row.design.radius_m and row.design.beam_sigma_deg == sigma),
-        "radius_m",
-        lambda design: design.width_m,
-        lambda size: f"{size:g} m wide",
-        ("cividis", 0.9),
-        {},
-    )
+    of_sigma = [r for r in close if r.design.radius_m and r.design.beam_sigma_deg == sigma]
+    _lines(by_radius, of_sigma, "radius_m", "width_m", "{:g} m wide", "cividis")
     by_radius.set(
         xlabel="radius of the sphere (m)", title=f"{side} x {side}, beam of {sigma:g} deg"
     )
 
 
 def _lines(
-    axes: Any,
-    rows: Iterable[ScoredDesign],
-    x_name: str,
-    group_of: Callable[[Design], float],
-    label: Callable[[float], str],
-    shades: tuple[str, float],
-    colours: dict[float, str],
+    axes: Any, rows: Sequence[ScoredDesign], x_name: str, group_name: str, label: str, shades: str
 ) -> None:
-    """Draw the bound on the position against a setting of the design, a line for each group."""
+    """Draw the bound on the position against a setting, a line for each value of another one."""
     import matplotlib
     from matplotlib.ticker import NullLocator
 
-    points: dict[float, list[tuple[float, float]]] = {}
-    for row in rows:
-        point = getattr(row.design, x_name), row.score.position_m
-        points.setdefault(group_of(row.design), []).append(point)
-    shaded = sorted(points.keys() - colours.keys())
-    palette = matplotlib.colormaps[shades[0]](np.linspace(0, shades[1], len(shaded)))
-    of_group = {**dict(zip(shaded, palette, strict=True)), **colours}
-    for group in sorted(points):
-        x, y = zip(*sorted(points[group]), strict=True)
-        axes.plot(x, y, "o-", color=of_group[group], lw=1.5, ms=4, label=label(group))
+    from uuv_optical_array.plots.style import SHAPE_COLOURS
+
+    groups = {getattr(row.design, group_name) for row in rows}
+    values = sorted(groups - {None})
+    palette = matplotlib.colormaps[shades](np.linspace(0, 0.88, len(values)))
+    styles = [(value, label.format(value), c) for value, c in zip(values, palette, strict=True)]
+    if None in groups:
+        styles.append((None, "planar", SHAPE_COLOURS["planar"]))
+    for value, text, colour in styles:
+        x, y = zip(
+            *sorted(
+                (getattr(row.design, x_name), row.score.position_m)
+                for row in rows
+                if getattr(row.design, group_name) == value
+            ),
+            strict=True,
+        )
+        axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
     _levels(axes, "position_m")
     axes.set_xscale("log")
-    ticks = sorted({x for line in points.values() for x, _ in line})
+    ticks = sorted({getattr(row.design, x_name) for row in rows})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
-    if points:
+    if rows:
         axes.legend(fontsize=9, loc="best", framealpha=0.85)
 
 

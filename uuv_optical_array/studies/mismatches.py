@@ -57,9 +57,7 @@ def with_offset(
     """Add to a constant of the scene, as `ForwardModel.light` has its offsets."""
     if of == ATTENUATION and of not in model.nuisances:
         effects = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
-        power = model.power
         model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(effects)))
-        model.power = power  # else the lamp would be set anew, by its reference reading
     return model.light(poses, 0.0, {of: np.array(by)})
 
 

@@ -12,14 +12,17 @@ from uuv_optical_array.core.geometry import rotation_matrix
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.closed_loop import ClosedLoop
 
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory):
-    """An estimator of light alone, without water, noise or converter, that takes no match."""
-    file = write_scene(tmp_path_factory.mktemp("scene"), "bare", [("effects", {})])
+    """An estimator of light in water, without noise or converter, that takes no match."""
+    file = write_scene(
+        tmp_path_factory.mktemp("scene"), "bare", [("effects", {"attenuation": {"k_per_m": 0.1}})]
+    )
     return Estimator(build_table(load_scene(file)), "sam", max_angle_rad=0.0)
 
 
@@ -32,9 +35,10 @@ def first(estimator, **changes):
 
 def test_water_dims_each_ray_by_its_length(bare):
     clear, murky = first(bare), first(bare, k_per_m=0.3)
+    np.testing.assert_allclose(clear.image, ForwardModel(bare.scene).light(clear.pose), rtol=1e-12)
     turn = rotation_matrix(*clear.pose[3:])
-    places = clear.pose[:3] + build_array(bare.table.scene.array).positions @ turn.T
-    passed = np.exp(-0.3 * np.linalg.norm(places, axis=1))
+    places = clear.pose[:3] + build_array(bare.scene.array).positions @ turn.T
+    passed = np.exp(-0.2 * np.linalg.norm(places, axis=1))
     np.testing.assert_allclose(murky.image.ravel(), clear.image.ravel() * passed, rtol=1e-12)
 
 

@@ -1,47 +1,72 @@
-"""Imports run one way: up the table of the design page, and in no circle within a folder."""
+"""What imports what: up the table of the design page, in no circle, and ROS in the nodes alone."""
 
 import ast
 import re
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 
 import pytest
+from conftest import PATIENCE_S
 from pages import PACKAGE, ROOT
+
+from uuv_optical_array.core.numerics import compilation
 
 PREFIX = f"{PACKAGE.name}."
 DESIGN = (ROOT / "docs/design.md").read_text(encoding="utf-8")
 ORDER = re.findall(r"^\| `(\w+)/` \|", DESIGN, re.MULTILINE)
+ROS = re.compile(r"(rclpy|launch|ament|tf2|tf_transformations)|\w*_(msgs|interfaces)$")
+IMPORT = re.compile(r"\bimport_module$|\b__import__$")
 
 
 def imports(source):
-    """Yield what a module imports of the package, at the top or inside a function."""
+    """Return the names that a module imports, at the top or inside a function."""
+    names = set()
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(PREFIX):
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        if isinstance(node, ast.ImportFrom) and node.level == 0:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        else:
-            continue
-        yield from (name[len(PREFIX) :] for name in names if name.startswith(PREFIX))
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Call) and re.search(
+            "import(_module|__)$", ast.unparse(node.func)
+        ):
+            names |= {word.value for word in node.args if isinstance(word, ast.Constant)}
+    return names
 
 
-MODULES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): set(
-        imports(path.read_text(encoding="utf-8"))
-    )
-    for path in PACKAGE.rglob("*.py")
+def ros_imports(source):
+    return [name for name in imports(source) if ROS.match(name.partition(".")[0])]
+
+
+def own_imports(source):
+    """Return what a module imports of the package, without the package's name."""
+    return {name.removeprefix(PREFIX) for name in imports(source) if name.startswith(PREFIX)}
+
+
+SOURCES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path.read_text(encoding="utf-8")
+    for path in sorted(PACKAGE.rglob("*.py"))
 }
+MODULES = {name: own_imports(source) for name, source in SOURCES.items()}
 FOLDERS = sorted(name.removesuffix("__init__") for name in MODULES if name.endswith("__init__"))
+CORE = [name for name in SOURCES if name.partition(".")[0] not in ("nodes", "commands")]
+# A study has a command; other modules of the folder are what studies have in common.
+STUDIES = {
+    name.split(".")[1]
+    for name, source in SOURCES.items()
+    if name.startswith("studies.") and "def add_parser(" in source
+}
 
 
 def neighbours(modules, folder):
     """Return what each file or folder of a folder, such as ``core.``, imports of the others."""
     own = {name: name[len(folder) :].split(".")[0] for name in modules if name.startswith(folder)}
-    found = {entry: set() for entry in own.values() if entry != "__init__"}
+    result = {entry: set() for entry in own.values() if entry != "__init__"}
     for name in own.keys() - {f"{folder}__init__"}:
         for other in modules[name]:
             if other.startswith(folder):
-                found[own[name]].add(other[len(folder) :].split(".")[0])
-    return {entry: others & found.keys() - {entry} for entry, others in found.items()}
+                result[own[name]].add(other[len(folder) :].split(".")[0])
+    return {entry: others & result.keys() - {entry} for entry, others in result.items()}
 
 
 def test_the_table_of_the_design_has_every_folder():
@@ -55,8 +80,20 @@ def test_a_folder_imports_only_from_those_above_it(folder):
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_what_a_folder_has_imports_one_way(folder):
+def test_the_modules_of_a_folder_import_one_way(folder):
     TopologicalSorter(neighbours(MODULES, folder)).prepare()
+
+
+def test_a_study_imports_no_other():
+    assert {"accuracy", "drives", "limits", "paper"} <= STUDIES
+    assert not STUDIES & {"closed_loop", "errors", "results"}
+    for study, others in neighbours(MODULES, "studies.").items():
+        assert not others & STUDIES, study
+
+
+def test_no_core_module_imports_ros():
+    names = {name: ros_imports(SOURCES[name]) for name in CORE}
+    assert not any(names.values()), names
 
 
 @pytest.mark.parametrize(
@@ -69,6 +106,72 @@ def test_what_a_folder_has_imports_one_way(folder):
     ],
 )
 def test_the_guard_sees_every_way_into_a_circle(source):
-    modules = {"a.one": set(imports(source)), "a.two.inner": {"a.one.thing"}}
+    modules = {"a.one": own_imports(source), "a.two.inner": {"a.one.thing"}}
     with pytest.raises(CycleError):
         TopologicalSorter(neighbours(modules, "a.")).prepare()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import numpy, rclpy.node as node",
+        "def late():\n    from sensor_msgs.msg import Image",
+        "if TYPE_CHECKING:\n    import geometry_msgs.msg",
+        "try:\n    import tf2_ros\nexcept ImportError:\n    pass",
+        "from launch_ros.actions import Node",
+        "from ament_index_python import packages",
+        "import tf_transformations",
+        "importlib.import_module('uuv_array_msgs.msg')",
+        "__import__('launch')",
+    ],
+)
+def test_the_guard_sees_every_way_to_import_ros(source):
+    assert len(ros_imports(source)) == 1
+
+
+@pytest.mark.parametrize("source", ["import numpy", "from . import launch", "x = 'rclpy'"])
+def test_the_guard_lets_other_imports_pass(source):
+    assert ros_imports(source) == []
+
+
+IMPORT_ALL = """
+import importlib, re, sys
+ros, modules = re.compile(sys.argv[1]), sys.argv[2:]
+
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        if ros.match(name.partition(".")[0]):
+            raise ImportError(f"{name}: there is no ROS here")
+
+sys.meta_path.insert(0, Block())
+try:
+    import rclpy
+except ImportError as error:
+    assert "no ROS here" in str(error)
+else:
+    raise AssertionError("the block does not block")
+for module in modules:
+    importlib.import_module(module)
+print(len(modules))
+"""
+
+
+def test_every_core_module_loads_on_a_computer_without_ros():
+    modules = [
+        f"{PREFIX}{name}"
+        for name in CORE
+        if not name.endswith("__init__")
+        # That one is Numba's, which is an extra.
+        and (compilation.installed() or not name.endswith("compiled_math"))
+    ]
+    assert {f"{PREFIX}estimation.estimator", f"{PREFIX}forward.scene"} <= set(modules)
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", IMPORT_ALL, ROS.pattern, *modules],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip() == str(len(modules))

@@ -91,18 +91,6 @@ def test_a_proportional_law_would_be_carried_off(flow: Array) -> None:
 
 
 @KINDS
-def test_a_current_that_is_too_strong_for_a_while_winds_nothing_up(kind: type[Vehicle]) -> None:
-    # 15 s at 1.2 m/s, faster than either goes; then 0.2 m/s.
-    settings = FormationSettings()
-    poses, _ = hold(
-        kind, formation(settings), lambda now: np.array([-1.2 if now < 15 else -0.2, 0, 0]), 60
-    )
-    assert poses[150, 0] < -8.0
-    assert poses[:, 0].max() < -5.5
-    assert np.abs(poses[-100:, :3] - STATION).max() < 0.15
-
-
-@KINDS
 def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehicle]) -> None:
     settings = FormationSettings((-1.5, 0.0, 0.0), min_distance_m=2.0)  # a station out of reach
     poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, -4.0)

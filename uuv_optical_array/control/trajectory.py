@@ -12,7 +12,7 @@ MAX_GAP_S = 0.5  # the default
 
 
 class TooEarly(Exception):
-    """The pose asked for has not been recorded yet; ask again when it has."""
+    """The pose of this instant is not on record yet; try again later."""
 
 
 class Trajectory:
@@ -23,7 +23,7 @@ class Trajectory:
     max_gap_s
         Neighbours farther apart than this are not interpolated, s.
     length
-        Poses kept.
+        Most poses on record.
     """
 
     def __init__(self, max_gap_s: float, length: int = 200) -> None:

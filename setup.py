@@ -66,7 +66,7 @@ setup(
         ],
         # A compiled kernel for light at very many poses.
         "fast": ["numba"],
-        # Signature tables built in chunks, on threads or a cluster.
+        # Large signature tables on disk, written by threads or a cluster.
         "cluster": CLUSTER,
         # Reading recorded bags, for uuv_array calibrate; rosdep has no key for it.
         "bags": BAGS,

@@ -18,7 +18,6 @@ from uuv_optical_array.cli import outputs
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.plots import scene
-from uuv_optical_array.plots.style import save
 
 # Each command's words, and its options that name a file, with a suffix that they take.
 FILES = [
@@ -131,15 +130,6 @@ def test_what_can_be_written_leaves_no_trace_of_the_look(tmp_path):
     assert outputs.file_to_write("old.PNG", "--output", outputs.PICTURE) == Path("old.PNG")
     assert outputs.folder_to_write("a/b", "--output", new=True) == Path("a/b")
     assert [path.name for path in tmp_path.iterdir()] == ["old.PNG"]
-
-
-@pytest.mark.parametrize(
-    ("suffix", "head"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")]
-)
-def test_the_suffix_says_what_a_picture_is(suffix, head, tmp_path):
-    save(Figure(), tmp_path / f"sea{suffix}")
-    (picture,) = tmp_path.iterdir()
-    assert picture.read_bytes().startswith(head)
 
 
 def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path, monkeypatch):

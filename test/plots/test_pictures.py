@@ -24,21 +24,6 @@ from uuv_optical_array.studies.tradeoff_measurement import ALL_METHODS
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Draw by a module and return the figure, not written, and laid out where places matter."""
-
-    def draw(module, function, *given, layout=True):
-        kept = []
-        monkeypatch.setattr(module, "save", lambda figure, path: kept.append(figure))
-        function(*given, Path("nowhere.png"))
-        if layout:
-            kept[0].draw_without_rendering()
-        return kept[0]
-
-    return draw
-
-
 def assert_apart(labels):
     assert len(labels) > 1
     for i, (one, box) in enumerate(labels):

@@ -41,7 +41,7 @@ def _draw_residuals(
         error = [2 * y[part].std() / np.sqrt(len(part)) for part in parts]
         axes.errorbar(
             middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
-            label="mean of a twentieth\nof them, 2 std errors",
+            label="mean of a bin\n± 2 std errors",
         )  # fmt: skip
         if log:
             drawn = across[uncensored | out]

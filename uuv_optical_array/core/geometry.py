@@ -313,13 +313,3 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
     gauge = roll_std * np.array([0.0, -z, y, 1.0, 0.0, 0.0])
     mapped = jacobian @ np.asarray(covariance, float) @ jacobian.T + gauge[:, None] * gauge
     return (mapped + mapped.T) / 2
-
-
-def unit_quaternion(quaternion_xyzw: Array, tolerance: float = 1e-2) -> Array:
-    """Normalise a quaternion, shape ``(4,)``; ValueError where its length is not 1 +- tolerance."""
-    length = float(np.linalg.norm(quaternion_xyzw))
-    if not abs(length - 1) <= tolerance:
-        raise ValueError(
-            f"quaternion {np.asarray(quaternion_xyzw).tolist()} has length {length:g}, not 1"
-        )
-    return quaternion_xyzw / length

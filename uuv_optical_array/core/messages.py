@@ -9,10 +9,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import Array, unit_quaternion
+from uuv_optical_array.core.geometry import Array
 
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02
+MAX_LENGTH_ERROR = 1e-2  # of a quaternion, by rounding
 MAX_POSITION_M = 1e8  # beyond any place on Earth in any of its grids
 # Faster than any underwater vehicle, m/s and rad/s: such numbers have other units.
 MAX_TWIST = np.repeat([10.0, 6.0], 3)
@@ -105,10 +106,13 @@ def checked_pose(pose: Any) -> tuple[Array, Array]:
 
 def checked_quaternion(attitude: Any) -> Array:
     """Unpack a ``geometry_msgs/Quaternion`` as x, y, z, w of length 1, shape ``(4,)``."""
-    try:
-        return unit_quaternion(np.array([attitude.x, attitude.y, attitude.z, attitude.w]))
-    except ValueError as error:
-        raise Refused(f"bad attitude: {error}") from None
+    quaternion = np.array([attitude.x, attitude.y, attitude.z, attitude.w])
+    length = float(np.linalg.norm(quaternion))
+    if not abs(length - 1) <= MAX_LENGTH_ERROR:
+        raise Refused(
+            f"bad attitude: quaternion {quaternion.tolist()} has length {length:g}, not 1"
+        )
+    return quaternion / length
 
 
 def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:

@@ -66,8 +66,6 @@ class ForwardModel:
         Of a reading, rounding and the unknown gains of the scene's prior included.
     analogue_noise : optics.ReadingNoise
         Of a reading before it is rounded.
-    saturation_counts : float
-        Largest analogue reading; inf: none.
     nuisances : tuple of str
         Settings that a prior may leave uncertain, by dotted name, with `prior.unknown_forms`. The
         offset of ``lamp.power`` is that of its logarithm, the others have the setting's unit.
@@ -84,7 +82,7 @@ class ForwardModel:
         self._forms = effects.plan(scene.effects, self.array, scene.lamp)
         self._moving = [form.factor for form in self._of(Moving)]
         noises, converters = self._of(forms.Noise), self._of(Converter)
-        self.saturation_counts = min(
+        self._saturation_counts = min(
             (form.level_counts for form in self._of(Saturation)), default=np.inf
         )
         highest = [form.largest for form in converters]
@@ -92,7 +90,7 @@ class ForwardModel:
             float(sum(form.variance for form in noises)),
             float(sum(form.slope for form in noises)),
             0.0 if converters else -np.inf,
-            min([*highest, self.saturation_counts]),
+            min([*highest, self._saturation_counts]),
         )
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
@@ -305,7 +303,7 @@ class ForwardModel:
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
-        return np.minimum(self.light(poses, roll), self.saturation_counts)
+        return np.minimum(self.light(poses, roll), self._saturation_counts)
 
     def variance(self, light: Array) -> tuple[Array, Array]:
         """Variance of readings by all noise and by rounding (eq. 7), and its slope by the light.
@@ -354,7 +352,7 @@ class ForwardModel:
 
     def converted(self, image: Array) -> Array:
         """Apply saturation and converter to analogue readings, counts, any shape."""
-        image = np.minimum(image, self.saturation_counts)
+        image = np.minimum(image, self._saturation_counts)
         for form in self._of(Converter):
             image = np.clip(np.rint(image), 0, form.largest)
         return image

@@ -5,12 +5,11 @@ import re
 import resource
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import PROGRAM, run
 from conftest import PATIENCE_S
 from matplotlib.figure import Figure
 
@@ -62,6 +61,11 @@ def no_work(monkeypatch):
     def begun(*arguments, **settings):
         raise AssertionError("the work began")
 
+    def aligned_only(self, poses, *arguments, **settings):  # what a scene is checked by
+        return linearised(self, poses, *arguments, **settings) if np.ndim(poses) == 1 else begun()
+
+    linearised = ForwardModel.linearised
+    monkeypatch.setattr(ForwardModel, "linearised", aligned_only)
     for name in ("expected", "expose"):
         monkeypatch.setattr(ForwardModel, name, begun)
 
@@ -180,11 +184,10 @@ def test_an_error_of_another_file_keeps_its_name(tmp_path):
     assert not scratch.exists()
 
 
-def test_an_answer_that_nobody_takes_is_told_in_one_line(scene_file):
-    code = "from uuv_optical_array.commands import main; main()"
+def test_an_answer_that_a_full_disk_does_not_take_is_one_line():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-c", code, "table", "--scene", scene_file],
+            [*PROGRAM, "scenes", "effects"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -192,7 +195,4 @@ def test_an_answer_that_nobody_takes_is_told_in_one_line(scene_file):
             check=False,
         )
     assert done.returncode == 1
-    assert (
-        done.stderr.splitlines(keepends=True)[-1]
-        == f"uuv_array table: standard output: {os.strerror(28)}\n"
-    )
+    assert done.stderr == f"uuv_array scenes: standard output: {os.strerror(28)}\n"

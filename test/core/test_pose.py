@@ -1,7 +1,5 @@
 """Rotations, relative poses and the 6x6 covariance, against SciPy and finite differences."""
 
-import copy
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,25 +17,12 @@ from uuv_optical_array.core.geometry import (
     turned_on_mount,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 PI = np.pi
 turn = st.floats(-PI, PI)
 level = st.floats(-1.4, 1.4)
 metres = st.floats(-20, 20)
-
-SCENE = {
-    "lamp": {"beam_sigma_deg": 20.0, "reference_counts": 900.0, "reference_range_m": 4.0},
-    "array": {"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32},
-    "effects": {"attenuation": {"k_per_m": 0.1}},
-    "table": {
-        "x_m": [-8, -4, 2],
-        "y_m": [0, 0, 1],
-        "z_m": [0, 0, 1],
-        "pitch_deg": [0, 0, 1],
-        "yaw_deg": [0, 0, 1],
-    },
-}
 
 
 def scipy_rotation(pitch, yaw, roll):
@@ -201,7 +186,7 @@ def test_covariance_6x6_is_symmetric_and_positive_definite(pose, roll_std, seed)
     swing=turn,
 )
 def test_a_swing_about_the_beam_axis_leaves_the_image_unchanged(pose, roll, swing):
-    model = ForwardModel(scene_from_settings(copy.deepcopy(SCENE), "gauge"))
+    model = ForwardModel(load_scene("reference"))
     pose = np.array(pose)
     swung, swung_roll = turned_about_beam(swing, pose, roll)
     before = model.light(pose, roll)
@@ -210,7 +195,7 @@ def test_a_swing_about_the_beam_axis_leaves_the_image_unchanged(pose, roll, swin
 
 def test_the_roll_uncertainty_lies_along_the_one_direction_that_the_image_cannot_see():
     pose, roll, step = np.array([-6.0, 0.7, -0.4, 0.2, -0.3]), 0.1, 1e-5
-    model = ForwardModel(scene_from_settings(copy.deepcopy(SCENE), "gauge"))
+    model = ForwardModel(load_scene("reference"))
     only_roll = covariance_6x6(pose, np.zeros((5, 5)), 1.0)
     values, vectors = np.linalg.eigh(only_roll)
     np.testing.assert_allclose(values[:5], 0, atol=1e-12)

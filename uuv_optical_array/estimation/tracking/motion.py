@@ -32,10 +32,11 @@ def walk_noise(walk: Array, step_s: float) -> Array:
     Array
         Shape ``(10, 10)``: five rows of the pose, five of its rate.
     """
+    noise, pose, rate = np.zeros((10, 10)), np.arange(5), np.arange(5, 10)
     # A root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
-    root = np.array([[step_s / math.sqrt(3), 0.0], [math.sqrt(3) / 2, 0.5]])
-    noise: Array = math.sqrt(step_s) * np.kron(root, np.diag(walk))
-    return noise
+    noise[pose, pose], noise[rate, pose] = step_s / math.sqrt(3) * walk, math.sqrt(3) / 2 * walk
+    noise[rate, rate] = walk / 2
+    return math.sqrt(step_s) * noise
 
 
 def checked_rate(name: str, values: ArrayLike) -> Array:

@@ -150,9 +150,9 @@ def compare_known(
         noise = np.random.default_rng((seed, 2))
         images = exposed(ForwardModel(believed), poses, seed, True, False, noise)
         estimator = Estimator(believed, "least_squares", candidates=candidates).wait()
-        found = measure(estimator, poses, images, progress)
-        yield {"known": known, **found}
-        if found["poses"] < count:
+        result = measure(estimator, poses, images, progress)
+        yield {"known": known, **result}
+        if result["poses"] < count:
             return
 
 
@@ -160,25 +160,25 @@ def _fixed(value: float | None) -> str:
     return "inf" if value is None else f"{value:.4f}"
 
 
-def report(found: dict[str, Any]) -> str:
+def report(result: dict[str, Any]) -> str:
     """Return the values of `figures` as text."""
     line = "{:<8}{:>9}{:>12} {:<4}{:>7.3f}"
-    errors, bounds = ([*map(_fixed, found[key].values())] for key in ("rms_error", "rms_bound"))
-    rows = zip(DOF_NAMES, errors, bounds, DOF_UNITS, found["ratio_to_bound"].values(), strict=True)
+    errors, bounds = ([*map(_fixed, result[key].values())] for key in ("rms_error", "rms_bound"))
+    rows = zip(DOF_NAMES, errors, bounds, DOF_UNITS, result["ratio_to_bound"].values(), strict=True)
     table = "\n".join(line.format(*row) for row in rows)
-    of, (low, high) = f"of {found['poses']}", found["nees_band"]
-    median_ms, slow_ms = found["frame_ms"].values()
-    model_ms = found["model_ms"]
+    of, (low, high) = f"of {result['poses']}", result["nees_band"]
+    median_ms, slow_ms = result["frame_ms"].values()
+    model_ms = result["model_ms"]
     return f"""\
 {"":<8}RMS error   RMS bound       ratio
 {table}
 
-without a pose: {found["without_pose"]} {of}
-off by more than 6 of its own standard deviations: {found["beyond_6_sigma"]} {of}
-off by more than 6 of the bound at the truth: {found["beyond_6_bounds"]} {of}
+without a pose: {result["without_pose"]} {of}
+off by more than 6 of its own standard deviations: {result["beyond_6_sigma"]} {of}
+off by more than 6 of the bound at the truth: {result["beyond_6_bounds"]} {of}
   (near the beam's axis this says little of one frame: the local bound on the range almost
   vanishes there, while the angle off the axis stays uncertain)
-mean NEES: {found["nees_mean"]:.3f} +- {found["nees_std_error"]:.3f}, 95 % band of chi-square(5) \
+mean NEES: {result["nees_mean"]:.3f} +- {result["nees_std_error"]:.3f}, 95 % band of chi-square(5) \
 {low:.3f} to {high:.3f}
 one frame: median {median_ms:.2f} ms, 99th percentile {slow_ms:.2f} ms; the median is
   {median_ms / model_ms:.1f} times a forward model with Jacobian for 4 poses, {model_ms:.2f} ms"""
@@ -277,12 +277,12 @@ def run(args: argparse.Namespace) -> int:
     scene = scene.with_shape(args.shape or scene.array.shape)
     with options.checking_options():
         _check_truth(args, scene)
-    found: dict[str, Any]
+    result: dict[str, Any]
     if args.known:
         picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
         cases = compare_known(scene, count, seed, candidates, progress.over)
         rows = until_interrupted(cases)
-        found = {"poses": count, "known": rows, "picture": str(picture)}
+        result = {"poses": count, "known": rows, "picture": str(picture)}
         text = f"{comparison(rows)}\n\npicture: {picture}"
         from uuv_optical_array.plots.style import save  # matplotlib takes a second
 
@@ -292,16 +292,16 @@ def run(args: argparse.Namespace) -> int:
         rng, model = np.random.default_rng(seed), ForwardModel(scene)
         poses = lit_poses(model, count, rng)
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
-        found = measure(estimator, poses, images, progress.over)
-        text = report(found)
+        result = measure(estimator, poses, images, progress.over)
+        text = report(result)
     if args.json:
         keys = ("method", "seed", "drawn", "moving")
         about = {"scene": scene.name, "shape": scene.array.shape}
-        print(json_text({**about, **{key: getattr(args, key) for key in keys}, **found}))
+        print(json_text({**about, **{key: getattr(args, key) for key in keys}, **result}))
         return 0
     drawn = ", nuisances drawn" * args.drawn + ", at random times" * args.moving
     print(
         f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
-        f"{found['poses']} random poses, seed {seed}{drawn}\n\n{text}"
+        f"{result['poses']} random poses, seed {seed}{drawn}\n\n{text}"
     )
     return 0

@@ -116,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
 
     if dropped := sweep.dropped():
         tell(f"left out: {sum(dropped.values())} designs whose corners lie beyond their sphere")
-    if there := study.swept(results):
-        tell(f"{csv}: {len(there)} designs are there already")
+    if scored := study.swept(results):
+        tell(f"{csv}: {len(scored)} designs are there already")
     try:
         study.score_rest(results, lambda rounds: progress.over(rounds, "design"))
     except KeyboardInterrupt:

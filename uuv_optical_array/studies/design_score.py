@@ -278,8 +278,8 @@ class DesignStudy:
         self, results: Results[ScoreOrigin, ScoredDesign], progress: Progress = iter
     ) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
-        there = {line.design for line in results.lines}
-        left = [design for design in self.sweep.designs() if design not in there]
+        scored_before = {line.design for line in results.lines}
+        left = [design for design in self.sweep.designs() if design not in scored_before]
         poses = uniform_poses(self.poses, np.random.default_rng([self.seed, 0]))
         scored: list[ScoredDesign] = []
         try:

@@ -124,23 +124,23 @@ def figures(drives: Sequence[Drive]) -> dict[str, Any]:
     )
 
 
-def report(found: dict[str, Any]) -> str:
+def report(result: dict[str, Any]) -> str:
     """Return `figures` as text."""
-    lines = [f"{'':<8}{'tracked':>9}{'single':>9}   RMS error in the last {found['last_s']:g} s"]
+    lines = [f"{'':<8}{'tracked':>9}{'single':>9}   RMS error in the last {result['last_s']:g} s"]
     for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True):
-        tracked, single = found["rms_tracked"][name], found["rms_single"][name]
+        tracked, single = result["rms_tracked"][name], result["rms_single"][name]
         lines.append(f"{name:<8}{tracked:>9.4f}{single:>9.4f}   {unit}")
-    low, median, high = found["nees_of_drives"]
+    low, median, high = result["nees_of_drives"]
     return "\n".join(
         [
             *lines,
             "",
-            f"range, tracked over single: {found['range_ratio']:.2f}",
-            f"mean NEES: {found['nees_mean']:.2f}; of single drives {low:.2f} to {high:.2f} "
+            f"range, tracked over single: {result['range_ratio']:.2f}",
+            f"mean NEES: {result['nees_mean']:.2f}; of single drives {low:.2f} to {high:.2f} "
             f"(5 to 95 %), median {median:.2f}",
             "off by more than 6 of its own standard deviations: "
-            f"{found['beyond_6_sigma']} of {found['frames']}",
-            f"not in the track: {found['refused']} of {found['frames']}",
+            f"{result['beyond_6_sigma']} of {result['frames']}",
+            f"not in the track: {result['refused']} of {result['frames']}",
         ]
     )
 
@@ -174,14 +174,14 @@ def run(args: argparse.Namespace) -> int:
         drive(estimator, seconds, rate, np.random.default_rng((seed, i)))
         for i in progress.over(range(count), unit="drive")
     )
-    found, complete = figures(drives), len(drives) == count
+    result, complete = figures(drives), len(drives) == count
     if args.json:
         about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
-        print(json_text({**about, **found}))
+        print(json_text({**about, **result}))
     else:
         print(
             f"{args.method} in scene {scene.name}, {len(drives)} drives of {seconds:g} s at "
-            f"{rate:g} Hz, seed {seed}\n\n{report(found)}"
+            f"{rate:g} Hz, seed {seed}\n\n{report(result)}"
         )
         if not complete:
             print("interrupted: only complete drives count")

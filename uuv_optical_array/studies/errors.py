@@ -75,7 +75,7 @@ class FrameErrors:
 
     @property
     def nees(self) -> Array:
-        """Normalised squared error of each posed frame; 5 on average for honest covariances."""
+        """Normalised squared error of each posed frame; 5 on average for consistent covariances."""
         errors = self.errors[self.posed]
         weighted = np.linalg.solve(self.covariances[self.posed], errors[..., None])[..., 0]
         return (errors * weighted).sum(axis=1)

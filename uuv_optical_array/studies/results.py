@@ -15,7 +15,7 @@ RunT = TypeVar("RunT")
 
 
 def until_interrupted(results: Iterable[T]) -> list[T]:
-    """Return the results that there are before Ctrl-C; KeyboardInterrupt where there are none."""
+    """Return the results until Ctrl-C, which is raised where there are none."""
     collected: list[T] = []
     try:
         for result in results:
@@ -105,8 +105,8 @@ class Results(Generic[RunT, LineT]):
     """
 
     def __init__(self, path: Path, line: type[LineT], run: RunT) -> None:
-        there, self.lines = read(path, type(run), line)
-        if there is not None and (differ := differences(there, run)):
+        existing, self.lines = read(path, type(run), line)
+        if existing is not None and (differ := differences(existing, run)):
             raise ValueError(
                 f"{path}: holds results of another run: {'; '.join(differ)}; "
                 "remove the file or name another"

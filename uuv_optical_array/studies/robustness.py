@@ -43,7 +43,7 @@ NUMBERS = {
     "seed": options.Number(options.SEED, 1),
 }
 FAR_M = 1.0
-# An image that so few images of the scene itself fit worse is not told from one of them.
+# From this tail probability on, an image can be one of the scene itself.
 PLAUSIBLE = 1e-3
 COLUMNS = {
     "kind": "kind",
@@ -252,8 +252,8 @@ def run(args: argparse.Namespace) -> int:
     save(draw(rows, about), output)
     if args.json:
         settings = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
-        found = {"complete": complete, "kinds": rows, "picture": str(output)}
-        print(json_text({**settings, **found}))
+        result = {"complete": complete, "kinds": rows, "picture": str(output)}
+        print(json_text({**settings, **result}))
     else:
         print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
         if not complete:

@@ -7,11 +7,14 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.information.likelihood import censored
 
+numba = pytest.importorskip("numba", reason="Numba is not installed")
 pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
 
 WAIT_AND_COMPILE = """
@@ -85,3 +88,28 @@ def test_another_copy_of_the_sources_or_a_newer_one_has_a_folder_of_its_own(tmp_
 def test_a_function_whose_changes_would_go_unnoticed_is_not_compiled():
     with pytest.raises(ValueError, match=r"least_distance.*move the function"):
         compilation.compiled(least_distance)
+
+
+WITH_INNER_FUNCTIONS = """
+import numba
+from uuv_optical_array.core.numerics import compilation, linked_functions
+from uuv_optical_array.estimation.information.likelihood import censored
+numba.__version__ = {version!r}
+function = compilation.prepare(censored, 3.0, 5.0, 1.0, 2.0)
+print(bool(linked_functions.options()), *function(3.0, 5.0, 1.0, 2.0))
+"""
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_way(tmp_path, known):
+    version = numba.__version__ if known else "99.0.0"
+    run = subprocess.run(
+        [sys.executable, "-c", WITH_INNER_FUNCTIONS.format(version=version)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    linked, *answer = run.stdout.split()
+    assert linked == str(known)
+    np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)

@@ -223,22 +223,26 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
                 + vectors[4, j] * by_v
                 + vectors[5, j] * by_w
             )
-    for row in range(1 + size, len(image)):
+    first = 1 + size
+    for row in range(first, len(image)):
         for j in indices(n):
             image[row, j] = 0.0
     if optics.power_at >= 0:
-        image[1 + size + optics.power_at] = image[0]
+        for j in indices(n):
+            image[first + optics.power_at, j] = image[0, j]
     if optics.sigma_at >= 0:
-        image[1 + size + optics.sigma_at] = image[0] * beam[BY_SIGMA] * DEGREE
+        for j in indices(n):
+            image[first + optics.sigma_at, j] = image[0, j] * beam[BY_SIGMA, j] * DEGREE
     for i in range(len(optics.law_at)):
         if optics.law_at[i] >= 0:
             # A law may share a setting with the lamp.
-            image[1 + size + optics.law_at[i]] += image[0] * beam[BEAM_ROWS + i]
+            for j in indices(n):
+                image[first + optics.law_at[i], j] += image[0, j] * beam[BEAM_ROWS + i, j]
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:
     """Apply the steps on the array to an image of `project`, with or without slopes, in place."""
-    rows = len(image)
+    rows, n = len(image), image.shape[-1]
     first, differentiate = rows - optics.nuisances, rows > 1
     for i in range(len(optics.step_kinds)):
         kind, values, scale = optics.step_kinds[i], optics.step_values[i], optics.step_scales[i]
@@ -247,27 +251,33 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
             if place >= 0:
                 scale = scale + nuisances[place]
                 if differentiate:
-                    image[first + place] += values
-            image[0] += scale * values
+                    for j in indices(n):
+                        image[first + place, j] += values[j]
+            for j in indices(n):
+                image[0, j] += scale * values[j]
         elif kind == GAIN:
             if place >= 0:
                 common = 1 + scale * nuisances[place]
+                for row in range(1, rows):
+                    for j in indices(n):
+                        image[row, j] *= common
                 if differentiate:
-                    image[first + place] = image[first + place] * common + scale * image[0]
-                    for row in range(1, rows):
-                        if row != first + place:
-                            image[row] *= common
-                image[0] *= common
+                    for j in indices(n):
+                        image[first + place, j] += scale * image[0, j]
+                for j in indices(n):
+                    image[0, j] *= common
             for row in range(rows):
-                image[row] *= values
+                for j in indices(n):
+                    image[row, j] *= values[j]
         elif kind == SHADE:
             depth = nuisances[place]
-            for j in indices(image.shape[-1]):
+            for j in indices(n):
                 passed = exp(depth * values[j])
                 for row in range(rows):
                     image[row, j] *= passed
             if differentiate:
-                image[first + place] += values * image[0]
+                for j in indices(n):
+                    image[first + place, j] += values[j] * image[0, j]
         else:
             sandwich(optics.blur, image)
 

@@ -182,10 +182,15 @@ def _jit(function: FunctionType, keep: bool) -> Any:
         options["fastmath"] = {"contract", "reassoc"}
     if not keep:
         # Nobody calls it from Python.
-        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_inner_options())
         return numba.njit(**options)(function)
     with _CacheFolder(numba) as kept:
         return numba.njit(cache=kept, **options)(function)
+
+
+@cache
+def _inner_options() -> dict[str, Any]:
+    return dict(importlib.import_module(f"{__package__}.linked_functions").options())
 
 
 class _CacheFolder:

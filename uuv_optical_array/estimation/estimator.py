@@ -272,11 +272,11 @@ class Estimator:
             For parameters that are not finite, hold no light or are beyond what an array can give,
             for a signature or an image that belongs to no pose of the scene.
         """
-        found = self._estimate(image, parameters, float(roll), expected)
+        estimate = self._estimate(image, parameters, float(roll), expected)
         if self.scene.prior.aim_std_deg == 0:
-            return found
-        covariance = found.covariance + self.aim_covariance(found.pose, roll)
-        return replace(found, covariance=covariance)
+            return estimate
+        covariance = estimate.covariance + self.aim_covariance(estimate.pose, roll)
+        return replace(estimate, covariance=covariance)
 
     def aim_covariance(self, pose: Array, roll: float) -> Array:
         """Return the covariance of a pose by the aim of the array, shape ``(5, 5)``.
@@ -379,21 +379,21 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        found, clear, _ = self._fit(readings, parameters, roll, expected, near)
-        off = wrapped(match.pose - found.pose)
+        fitted, clear, _ = self._fit(readings, parameters, roll, expected, near)
+        off = wrapped(match.pose - fitted.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
-        _, weighed_off, _ = dposv(match.covariance + found.covariance, off)
+        _, weighed_off, _ = dposv(match.covariance + fitted.covariance, off)
         excess = float(off @ weighed_off) / 5
-        covariance = max(excess, 1.0) * match.covariance + found.covariance
+        covariance = max(excess, 1.0) * match.covariance + fitted.covariance
         return Estimate(
             match.pose,
             0.5 * (covariance + covariance.T),
             match.angle_rad,
             match.runner_up_pose,
             match.runner_up_angle_rad,
-            float(ndtr(-found.score)),
-            float(ndtr(-found.runner_up_score)),
+            float(ndtr(-fitted.score)),
+            float(ndtr(-fitted.runner_up_score)),
             clear=clear,
         )
 
@@ -407,20 +407,20 @@ class Estimator:
         fit = self._fit
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        found, clear, near = fit(readings, parameters, roll, expected)
-        runner_up = None if np.isnan(found.runner_up_score) else found.runner_up
+        fitted, clear, near = fit(readings, parameters, roll, expected)
+        runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
         linear = near is not None and clear > CLEAR and fit.linear
         return Estimate(
-            found.pose,
-            found.covariance,
-            found.angle,
+            fitted.pose,
+            fitted.covariance,
+            fitted.angle,
             runner_up,
-            found.runner_up_angle,
-            float(ndtr(-found.score)),
-            float(ndtr(-found.runner_up_score)),
-            fit.unobservable(found.covariance),
+            fitted.runner_up_angle,
+            float(ndtr(-fitted.score)),
+            float(ndtr(-fitted.runner_up_score)),
+            fit.unobservable(fitted.covariance),
             near if linear else None,
-            found.stretch,
+            fitted.stretch,
             clear,
         )
 
@@ -440,13 +440,13 @@ class Estimator:
         return lambda at: self._fit.near(readings, at, roll, estimate.stretch)
 
     def _saturated(self, roll: float) -> Estimate:
-        found = self._fit.saturated(roll)
+        fitted = self._fit.saturated(roll)
         return Estimate(
-            found.mean,
-            found.covariance,
+            fitted.mean,
+            fitted.covariance,
             math.pi,  # no row was looked for
             None,
             math.pi,
-            float(ndtr(-found.score)),
-            unobservable=self._fit.unobservable(found.covariance),
+            float(ndtr(-fitted.score)),
+            unobservable=self._fit.unobservable(fitted.covariance),
         )

@@ -41,20 +41,7 @@ def is_compiled(scene: Scene) -> bool:
 
 
 def compile_fit(scene: Scene) -> None:
-    """Compile what ``least_squares`` runs in a scene, or load it from disk.
-
-    Parameters
-    ----------
-    scene
-        The scene; what it does not name is not compiled.
-
-    Raises
-    ------
-    ValueError
-        Where Numba is not installed, or not for this NumPy.
-    OSError
-        Where there is no folder to keep compiled code in.
-    """
+    """Compile what ``least_squares`` runs in a scene, or load it from disk."""
     folder = compilation.cache_folder()
     if folder is None:
         raise OSError("no folder to keep compiled code in; set NUMBA_CACHE_DIR to one")

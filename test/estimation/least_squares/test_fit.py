@@ -12,8 +12,13 @@ from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    GRADIENT,
+    INFORMATION,
     MAX_STEP,
     MOST_STEPS,
+    POSE,
+    VOLUME_SLOPES,
     PosePrior,
     evaluate,
     light_at,
@@ -173,7 +178,7 @@ def test_cost_and_gradient_are_those_of_the_posterior_of_the_pose(effects, shape
     def check(pose, roll, seed, scale):
         problem, at = any_place(fit, pose, roll, seed, scale)
         state = evaluate(problem, at)
-        np.testing.assert_allclose(state.pose, pose, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(state.parts[POSE, :5], pose, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(light_at(problem, at), fit.light(pose, roll, at[5:]), rtol=1e-9)
         # Constants do not matter, so costs are compared with that of another place.
         other = at + 0.01
@@ -187,10 +192,10 @@ def test_cost_and_gradient_are_those_of_the_posterior_of_the_pose(effects, shape
 
         slopes = differentiate(cost, at)
         np.testing.assert_allclose(
-            -state.gradient, slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
+            -state.parts[GRADIENT], slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
         )
         assert_close(
-            state.log_volume_slopes,
+            state.parts[VOLUME_SLOPES, :5],
             differentiate(lambda x: np.array(to_lamp(problem.frame, x, roll)[2]), at)[:5],
         )
 
@@ -224,7 +229,7 @@ def test_the_information_is_that_of_each_reading_along_its_slopes_and_of_the_pri
         for i, std in enumerate(fit.stds.values()):
             expected[5 + i, 5 + i] += std**-2
         scale = 1 / np.sqrt(expected.diagonal())
-        found = evaluate(problem, at).information
+        found = evaluate(problem, at).parts[INFORMATION:]
         np.testing.assert_allclose(
             found * np.outer(scale, scale), expected * np.outer(scale, scale), atol=2e-4
         )
@@ -254,12 +259,12 @@ def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, 
     for pose, readings in zip(*drawn(model, 2, 11, roll), strict=True):
         problem, truth = fit.of(readings, roll), fit.at(pose, roll)
         best = refine(problem, truth, MOST_STEPS)
-        ours = fit.cost(readings, best.pose, roll, best.at[5:])
-        whole, cost = own_minimum(fit, readings, best.pose, roll)
+        ours = fit.cost(readings, best.parts[POSE, :5], roll, best.parts[AT][5:])
+        whole, cost = own_minimum(fit, readings, best.parts[POSE, :5], roll)
         # A cost of 1e-3 above the minimum is a twentieth of a standard deviation.
         assert -1e-6 <= ours - cost < 2e-3
-        off = fit.at(whole[:5], roll, whole[5:]) - best.at
-        assert off @ best.information @ off < 0.02
+        off = fit.at(whole[:5], roll, whole[5:]) - best.parts[AT]
+        assert off @ best.parts[INFORMATION:] @ off < 0.02
         theirs = fit.cost(readings, pose, roll, truth[5:])
         assert evaluate(problem, truth).cost - best.cost == pytest.approx(theirs - ours, abs=2e-3)
 
@@ -277,10 +282,10 @@ def test_an_image_without_noise_leads_to_its_pose(shape, roll, stds):
         readings = model.light(pose, roll)
         start = fit.at(pose + reach * rng.choice([-1, 1], 5), roll)
         best = refine(fit.of(readings, roll), start, MOST_STEPS)
-        off = best.at - fit.at(pose, roll)
+        off = best.parts[AT] - fit.at(pose, roll)
         assert best.cost - evaluate(fit.of(readings, roll), fit.at(pose, roll)).cost < 1e-3
         if shape == "curved":
-            assert off @ best.information @ off < 1e-3
+            assert off @ best.parts[INFORMATION:] @ off < 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -290,8 +295,8 @@ def estimator():
 
 
 def is_same(state, best):
-    off = state.at - best.at
-    return off @ best.information @ off < 0.1
+    off = state.parts[AT] - best.parts[AT]
+    return off @ best.parts[INFORMATION:] @ off < 0.1
 
 
 def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
@@ -334,12 +339,12 @@ def test_an_offset_of_the_scene_is_found_and_its_error_is_as_said(name):
         offset = rng.normal(0, std)
         readings = model.read(fit.light(pose, 0.0, [offset]), rng)
         best = refine(fit.of(readings), fit.at(pose), MOST_STEPS)
-        off = best.at - fit.at(pose, 0.0, [offset])
-        squares.append(off @ best.information @ off)
-        found.append(best.at[5])
+        off = best.parts[AT] - fit.at(pose, 0.0, [offset])
+        squares.append(off @ best.parts[INFORMATION:] @ off)
+        found.append(best.parts[AT][5])
         given.append(offset)
         # What is known can only become better known.
-        assert np.linalg.inv(best.information)[5, 5] <= std**2 * (1 + 1e-9)
+        assert np.linalg.inv(best.parts[INFORMATION:])[5, 5] <= std**2 * (1 + 1e-9)
     assert chi2.ppf(1e-4, 6 * 60) < np.sum(squares) < chi2.isf(1e-4, 6 * 60)
     if name in ("lamp.power", "ambient.level_counts"):
         assert np.corrcoef(found, given)[0, 1] > 0.3
@@ -352,9 +357,9 @@ def test_an_offset_under_a_narrow_prior_stays(name):
     for pose, readings in zip(*drawn(model, 5, 18), strict=True):
         known = refine(free.of(readings), free.at(pose), MOST_STEPS)
         held = refine(bound.of(readings), bound.at(pose), MOST_STEPS)
-        assert abs(held.at[5]) < 3 * narrow
-        off = held.at[:5] - known.at
-        assert off @ known.information @ off < 1e-2
+        assert abs(held.parts[AT, 5]) < 3 * narrow
+        off = held.parts[AT, :5] - known.parts[AT]
+        assert off @ known.parts[INFORMATION:] @ off < 1e-2
 
 
 def test_the_prior_of_the_pose_holds_what_no_light_says():
@@ -362,8 +367,8 @@ def test_the_prior_of_the_pose_holds_what_no_light_says():
     fit = Fit(model_of(), {}, 5 * np.array([2, 0.6, 0.6, *np.radians([20, 20])]))
     for off in ([0, 0.1, 0, 0.1, 0], [1, 0, 0.1, 0, 0.1]):
         best = refine(fit.of(np.zeros(25)), fit.at(MIDDLE + off), MOST_STEPS)
-        assert fit.light(best.pose, 0.0, []).max() < 5
-        np.linalg.cholesky(best.information)
+        assert fit.light(best.parts[POSE, :5], 0.0, []).max() < 5
+        np.linalg.cholesky(best.parts[INFORMATION:])
 
 
 @pytest.mark.parametrize(
@@ -376,7 +381,7 @@ def test_any_readings_lead_to_a_place_no_worse_than_the_start(readings):
     for start in MIDDLE + np.random.default_rng(19).normal(0, 0.3, (4, 5)):
         problem = fit.of(readings)
         best = refine(problem, fit.at(start), MOST_STEPS)
-        assert np.isfinite([best.cost, *best.pose]).all()
+        assert np.isfinite([best.cost, *best.parts[POSE, :5]]).all()
         assert best.cost <= evaluate(problem, fit.at(start)).cost
 
 
@@ -390,12 +395,14 @@ def test_a_step_is_that_of_the_damped_model_and_never_beyond_its_reach(damping):
         problem = fit.of(readings)
         for share in (0.01, 1.0):
             state = evaluate(problem, fit.at(pose + share * np.array([2, 0.3, 0.3, 0.3, 0.3])))
-            damped = state.information + damping * np.diag(state.information.diagonal())
-            step = np.linalg.solve(damped, state.gradient)
+            damped = state.parts[INFORMATION:] + damping * np.diag(
+                state.parts[INFORMATION:].diagonal()
+            )
+            step = np.linalg.solve(damped, state.parts[GRADIENT])
             excess = max(1.0, (np.abs(step) / reach).max())
             there, decrement = propose(problem, state, damping)
-            np.testing.assert_allclose(there - state.at, step / excess, rtol=1e-6, atol=1e-9)
-            assert decrement == pytest.approx(0.5 * step @ state.gradient, rel=1e-6)
+            np.testing.assert_allclose(there - state.parts[AT], step / excess, rtol=1e-6, atol=1e-9)
+            assert decrement == pytest.approx(0.5 * step @ state.parts[GRADIENT], rel=1e-6)
             shortened.append(excess > 1)
     assert 0 < np.mean(shortened) < 1
 
@@ -403,7 +410,7 @@ def test_a_step_is_that_of_the_damped_model_and_never_beyond_its_reach(damping):
 def test_where_there_is_no_step_it_is_said():
     fit = Fit(model_of())
     state = evaluate(fit.of(np.full(25, 100.0)), fit.at(MIDDLE))
-    state.information[:] = -np.eye(5)
+    state.parts[INFORMATION:][:] = -np.eye(5)
     there, decrement = propose(fit.problem, state, 0.0)
     assert np.isnan(decrement)
-    np.testing.assert_array_equal(there, state.at)
+    np.testing.assert_array_equal(there, state.parts[AT])

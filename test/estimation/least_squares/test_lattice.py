@@ -10,12 +10,14 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     Lattice,
     PosteriorMoments,
     basis_of,
+    by_nine_nodes,
     fill,
-    nearly_gaussian,
     new_lattice,
     write_node,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    INFORMATION,
     PosePrior,
     evaluate,
     problem_of,
@@ -33,7 +35,7 @@ PRIOR = PosePrior(
 )
 
 
-def rooms(size):
+def one_node(size):
     return Lattice(
         np.empty(1),
         np.empty((1, size)),
@@ -53,12 +55,12 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     readings = model.expose(pose, np.random.default_rng(3)).ravel()
     problem = problem_of(model, PRIOR, False)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
-    lattice = rooms(7)
+    lattice = one_node(7)
     write_node(problem, start, lattice, 0)
     for _ in range(3):  # one step leaves what is second order
         write_node(problem, lattice.ats[0].copy(), lattice, 0)
     rest = [i for i in range(7) if i not in (PITCH, YAW)]
-    information = evaluate(problem, start).information[np.ix_(rest, rest)]
+    information = evaluate(problem, start).parts[INFORMATION:][np.ix_(rest, rest)]
     spread = np.linalg.cholesky(np.linalg.inv(information))
 
     def density(steps):
@@ -80,11 +82,11 @@ def by_both_rules(x):
     readings = np.rint(model.light(pose)).ravel()
     problem = problem_of(model, PRIOR, False)._replace(readings=readings)
     minimum = refine(problem, np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0]), 40)
-    nine, lattice = new_lattice(7), new_lattice(7)
-    for rooms_of in (nine, lattice):
-        write_node(problem, minimum.at, rooms_of, 0)
-    basis, _ = basis_of(nine.curvatures[0], False)
-    return nearly_gaussian(problem, basis, nine), fill(problem, basis, lattice)[0], nine
+    points, lattice = new_lattice(7), new_lattice(7)
+    for nodes in (points, lattice):
+        write_node(problem, minimum.parts[AT], nodes, 0)
+    basis, _ = basis_of(points.curvatures[0], False)
+    return by_nine_nodes(problem, basis, points), fill(problem, basis, lattice)[0], points
 
 
 def test_nine_nodes_have_the_moments_of_the_whole_lattice_where_it_is_nearly_gaussian():
@@ -102,11 +104,11 @@ def test_nine_nodes_have_the_moments_of_the_whole_lattice_where_it_is_nearly_gau
 
 
 def test_nine_nodes_say_nothing_of_what_is_not_nearly_gaussian():
-    found, whole, nine = by_both_rules(-10.0)
+    found, whole, points = by_both_rules(-10.0)
     assert (found.nodes, whole.nodes > 9) == (0, True)
     # The lattice can begin where they ended.
-    assert np.isfinite(nine.logs[0])
-    assert np.isneginf(nine.logs[1:]).all()
+    assert np.isfinite(points.logs[0])
+    assert np.isneginf(points.logs[1:]).all()
 
 
 def test_joined_posteriors_have_the_moments_of_all_their_samples():

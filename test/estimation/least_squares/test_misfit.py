@@ -14,6 +14,7 @@ from uuv_optical_array.estimation.least_squares.misfit import (
     residual_moments,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
     MOST_STEPS,
     PosePrior,
     misfit,
@@ -81,7 +82,7 @@ def scores(gain_std, gain_off, count=400, power_off=0.0):
         light = model.light(POSE, 0.0, offsets)
         light = light * (1 + gain_off * rng.standard_normal(light.shape))
         of_image = problem._replace(readings=model.read(light, rng).ravel())
-        found.append(misfit(of_image, refine(of_image, start, MOST_STEPS).at))
+        found.append(misfit(of_image, refine(of_image, start, MOST_STEPS).parts[AT]))
     return found
 
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
-from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine
+from uuv_optical_array.estimation.least_squares.problem import AT, INFORMATION, MOST_STEPS, refine
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table, grid_axes
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
@@ -65,8 +65,8 @@ def chain_moments(estimator, readings, roll, steps):
             for pose in table.poses[estimator_rows(estimator, readings)]
         ]
     best = min(fits, key=lambda fit: fit.cost)
-    factor = np.linalg.cholesky(np.linalg.inv(best.information))
-    start = best.at + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
+    factor = np.linalg.cholesky(np.linalg.inv(best.parts[INFORMATION:]))
+    start = best.parts[AT] + np.random.default_rng(1).normal(size=(WALKERS, 5)) @ factor.T
 
     def poses_at(coordinates):
         return np.stack(to_lamp(frame, np.moveaxis(coordinates, -1, 0), roll)[1], axis=-1)

@@ -91,7 +91,7 @@ def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any
     return log_ndtr(u), sign * over * precision, share * precision * precision
 
 
-def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) -> None:
+def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -> None:
     """Write the log-likelihood of each reading, with derivatives by its light.
 
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
@@ -103,7 +103,7 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
         Counts, shape ``(n,)``.
     noise
         Of the scene.
-    found
+    result
         Results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
     """
     for j in indices(len(light)):
@@ -113,13 +113,13 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, found: Any) ->
             value, score, curvature = gaussian_growing(readings[j], light[j], variance, slope)
         else:
             value, score, curvature = gaussian(readings[j], light[j], variance)
-        found[0, j], found[1, j], found[2, j] = value, score, curvature
+        result[0, j], result[1, j], result[2, j] = value, score, curvature
     for j in indices(len(light)):
         for i in indices_where((readings[j] >= noise.high) | (readings[j] <= noise.low), j):
             above = readings[i] >= noise.high
             bound = choose(above, noise.high - 0.5, noise.low + 0.5)
             variance = reading_variance(light[i], noise)
-            found[0, i], found[1, i], found[2, i] = censored(
+            result[0, i], result[1, i], result[2, i] = censored(
                 light[i], bound, choose(above, 1.0, -1.0), variance
             )
 
@@ -149,10 +149,10 @@ def log_likelihood(
         What the second derivative is to be for Gauss-Newton, with its sign turned, >= 0,
         1/counts^2, shape ``(..., n)``.
     """
-    found = np.empty((3, light.size))
+    result = np.empty((3, light.size))
     flat = np.broadcast_to(readings, light.shape).reshape(-1)
-    likelihood_of(flat, light.reshape(-1), noise, found)
-    value, score, curvature = found.reshape(3, *light.shape)
+    likelihood_of(flat, light.reshape(-1), noise, result)
+    value, score, curvature = result.reshape(3, *light.shape)
     return value, score, curvature
 
 

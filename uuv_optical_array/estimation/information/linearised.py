@@ -134,23 +134,7 @@ def write_linear(
     image: Any,
     likelihood: Any,
 ) -> None:
-    """Write light and likelihood at a place.
-
-    Parameters
-    ----------
-    optics, noise
-        Of the scene; `optics` with the offsets' settings as its nuisances.
-    readings
-        Counts, shape ``(n,)``.
-    at
-        Pose, m and rad, then offsets, shape ``(5 + q,)``.
-    roll
-        Roll of the follower, rad.
-    image
-        Result: light and its slopes by pose and offsets, shape ``(6 + q, n)``.
-    likelihood
-        Result, as of `likelihood_of`, shape ``(3, n)``.
-    """
+    """Write light and likelihood at a place."""
     n, nuisances = len(readings), at[5:]
     lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)

@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
-from uuv_optical_array.core.numerics.elementwise import unowned, zeros
-from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.core.numerics.elementwise import unowned
+from uuv_optical_array.core.numerics.linear_algebra import cholesky
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
     is_covered,
+    laplace,
     new_lattice,
 )
 from uuv_optical_array.estimation.least_squares.problem import (
@@ -22,7 +23,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     INFORMATION,
     MOST_STEPS,
     POSE,
-    POSE_SLOPES,
     USUAL,
     Misfit,
     Problem,
@@ -41,9 +41,8 @@ LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all th
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
-# Nodes of the posterior's lattice below which there is no covariance.
-LEAST_NODES = 5
-LONG_STEPS = 2  # after which a start is known to lead to a minimum that was found before
+# Steps after which a start is known to lead to a minimum that is among those already.
+LONG_STEPS: Any = np.int64(2)
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 
@@ -125,20 +124,7 @@ class FrameResult(NamedTuple):
 
 
 def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
-    """Return the rows of least chord to a direction, nearest first.
-
-    Parameters
-    ----------
-    units, unit
-        Directions of length one, shapes ``(6, m)`` and ``(6,)``.
-    count
-        How many, at most m.
-
-    Returns
-    -------
-    rows, chords
-        Shape ``(count,)`` each.
-    """
+    """Return the rows of least chord to a direction, nearest first."""
     squares = np.zeros(units.shape[1])
     for k in range(len(unit)):
         squares += (units[k] - unit[k]) ** 2
@@ -173,17 +159,17 @@ def is_near(parts: Array, known: Array) -> bool:
     return bool(distance < DISTINCT * DISTINCT)
 
 
-def keep(minima: list[State], found: State) -> None:
+def insert(minima: list[State], state: State) -> None:
     """Put a fit among the minima, best first, each once."""
-    if not np.isfinite(found.cost):
+    if not np.isfinite(state.cost):
         return
     for i in range(len(minima)):
-        if is_near(found.parts, minima[i].parts):
-            if found.cost < minima[i].cost:
-                minima[i] = found
+        if is_near(state.parts, minima[i].parts):
+            if state.cost < minima[i].cost:
+                minima[i] = state
             break
     else:
-        minima.append(found)
+        minima.append(state)
     for i in range(len(minima) - 1, 0, -1):
         if minima[i].cost < minima[i - 1].cost:
             minima[i], minima[i - 1] = minima[i - 1], minima[i]
@@ -195,17 +181,18 @@ def descend(problem: Problem, minima: list[State], start: Array) -> None:
     for known in minima:
         if is_near(state.parts, known.parts):
             return
-    keep(minima, refine(problem, state.parts[AT], MOST_STEPS))
+    insert(minima, refine(problem, state.parts[AT], MOST_STEPS))
 
 
 def start_at(problem: Problem, pose: Array) -> Array:
     """Return coordinates and nuisances of a pose of the table, shape ``(p,)``."""
     start = np.empty(5 + len(problem.nuisance_mean))
-    start[5:] = problem.nuisance_mean
     turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
     at = from_pose(problem.frame, turned, problem.roll)
     for i in range(5):
         start[i] = at[i]
+    for i in range(len(problem.nuisance_mean)):
+        start[5 + i] = problem.nuisance_mean[i]
     return start
 
 
@@ -225,7 +212,7 @@ def find_minima(
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
-    tried, found, first = 1, Misfit(np.inf, np.inf, 1.0), True
+    tried, best_misfit, first = 1, Misfit(np.inf, np.inf, 1.0), True
     while True:
         for i in range(tried, count):
             descend(problem, minima, start_at(problem, guide.poses[rows[i]]))
@@ -233,17 +220,17 @@ def find_minima(
             start = minima[0].parts[AT].copy()
             for _ in range(3):
                 start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
-                keep(minima, refine(problem, start, MOST_STEPS))
+                insert(minima, refine(problem, start, MOST_STEPS))
         if len(minima) > 0:
-            found = misfit(problem, minima[0].parts[AT])
+            best_misfit = misfit(problem, minima[0].parts[AT])
             rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-            if not (first and rivals) and found.score <= USUAL:
+            if not (first and rivals) and best_misfit.score <= USUAL:
                 break
         if count == most:
             break
         tried, count, first = count, min(4 * count, most), False
         rows, _ = nearest_rows(guide.units, unit, count)
-    return minima, found, angle, second_angle
+    return minima, best_misfit, angle, second_angle
 
 
 def joined(one: PosteriorMoments, other: PosteriorMoments) -> PosteriorMoments:
@@ -268,8 +255,8 @@ def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     """Return the moments of the posterior about all minima that are not negligible."""
     size = minima[0].parts.shape[1]
     lattices = [new_lattice(size)]
-    found = [integrate(problem, minima[0].parts[AT], lattices[0])]
-    counts = [found[0].nodes >= LEAST_NODES]
+    integrals = [integrate(problem, minima[0].parts[AT], lattices[0])]
+    counts = [np.isfinite(integrals[0].log_weight)]
     owners = [0]  # of each minimum, whose lattice covers it
     for i in range(1, len(minima)):
         if minima[i].cost - minima[0].cost > NEGLIGIBLE:
@@ -283,50 +270,24 @@ def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
             other = integrate(problem, minima[i].parts[AT], lattices[-1])
             # It may reach minima from which it was not reached: of two such the heavier is whole.
             reached = [is_covered(minima[j].parts, lattices[-1]) for j in range(i)]
-            heaviest = other.nodes >= LEAST_NODES
+            heaviest = np.isfinite(other.log_weight)
             for j in range(i):
                 if reached[j] and counts[owners[j]]:
-                    heaviest = heaviest and other.log_weight > found[owners[j]].log_weight
-            owner = len(found)
-            found.append(other)
+                    heaviest = heaviest and other.log_weight > integrals[owners[j]].log_weight
+            owner = len(integrals)
+            integrals.append(other)
             counts.append(heaviest)
             for j in range(i):
                 if reached[j] and heaviest:
                     counts[owners[j]] = False
                     owners[j] = owner
         owners.append(owner)
-    moments, first = found[0], counts[0]
-    for k in range(1, len(found)):
+    moments, first = integrals[0], counts[0]
+    for k in range(1, len(integrals)):
         if counts[k]:
-            moments = joined(moments, found[k]) if first else found[k]
+            moments = joined(moments, integrals[k]) if first else integrals[k]
             first = True
     return moments
-
-
-def gaussian_posterior(state: State) -> PosteriorMoments:
-    """Return the moments of a posterior that is linear about a minimum."""
-    parts = state.parts
-    size = parts.shape[1]
-    factor, spread = zeros(size, size, state.cost), zeros(5, size, state.cost)
-    covariance = np.full((5, 5), np.nan)
-    for i in range(size):
-        for j in range(i + 1):
-            factor[i, j] = parts[INFORMATION + i, j]
-    if not cholesky(factor):
-        return PosteriorMoments(-np.inf, parts[POSE, :5].copy(), covariance, 0)
-    log_weight = state.log_volume - state.cost
-    for i in range(size):
-        log_weight -= np.log(factor[i, i])
-    for i in range(5):
-        for k in range(5):
-            spread[i, k] = parts[POSE_SLOPES + i, k]
-        solve_lower(factor, spread[i])
-        for j in range(i + 1):
-            shared = 0.0
-            for k in range(size):
-                shared += spread[i, k] * spread[j, k]
-            covariance[i, j] = covariance[j, i] = shared
-    return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, LEAST_NODES)
 
 
 def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
@@ -357,18 +318,15 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     outcome, pose, nodes, evidence = NO_START, nothing, 0, -np.inf
     runner_up, runner_up_score = nothing, np.nan
     if len(minima) > 0:
-        at[:] = minima[0].parts[AT]
-        at[:5] = minima[0].parts[POSE, :5]
+        for i in range(len(at)):
+            at[i] = minima[0].parts[POSE if i < 5 else AT, i]
         outcome = MISFIT
         if best.lenient_score <= guide.max_score:
             outcome = FITTED
-            if guide.gaussian:
-                moments = gaussian_posterior(minima[0])
-            else:
-                moments = whole_posterior(problem, minima)
+            moments = laplace(minima[0]) if guide.gaussian else whole_posterior(problem, minima)
             pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
             covariance = best.stretch * moments.covariance
-            if nodes < LEAST_NODES or not cholesky(covariance.copy()):
+            if not np.isfinite(evidence) or not cholesky(covariance.copy()):
                 outcome = NO_COVARIANCE
             if len(minima) > 1:
                 runner_up = minima[1].parts[POSE, :5].copy()

@@ -133,23 +133,7 @@ def weighed(
 
 
 def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, float]:
-    """Return what different kinds of frame make of one image together.
-
-    Parameters
-    ----------
-    frames
-        The image as each kind of frame, such as clear and shaded.
-    evidence
-        Logarithm of the probability of each, without constants in common; asked where a frame has
-        a pose.
-
-    Returns
-    -------
-    FrameResult
-        Of the most probable one, with the mean and the covariance of all that have a pose.
-    float
-        Probability of the first kind, in [0, 1].
-    """
+    """Return what different kinds of frame make of one image together."""
     fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
     if not fitted:
         return frames[0], 0.0

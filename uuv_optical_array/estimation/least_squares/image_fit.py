@@ -55,7 +55,7 @@ STARTS = 1024
 NEAR_STARTS, NEAREST = 512, 0.2
 LEAST_COUNTS = 1.0  # of its brightest reading, below which no fit starts from a pose
 # Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
-SURELY_CLEAR = 0.999
+SURELY_CLEAR = 0.994
 
 
 class Fitted(NamedTuple):
@@ -212,28 +212,28 @@ class ImageFit:
                 if clear > SURELY_CLEAR:
                     break
             frames.append(self._frame(of_image, guide, parameters))
-        found, clear = frames[0], 1.0
+        result, clear = frames[0], 1.0
         if len(frames) > 1:
-            found, clear = weighed(kinds, problems, frames)
-        if found.outcome == NO_START:
+            result, clear = weighed(kinds, problems, frames)
+        if result.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
-        if found.outcome == MISFIT:
-            raise self._misfit(found.score)
-        if found.outcome != FITTED:
+        if result.outcome == MISFIT:
+            raise self._misfit(result.score)
+        if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
         fitted = len(kinds[0].places)
         if expected is None or (guide.gaussian and len(expected.mean) == fitted):
-            return Fitted(found, clear, None)
+            return Fitted(result, clear, None)
         at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
-        near = self.near(readings, at, roll, found.stretch)
+        near = self.near(readings, at, roll, result.stretch)
         if len(expected.mean) > fitted and clear > 0:
             # What the clear fit was given is not known exactly.
             precision = block_diag(self._pose_precision, problems[0].nuisance_precision)
             slopes = near.pose_slopes(precision, self._constants.gain_std)
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
-            covariance = found.covariance + 0.5 * (spread + spread.T)
-            found = found._replace(covariance=covariance)
-        return Fitted(found, clear, near)
+            covariance = result.covariance + 0.5 * (spread + spread.T)
+            result = result._replace(covariance=covariance)
+        return Fitted(result, clear, near)
 
     def near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
         """Return the likelihood of an image near a place, of pose and constants.
@@ -264,17 +264,17 @@ class ImageFit:
         bent = 0
         for readings in images.reshape(LOOKS, -1).astype(float):
             with suppress(NoPose):
-                found = self(readings).result
-                bent += found.nodes > BENT_NODES or not np.isnan(found.runner_up_score)
+                result = self(readings).result
+                bent += result.nodes > BENT_NODES or not np.isnan(result.runner_up_score)
         return bent < LOOKS / 3
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def saturated(self, roll: float) -> SaturatedPosterior:
         """Return what an image with every reading at full scale says; raises as a call does."""
-        found = saturated_posterior(self._model, self._prior, roll)
-        if found.score > self.guide.max_score:
-            raise self._misfit(found.score)
-        return found
+        result = saturated_posterior(self._model, self._prior, roll)
+        if result.score > self.guide.max_score:
+            raise self._misfit(result.score)
+        return result
 
     def _misfit(self, score: float) -> NoPose:
         return NoPose(

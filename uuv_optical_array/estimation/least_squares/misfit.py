@@ -20,19 +20,7 @@ DENSITY = 1 / math.sqrt(2 * math.pi)
 
 @law
 def cut_moments(inside: Any) -> tuple[Any, Any]:
-    """Return mean square and mean fourth power of a normal that is cut off at a limit.
-
-    Parameters
-    ----------
-    inside
-        How far the mean is inside the limit, in standard deviations; negative: beyond it, and then
-        what the limit leaves counts from the limit.
-
-    Returns
-    -------
-    square, fourth
-        Of ``max(z, -inside)`` for a standard normal z; inside < 0: of ``max(z - |inside|, 0)``.
-    """
+    """Return mean square and mean fourth power of a normal that is cut off at a limit."""
     a = minimum(abs(inside), 35.0)
     square_a, density = a * a, DENSITY * exp(-0.5 * a * a)
     beyond = exp(log_ndtr(-a))
@@ -67,21 +55,7 @@ def residual_moments(light: Any, std: Any, noise: ReadingNoise) -> tuple[Any, An
 
 @law
 def chi_square_shape(mean: Any, variance: Any) -> tuple[Any, Any]:
-    """Return the mean of a sum of squares that a fit leaves, and the spread of its cube root.
-
-    Parameters
-    ----------
-    mean, variance
-        Of the sum before the fit.
-
-    Returns
-    -------
-    left
-        Mean after it, >= 1.
-    spread
-        Variance of the cube root of the sum over its mean (E. Wilson and M. Hilferty, 1931, Proc.
-        Nat. Acad. Sci. 17, 684).
-    """
+    """Return the mean of a sum of squares that a fit leaves, and the spread of its cube root."""
     left = maximum(mean - FITTED, 1.0)
     return left, maximum(variance - 2 * FITTED, 2.0) / (9 * left * left)
 

@@ -11,12 +11,14 @@ negligible: over an ellipse, a banana, or the ring of attitudes that a planar ar
 apart. A sum over a lattice whose spacing is 1.5 standard deviations integrates a Gaussian to 1e-4,
 and its variance to half a percent.
 
-Where the posterior is nearly a Gaussian of the attitude, Gauss and Hermite's rule of three by three
-nodes does the same with a third of the nodes: it is exact for a Gaussian times a polynomial of
-degree five (M. Abramowitz and I. Stegun, *Handbook of Mathematical Functions*, 1964, 25.4.46).
+Where the posterior is nearly a Gaussian of the attitude, too, nine nodes of Gauss and Hermite's
+rule tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
+Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole needs no node and
+serves to compare hypotheses; as a covariance it is overconfident, most in bright light.
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +29,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,
     INFORMATION,
+    POSE,
     POSE_SLOPES,
     VOLUME_SLOPES,
     Problem,
@@ -39,9 +42,12 @@ SPACING = 1.6  # of the lattice, in standard deviations at the minimum
 LONGEST = 0.5  # its step, rad: as far as a lattice of attitudes can step and still see anything
 # Logarithm of the posterior over that of a Gaussian, up to which it is nearly one.
 NEARLY = 0.6
+MINIMUM: Any = np.int64(0)  # the first node; of NumPy's kind, as Numba compiles anew for a literal
+LOG_2PI = math.log(2 * math.pi)
 COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer lattice
 WEIGHTY = 4.0  # below the largest weight's logarithm, down to where that is asked
 NEGLIGIBLE = 7.5  # below it, from where nodes are left out
+LEAST_NODES = 5  # below which there is no covariance
 MOST_NODES = 1200
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
 FINER = 4  # times the lattice may be made finer
@@ -159,22 +165,7 @@ def ordered(place: int, rest: int) -> int:
 
 
 def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) -> float:
-    """Integrate all but the attitude by Laplace's approximation about a state.
-
-    Parameters
-    ----------
-    problem, state
-        The posterior, and what it is near the conditional mean.
-    lattice
-        Where the result goes.
-    node
-        At this place.
-
-    Returns
-    -------
-    float
-        Decrement of what is left of the way to the conditional mean.
-    """
+    """Integrate all but the attitude by Laplace's approximation about a state."""
     parts = state.parts
     size = parts.shape[1]
     rest = size - 2
@@ -240,15 +231,7 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
 
 
 def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
-    """Return the steps of a lattice along the axes of a Gaussian, and the logarithm of a cell.
-
-    Parameters
-    ----------
-    curvature
-        Of the Gaussian's logarithm, as a `Lattice` has it, shape ``(3,)``.
-    round_shape
-        Whether both steps are to be as long as the shorter one.
-    """
+    """Return the steps of a lattice along the axes of a Gaussian, and the logarithm of a cell."""
     half, apart = 0.5 * (curvature[0] + curvature[2]), 0.5 * (curvature[0] - curvature[2])
     turn = np.hypot(apart, curvature[1])
     angle = 0.5 * np.arctan2(curvature[1], apart)
@@ -305,8 +288,8 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
                 )
             count += 1
         # The next neighbour, of a node that counts, which may count too.
-        found = False
-        while not found and done < 4 * count:
+        has_next = False
+        while not has_next and done < 4 * count:
             parent, way = done // 4, done % 4
             done += 1
             if logs[parent] < largest - NEGLIGIBLE:
@@ -333,10 +316,11 @@ def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMom
                 overflow = True
                 continue
             write_node(problem, start, lattice, count)
-            found = True
-        if not found:
+            has_next = True
+        if not has_next:
             break
-    logs[count:] = -np.inf
+    for i in range(count, most):
+        logs[i] = -np.inf
     coarseness = np.zeros(2)
     for k in range(2):
         # Where the slope of the light jumps the posterior is narrower than its curvature says.
@@ -381,25 +365,13 @@ def moments_of(lattice: Lattice, logs: Array) -> PosteriorMoments:
     return PosteriorMoments(largest + np.log(whole), mean, second, nodes)
 
 
-def nearly_gaussian(problem: Problem, basis: Array, lattice: Lattice) -> PosteriorMoments:
-    """Integrate a posterior by Gauss and Hermite's rule where it is nearly a Gaussian.
+def by_nine_nodes(problem: Problem, basis: Array, lattice: Lattice) -> PosteriorMoments:
+    """Integrate by Gauss and Hermite's rule about the first node, per cell of the lattice.
 
-    Parameters
-    ----------
-    problem
-        The posterior.
-    basis
-        Of the Gaussian at the first node, as `basis_of` returns it.
-    lattice
-        Its first node, and room for the others.
-
-    Returns
-    -------
-    PosteriorMoments
-        Per cell of the lattice; without nodes, and the lattice with its first one alone, where the
-        posterior is no such Gaussian.
+    Without nodes, and the lattice with its first one alone, where a logarithm there is off that of
+    the Gaussian by `NEARLY` or more.
     """
-    logs, node = np.empty(9), 0
+    logs, node = np.empty(9), MINIMUM
     start, step = np.empty(lattice.ats.shape[1]), np.sqrt(3.0) / SPACING
     logs[0] = np.log(16 / 36)
     for i in range(-1, 2):
@@ -408,12 +380,13 @@ def nearly_gaussian(problem: Problem, basis: Array, lattice: Lattice) -> Posteri
                 continue
             u = step * (i * basis[0, 0] + j * basis[0, 1])
             v = step * (i * basis[1, 0] + j * basis[1, 1])
-            write_start(lattice, 0, u, v, start)
+            write_start(lattice, MINIMUM, u, v, start)
             node += 1
             write_node(problem, start, lattice, node)
             over = lattice.logs[node] - lattice.logs[0] + 1.5 * (i * i + j * j)
             if not abs(over) < NEARLY:
-                lattice.logs[1:] = -np.inf
+                for k in range(1, node + 1):
+                    lattice.logs[k] = -np.inf
                 return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
             logs[node] = over + np.log((4 if i == 0 or j == 0 else 1) / 36)
     moments = moments_of(lattice, logs)
@@ -460,6 +433,33 @@ def is_covered(parts: Array, lattice: Lattice) -> bool:
     return False
 
 
+def laplace(state: State) -> PosteriorMoments:
+    """Return the moments of a posterior by Laplace's approximation about a minimum."""
+    parts = state.parts
+    size = parts.shape[1]
+    factor, spread = zeros(size, size, state.cost), zeros(5, size, state.cost)
+    covariance = np.full((5, 5), np.nan)
+    for i in range(size):
+        for j in range(i + 1):
+            factor[i, j] = parts[INFORMATION + i, j]
+    if not cholesky(factor):
+        return PosteriorMoments(-np.inf, parts[POSE, :5].copy(), covariance, 0)
+    # As of a lattice, whose sum is over the attitude.
+    log_weight = state.log_volume - state.cost + LOG_2PI
+    for i in range(size):
+        log_weight -= np.log(factor[i, i])
+    for i in range(5):
+        for k in range(5):
+            spread[i, k] = parts[POSE_SLOPES + i, k]
+        solve_lower(factor, spread[i])
+        for j in range(i + 1):
+            shared = 0.0
+            for k in range(size):
+                shared += spread[i, k] * spread[j, k]
+            covariance[i, j] = covariance[j, i] = shared
+    return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, 0)
+
+
 def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum.
 
@@ -478,17 +478,18 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
         With a weight of -inf where the image leaves no finite posterior.
     """
     lattice = unowned(lattice)
-    write_node(problem, minimum, lattice, 0)
+    write_node(problem, minimum, lattice, MINIMUM)
     if not np.isfinite(lattice.logs[0]):
         return PosteriorMoments(-np.inf, np.zeros(5), np.zeros((5, 5)), 0)
     basis, log_cell = basis_of(lattice.curvatures[0], problem.frame.share > 0)
     longest = max(np.hypot(basis[0, 0], basis[1, 0]), np.hypot(basis[0, 1], basis[1, 1]))
     # The posterior of a planar array may go on in a ring.
     if problem.frame.share == 0 and longest < LONGEST:
-        nearly = nearly_gaussian(problem, basis, lattice)
-        if nearly.nodes > 0:
-            log_weight = nearly.log_weight + log_cell
-            return PosteriorMoments(log_weight, nearly.mean, nearly.covariance, nearly.nodes)
+        near = by_nine_nodes(problem, basis, lattice)
+        if near.nodes > 0:
+            return PosteriorMoments(
+                near.log_weight + log_cell, near.mean, near.covariance, near.nodes
+            )
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
         if coarseness[0] < 0:
@@ -507,6 +508,5 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
         else:
             break
         moments, coarseness = fill(problem, basis, lattice)
-    return PosteriorMoments(
-        moments.log_weight + log_cell, moments.mean, moments.covariance, moments.nodes
-    )
+    log_weight = moments.log_weight + log_cell if moments.nodes >= LEAST_NODES else -np.inf
+    return PosteriorMoments(log_weight, moments.mean, moments.covariance, moments.nodes)

@@ -36,7 +36,7 @@ from uuv_optical_array.forward.optics import (
 )
 
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
-MOST_STEPS = 40
+MOST_STEPS: Any = np.int64(40)  # of NumPy's kind, as Numba compiles anew for each literal
 # Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
 # leaves is second order of that.
 ARRIVED = 5e-3
@@ -45,7 +45,7 @@ USUAL, UNUSUAL = 2.326, 3.09
 # What the model does not know of bends the pose more than the readings: a doubt is taken as far.
 DOUBT = 4
 LENIENCE = 4.0  # times the variance of unknown gains
-# Rows of the parts of a state, see its properties.
+# Rows of the parts of a state.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 
 
@@ -107,42 +107,15 @@ class State(NamedTuple):
     log_volume
         Logarithm of the volume of poses that a unit volume of the coordinates holds.
     parts
-        All else, in rows as above: one array is made and freed faster than six.
+        All else, in rows as above, as one array is made and freed faster than six: coordinates and
+        nuisances; slopes of the opposite of the cost; pose, m and rad; slopes of `log_volume`;
+        five rows of the pose's slopes by the coordinates; information of Gauss-Newton, prior
+        included. Shape ``(9 + p, p)``.
     """
 
     cost: float
     log_volume: float
     parts: Array
-
-    @property
-    def at(self) -> Array:
-        """Coordinates, then nuisances, shape ``(p,)``."""
-        return self.parts[AT]
-
-    @property
-    def gradient(self) -> Array:
-        """Slopes of the opposite of the cost, shape ``(p,)``."""
-        return self.parts[GRADIENT]
-
-    @property
-    def information(self) -> Array:
-        """That of Gauss-Newton, prior included, shape ``(p, p)``."""
-        return self.parts[INFORMATION:]
-
-    @property
-    def pose(self) -> Array:
-        """The pose, m and rad, shape ``(5,)``."""
-        return self.parts[POSE, :5]
-
-    @property
-    def pose_slopes(self) -> Array:
-        """Slopes of the pose by the coordinates, shape ``(5, 5)``."""
-        return self.parts[POSE_SLOPES:INFORMATION, :5]
-
-    @property
-    def log_volume_slopes(self) -> Array:
-        """Slopes of `log_volume` by the coordinates, shape ``(5,)``."""
-        return self.parts[VOLUME_SLOPES, :5]
 
 
 def problem_of(
@@ -177,17 +150,7 @@ def problem_of(
 
 
 def normal_equations(image: Any, likelihood: Any, parts: Any) -> None:
-    """Write what readings say to gradient and information.
-
-    Parameters
-    ----------
-    image
-        Light and its slopes, shape ``(1 + p, n)``.
-    likelihood
-        Values, scores and curvatures, as `likelihood.gaussian`, shape ``(3, n)``.
-    parts
-        Of the `State`.
-    """
+    """Write what readings say to gradient and information."""
     size, n = parts.shape[1], image.shape[1]
     weighted = workspace(1, likelihood[0, 0], n)
     for q in range(size):
@@ -296,7 +259,8 @@ def propose(problem: Problem, state: State, damping: float) -> tuple[Array, floa
         for i in range(size):
             excess = max(excess, abs(there[i]) / problem.reach[i])
     else:
-        there[:] = 0.0
+        for i in range(size):
+            there[i] = 0.0
     for i in range(size):
         there[i] = parts[AT, i] + there[i] / excess
     return there, decrement

@@ -114,23 +114,7 @@ def settle_ties(
     high: Any,
     centres: Any,
 ) -> None:
-    """Choose among the brightest detectors of an image the one nearest their centroid.
-
-    Parameters
-    ----------
-    readings, side
-        As in `write_parameters`.
-    i
-        The image, or those with ties.
-    brightest
-        Largest reading, shape ``(m,)``.
-    places
-        Result: row-major place of the detector, shape ``(m,)``.
-    wide, high
-        Results: more than 0 where the top is more than a detector wide or high.
-    centres
-        Result: column and row of the centroid, shape ``(2, m)``.
-    """
+    """Choose among the brightest detectors of an image the one nearest their centroid."""
     top = brightest[i]
     tops, column_sum, row_sum = 0 * top, 0 * top, 0 * top
     for k in range(side * side):

@@ -168,13 +168,7 @@ class FrozenFrames:
             )
 
     def log_chance(self, readings: Array) -> float:
-        """Return the logarithm of the chance that honest readings repeat, at most.
-
-        Parameters
-        ----------
-        readings
-            Counts, any shape.
-        """
+        """Return the logarithm of the chance that honest readings repeat, at most."""
         noise = self._model.analogue_noise
         variance = reading_variance(readings, noise)
         chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * variance))

@@ -165,12 +165,12 @@ class SpectralIndex:
             return self._ranked(unit_vectors(query), k)
         unit = _unit_vector(query)
         if k < len(self._units):
-            chords, found = self._tree.query(unit, k + 1)
+            chords, neighbours = self._tree.query(unit, k + 1)
             # Where all are clearly apart they are in order, and up to 60 deg the chord, taken by
             # itself, is as good as the stable angle.
             least = np.minimum.reduce(chords[1:] - chords[:-1])
             if chords[-1] < 1 and least > chords[-1] * (APART - 1) + ROUNDING:
-                return 2 * np.arcsin(chords[:k] / 2), self._rows[found[:k]]
+                return 2 * np.arcsin(chords[:k] / 2), self._rows[neighbours[:k]]
         angles, rows = self._ranked(unit[None], k)
         return angles[0], rows[0]
 
@@ -182,17 +182,17 @@ class SpectralIndex:
             fetch, unsettled = min(fetch, len(self._units)), []
             step = max(1, CANDIDATES // fetch)
             for part in (pending[i : i + step] for i in range(0, len(pending), step)):
-                chords, found = self._tree.query(units[part], fetch)
-                chords, found = chords.reshape(-1, fetch), found.reshape(-1, fetch)
+                chords, neighbours = self._tree.query(units[part], fetch)
+                chords, neighbours = chords.reshape(-1, fetch), neighbours.reshape(-1, fetch)
                 # Until the last one fetched is clearly farther, a tie may lie outside.
                 settled = chords[:, -1] > chords[:, k - 1] * APART + ROUNDING
                 settled |= fetch == len(self._units)
-                found, own = found[settled], part[settled]
-                stable = _angle_between_units(self._units[found], units[own, None])
-                found = self._rows[found]
-                order = np.lexsort((found, stable))[:, :k]
+                neighbours, own = neighbours[settled], part[settled]
+                stable = _angle_between_units(self._units[neighbours], units[own, None])
+                neighbours = self._rows[neighbours]
+                order = np.lexsort((neighbours, stable))[:, :k]
                 angles[own] = np.take_along_axis(stable, order, axis=1)
-                rows[own] = np.take_along_axis(found, order, axis=1)
+                rows[own] = np.take_along_axis(neighbours, order, axis=1)
                 unsettled.append(part[~settled])
             pending, fetch = np.concatenate(unsettled), 4 * fetch
         return angles, rows

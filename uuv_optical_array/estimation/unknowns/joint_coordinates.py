@@ -66,26 +66,16 @@ def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
 
 def coordinates_of(joint: Joint, at: Any) -> Any:
     """Return the coordinates of pose and constants, shape ``(5 + q,)`` both."""
-    found, own = at.copy(), from_pose(frame_with(joint, at), at, 0.0)
+    coordinates, own = at.copy(), from_pose(frame_with(joint, at), at, 0.0)
     for i in range(5):
-        found[i] = own[i]
+        coordinates[i] = own[i]
     if joint.power >= 0:
-        found[LOG_ATTENUATION] -= 0.5 * at[joint.power]
-    return found
+        coordinates[LOG_ATTENUATION] -= 0.5 * at[joint.power]
+    return coordinates
 
 
 def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
-    """Write pose and constants at coordinates, and their slopes by them.
-
-    Parameters
-    ----------
-    joint, coordinates
-        As in `coordinates_of`, which this turns round.
-    at
-        Result, given as `coordinates`.
-    slopes
-        Result, given as the unit matrix, shape ``(5 + q, 5 + q)``.
-    """
+    """Write pose and constants at coordinates, and their slopes by them."""
     frame, own = frame_with(joint, coordinates), coordinates.copy()
     if joint.power >= 0:
         own[LOG_ATTENUATION] += 0.5 * coordinates[joint.power]

@@ -1,5 +1,6 @@
 """The page of the live view, in plain numbers and in a real Chromium."""
 
+import re
 import socket
 import sys
 import time
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, known
+from uuv_optical_array.view.page import Page, Slider, known, words
 from uuv_optical_array.view.shapes import ellipsoid
 from uuv_optical_array.view.sight import WINDOW_S, Sight, Window
 
@@ -81,6 +82,16 @@ def test_a_chart_gets_what_is_known_whole():
     t_s, value, other = known(np.arange(2.0), np.array([1.0, 2.0]), np.array([np.nan, 1.0]))
     assert len(t_s) == 2
     assert np.isnan([value, other]).all()
+
+
+def test_the_numbers_are_in_metres_and_degrees():
+    rows = [re.findall(r"<td[^>]*>([^<]*)", row) for row in words(sight(0.0)).split("<tr>")[2:]]
+    assert rows == [
+        ["true", "-6.00", "+0.30", "-0.20", "+5.7", "+177.6"],
+        ["estimate", "-6.10", "+0.30", "-0.20", "+5.7", "-176.7"],
+        ["sigma", "0.20", "0.10", "0.05", "0.6", "1.1"],
+    ]
+    assert len(words(sight(0.0, pose=None, covariance=None)).split("<tr>")) == 3
 
 
 def test_without_viser_it_says_what_to_install(scene, monkeypatch):
@@ -163,8 +174,8 @@ def test_a_browser_shows_numbers_charts_image_and_leader_and_moves_a_slider(page
             page.show(sight(0.1 * i, note="no light: it is off"))
         charts = browser.until(CHARTS)
         text = browser.until("document.body.innerText.includes('2.9 s') && document.body.innerText")
-        for words in ("a test", "K (1/m)", "x (m)", "estimate less truth", "no light: it is off"):
-            assert words in text
+        for line in ("a test", "K (1/m)", "x (m)", "estimate less truth", "no light: it is off"):
+            assert line in text
         assert "brightest detector 400 counts" in text
         assert "-6.10" in text  # the estimate of x
         (light,) = (data for data in charts if len(data) == 2)

@@ -58,7 +58,7 @@ def fill_cache(settings: dict[str, Any]) -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_the_other, daemon=True).start()
-    os.nice(19)  # frames come first
+    os.nice(5)  # frames come first
     compile_fit(scene_from_settings(settings, "scene"))
 
 

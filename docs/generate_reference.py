@@ -12,7 +12,8 @@ import json
 import pkgutil
 import re
 import typing
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ import uuv_optical_array
 from uuv_optical_array import nodes
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.commands.scenes import schema_text
-from uuv_optical_array.core.settings import Setting, Span, declared
+from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import GROUPS
@@ -72,39 +73,78 @@ def node_modules() -> Iterator[tuple[str, Any]]:
 
 def parameters() -> list[str]:
     """Return the page of the node parameters and of the launch arguments."""
+    nodes_of: dict[str, list[Any]] = {}
+    for _, module in node_modules():
+        for key, parameter in getattr(module, "PARAMETERS", {}).items():
+            nodes_of.setdefault(key, []).append(parameter)
+    common = {
+        key: parameters[0]
+        for key, parameters in nodes_of.items()
+        if len(parameters) > 1 and all(other == parameters[0] for other in parameters)
+    }
     parts = [
         "# Node parameters",
         "Names carry the unit. `config/follow.yaml` lists every default, commented out, and says "
-        "when to change it; a parameter file changes what it sets and nothing else.",
+        "when to change it; a parameter file changes what it sets and nothing else. A parameter "
+        "with a star is fixed when its node starts; the others can be set while it runs.",
+        "## Common parameters",
+        "Several nodes have these; each section names its own.",
+        parameter_table(common),
     ]
     for name, module in node_modules():
-        rows = []
-        for key, parameter in getattr(module, "PARAMETERS", {}).items():
-            words = " or ".join(f"`{choice}`" for choice in parameter.choices)
-            bounded = not isinstance(parameter.default, bool | str)
-            rows.append(
-                (
-                    f"`{key}`",
-                    f"`{json.dumps(parameter.default)}`",
-                    parameter.quantity.bounds() if bounded else words,
-                    "fixed" if parameter.read_only else "adjustable",
-                    parameter.quantity.text,
-                )
-            )
-        heads = ("parameter", "default", "bounds", "at run time", "meaning")
-        own = [table(heads, rows)] if rows else ["Its parameters are those of its parts."]
-        parts += [f"## `{name}`", first_sentence(module.__doc__) + ".", *own]
+        declarations = getattr(module, "PARAMETERS", {})
+        own = {key: value for key, value in declarations.items() if key not in common}
+        shared = ", ".join(f"`{key}`" for key in declarations if key in common)
+        parts += [f"## `{name}`", first_sentence(module.__doc__) + "."]
+        parts += [f"Common parameters: {shared}."] if shared else []
+        parts.append(parameter_table(own) if own else "Its parameters are those of its parts.")
+    described: set[tuple[str, str]] = set()
     for name, arguments in launch_arguments():
         rows = [
-            (f"`{key}`", f"`{default}`" if default else "", text)
+            (f"`{key}:={default}`" if default else f"`{key}`", text)
             for key, (default, text) in arguments.items()
+            if (key, text) not in described
         ]
+        again = [f"`{key}`" for key, (_, text) in arguments.items() if (key, text) in described]
+        described |= {(key, text) for key, (_, text) in arguments.items()}
         parts += [
             f"## Arguments of `{name}`",
-            "An argument without a default leaves the parameter as it is.",
-            table(("argument", "default", "meaning"), rows),
+            "An argument without a default leaves the parameter as it is."
+            + (f" {', '.join(again)} are as above." if again else ""),
+            table(("argument", "meaning"), rows),
         ]
     return parts
+
+
+def parameter_table(declarations: Mapping[str, Any]) -> str:
+    """Return a table of node parameters."""
+    rows = []
+    for key, parameter in declarations.items():
+        default = f"`{json.dumps(parameter.default)}`"
+        if parameter.choices:
+            values = choice(parameter.choices)
+        elif isinstance(parameter.default, bool | str):
+            values = ""
+        else:
+            values = bounds(parameter.quantity)
+        star = r" \*" if parameter.read_only else ""
+        rows.append((f"`{key}`{star}", allowed(values, default), parameter.quantity.text))
+    return table(("parameter", "default; values", "meaning"), rows)
+
+
+def bounds(quantity: Quantity) -> str:
+    """Return the bounds of a quantity for a cell."""
+    return quantity.bounds().removeprefix("from ")
+
+
+def choice(words: Iterable[str]) -> str:
+    """Return the words that a setting may be."""
+    return ", ".join(f"`{word}`" for word in words)
+
+
+def allowed(values: str, default: str) -> str:
+    """Return a default and the values that are allowed, where there are any."""
+    return "; ".join(filter(None, (default, values)))
 
 
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
@@ -149,9 +189,13 @@ def all_topics() -> list[Topic]:
 
 def topics() -> list[str]:
     """Return the page of the topics."""
+    nodes_of: dict[tuple[str, str], tuple[list[str], list[str]]] = {}
+    for node, published, name, kind in all_topics():
+        publishers, subscribers = nodes_of.setdefault((name, kind), ([], []))
+        (publishers if published else subscribers).append(f"`{node}`")
     rows = [
-        (f"`{node}`", "publishes" if published else "subscribes", f"`{name}`", kind)
-        for node, published, name, kind in all_topics()
+        (f"`{name}`", kind, ", ".join(publishers), ", ".join(subscribers))
+        for (name, kind), (publishers, subscribers) in sorted(nodes_of.items())
     ]
     return [
         "# Topics",
@@ -160,7 +204,7 @@ def topics() -> list[str]:
         "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
         "parameter `publish_tf` publish `/tf` on request. A name in brackets follows from "
         "parameters.",
-        table(("node", "", "topic", "type"), rows),
+        table(("topic", "type", "published by", "subscribed by"), rows),
     ]
 
 
@@ -177,8 +221,7 @@ def diagnostics() -> list[str]:
         ("Warnings that last", reasons.WARNINGS),
         ("Errors", reasons.ERRORS),
     ):
-        rows = [(f"`{kind}`", reason.cause, reason.cure) for kind, reason in kinds.items()]
-        parts += [f"## {heading}", table(("text begins with", "cause", "cure"), rows)]
+        parts += [f"## {heading}", *reason_tables(kinds)]
     return [
         *parts,
         "## Values",
@@ -188,21 +231,53 @@ def diagnostics() -> list[str]:
     ]
 
 
-def options_table(parser: argparse.ArgumentParser) -> str:
-    """Return the options of a command."""
-    rows = []
+def reason_tables(kinds: Mapping[str, reasons.Reason]) -> list[str]:
+    """Return a table of reasons, and one below each cure that many of them share."""
+    counts = Counter(reason.cure for reason in kinds.values())
+    common = [cure for cure, count in counts.items() if count > 2]
+    rows = [
+        (f"`{kind}`", reason.cause, reason.cure)
+        for kind, reason in kinds.items()
+        if reason.cure not in common
+    ]
+    parts = [table(("text begins with", "cause", "cure"), rows)]
+    for cure in common:
+        rows = [
+            (f"`{kind}`", reason.cause) for kind, reason in kinds.items() if reason.cure == cure
+        ]
+        parts += [f"All of these have one cure. {cure}", table(("text begins with", "cause"), rows)]
+    return parts
+
+
+def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
+    """Return the meaning of each argument of a command, by its flags and the name of its value."""
+    options = {}
     for action in parser._actions:
         if isinstance(action, argparse._HelpAction):
             continue
-        name = ", ".join(f"`{flag}`" for flag in action.option_strings) or f"`{action.dest}`"
-        values = action.metavar or ("" if action.nargs == 0 else action.dest.upper())
-        if isinstance(values, tuple):
-            values = " ".join(values)
-        words = action.choices or ([values] if action.option_strings and values else [])
-        shown = " or ".join(f"`{word}`" for word in words)
+        if action.choices:
+            words = " | ".join(action.choices)
+        elif action.nargs == 0 or not action.option_strings:
+            words = ""
+        else:
+            metavar = action.metavar or action.dest.upper()
+            words = metavar if isinstance(metavar, str) else " ".join(metavar)
+        names = ", ".join(action.option_strings) or action.dest
         text = (action.help or "") % {**vars(action), "prog": parser.prog}
-        rows.append((name, shown, text.replace("<", "&lt;")))
-    return table(("option", "value", "meaning"), rows)
+        options[f"{names} {words}".strip()] = text.replace("<", "&lt;")
+    return options
+
+
+def option_list(options: Mapping[str, str]) -> str:
+    """Return options with their meanings."""
+    return "\n".join(f"- `{name}`: {text}" for name, text in options.items())
+
+
+def without_default(text: str) -> tuple[str, str]:
+    """Return the help of an option without its default, and the default or nothing."""
+    found = re.fullmatch(r"(.*?)(?: \(default: (.*)\))?", text)
+    assert found is not None
+    return found[1], found[2] or ""
 
 
 def command_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -217,22 +292,52 @@ def command_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.Argume
 
 def commands() -> list[str]:
     """Return the page of the commands."""
+    parsers = list(command_parsers(build_parser()))
+    help_of: dict[str, Counter[str]] = {}
+    for parser in parsers:
+        for name, text in options_of(parser).items():
+            help_of.setdefault(name, Counter())[without_default(text)[0]] += 1
+    # The options that most often mean the same.
+    common = {}
+    for name, texts in help_of.items():
+        text, count = texts.most_common(1)[0]
+        if count > 2:
+            common[name] = text
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
-        "`.venv/bin/uuv_array COMMAND`. `--help` prints what stands here.",
+        "`.venv/bin/uuv_array COMMAND`. `--help` also prints examples. The exit code is 0 after "
+        "success, 1 where the answer is no, 2 for a bad value, and 130 after Ctrl-C, which ends "
+        "a study early with what is measured.",
+        "## Common options",
+        option_list(common),
     ]
-    for parser in command_parsers(build_parser()):
-        described = parser.description.replace("<", "&lt;")
-        parts += [f"## `{parser.prog}`", described, options_table(parser)]
-        if parser.epilog:
-            parts.append(f"```text\n{parser.epilog}\n```")
+    for parser in parsers:
+        own, shared = {}, []
+        for name, text in options_of(parser).items():
+            meaning, default = without_default(text)
+            if common.get(name) == meaning:
+                shared.append(
+                    f"`{name.split(',')[0].split()[0]}`" + f" ({default})" * bool(default)
+                )
+            else:
+                own[name] = text
+        parts += [f"## `{parser.prog}`", parser.description.replace("<", "&lt;")]
+        parts += [f"Common options, with their defaults: {', '.join(shared)}."] if shared else []
+        parts += [option_list(own)] if own else []
     return parts
 
 
-def limits_of(setting: Setting) -> str:
-    """Return the bounds of a setting, or its choices."""
-    return ", ".join(f"`{word}`" for word in setting.choices) or setting.quantity.bounds()
+def setting_rows(prefix: str, owner: Any) -> list[tuple[str, str, str]]:
+    """Return a row for each setting that a class or a function declares."""
+    return [
+        (
+            f"`{prefix}{key}`",
+            allowed(shown(setting.default), choice(setting.choices) or bounds(setting.quantity)),
+            setting.quantity.text,
+        )
+        for key, setting in declared(owner).items()
+    ]
 
 
 def shown(default: Any) -> str:
@@ -257,20 +362,16 @@ def scene() -> list[str]:
         "leads from its own folder. Mappings are merged, a list or value replaces the other "
         "scene's, and `null` takes away a setting, an effect or a group "
         "([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)). A `null` that takes nothing away "
-        "is refused. The table in the cache is that of the merged settings.",
+        "is refused.",
         "An editor with a YAML language server completes and checks scenes by the JSON schema "
         "`config/scene.schema.json`, which `uuv_array scenes --schema` prints, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     for group, owner in GROUPS.items():
-        rows = [
-            (f"`{key}`", limits_of(setting), shown(setting.default), setting.quantity.text)
-            for key, setting in declared(owner).items()
-        ]
         parts += [
             f"## `{group}`",
             first_sentence(owner.__doc__) + ".",
-            table(("key", "bounds", "default", "meaning"), rows),
+            table(("key", "default; values", "meaning"), setting_rows("", owner)),
         ]
     keys = list(dict.fromkeys(key for values in PRIORS.values() for key in values))
     parts += [
@@ -300,9 +401,7 @@ def effects() -> list[str]:
         kinds = inspect.signature(effect.function).return_annotation
         form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
         laws.append((f"`{name}`", law, form, "; ".join(dict.fromkeys(sources))))
-        for key, setting in declared(effect.function).items():
-            about = limits_of(setting), shown(setting.default), setting.quantity.text
-            settings.append((f"`{name}`", f"`{key}`", *about))
+        settings += setting_rows(f"{name}.", effect.function)
     return [
         "# Effects",
         "Only the effects that a scene names are simulated, in this physical order. "
@@ -311,28 +410,27 @@ def effects() -> list[str]:
         table(("effect", "law", "form", "source"), laws),
         "## Settings",
         "A setting without a default must be given, except where there are several ways.",
-        table(("effect", "setting", "bounds", "default", "meaning"), settings),
+        table(("setting", "default; values", "meaning"), settings),
     ]
 
 
 def mismatches() -> list[str]:
-    """Return the page of the kinds of mismatch."""
-    rows = [
-        (
-            f"`{kind.name}`",
-            kind.what,
-            "" if kind.times_prior is None else f"{kind.times_prior:.2g}",
-            kind.cure,
-        )
-        for kind in KINDS
-    ]
-    return [
+    """Return the page of the kinds of mismatch, by what to do about them."""
+    parts = [
         "# Kinds of mismatch",
         "How the sea can differ from the scene, as `uuv_array study robustness` "
-        "[measures it](../results/robustness.md), and what to do about it. The third column "
-        "is in standard deviations of a scene whose prior is `known: calibrated`.",
-        table(("kind", "what differs", "times the prior", "what to do"), rows),
+        "[measures it](../results/robustness.md), and below each group what to do about it. The "
+        "number in brackets is the mismatch in standard deviations of a prior that is "
+        "`known: calibrated`.",
     ]
+    for cure in dict.fromkeys(kind.cure for kind in KINDS):
+        lines = []
+        for kind in KINDS:
+            if kind.cure == cure:
+                times = "" if kind.times_prior is None else f" [{kind.times_prior:.2g}]"
+                lines.append(f"- `{kind.name}`{times}: {kind.what}")
+        parts += ["\n".join(lines), f"**To do:** {cure}"]
+    return parts
 
 
 def api() -> list[str]:
@@ -347,14 +445,14 @@ def api() -> list[str]:
         "at the port edge.",
         table(("public name", "what it is"), rows),
     ]
+    lines = ["```{eval-rst}"]
     for name, thing in found.items():
         kind = "autofunction"
         if inspect.isclass(thing):
             kind = "autoexception" if issubclass(thing, Exception) else "autoclass"
-        members = "\n:members:" if kind == "autoclass" else ""
-        home = f"{uuv_optical_array.__name__}.{name}"
-        parts.append(f"## `{name}`\n\n```{{eval-rst}}\n.. {kind}:: {home}")
-        parts[-1] += members.replace("\n", "\n   ") + "\n```"
+        lines.append(f".. {kind}:: {uuv_optical_array.__name__}.{name}")
+        lines += ["   :members:"] if kind == "autoclass" else []
+    parts.append("\n".join([*lines, "```"]))
     return parts
 
 

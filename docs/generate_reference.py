@@ -242,10 +242,9 @@ def reason_tables(kinds: Mapping[str, reasons.Reason]) -> list[str]:
     ]
     parts = [table(("text begins with", "cause", "cure"), rows)]
     for cure in common:
-        rows = [
-            (f"`{kind}`", reason.cause) for kind, reason in kinds.items() if reason.cure == cure
-        ]
-        parts += [f"All of these have one cure. {cure}", table(("text begins with", "cause"), rows)]
+        causes = [(f"`{kind}`", one.cause) for kind, one in kinds.items() if one.cure == cure]
+        heads = ("text begins with", "cause")
+        parts += [f"The cure of these is the same. {cure}", table(heads, causes)]
     return parts
 
 

@@ -59,7 +59,7 @@ def test_it_answers_as_it_stands_until_the_compiled_fit_takes_over(
         fcntl.flock(lock, fcntl.LOCK_EX)
         estimator = Estimator(scene)
         assert_same(estimator.estimate(images[0]), plain.estimate(images[0]))
-        assert estimator.state_of_fit == "as it stands, until it is compiled"
+        assert estimator.state_of_fit == "as it stands: it is being compiled"
     assert estimator.wait() is estimator
     assert estimator.state_of_fit == "compiled"
     assert_same(estimator.estimate(images[1]), plain.estimate(images[1]))

@@ -178,9 +178,6 @@ class Estimator:
         self._cell = np.diag(np.maximum(np.square(steps) / 12, 1e-8))
         self._model = ForwardModel(scene)
         self.constants = constants_of(self._model)
-        self._compiler: FitCompiler | None = None
-        self._failure = ""
-        self._compiled = bool(compiled)
         # Made now, so that the first frame takes no longer than the next.
         _ = self.linear if method == "least_squares" else self.table.index
 
@@ -190,48 +187,43 @@ class Estimator:
         return build_table(self._source) if isinstance(self._source, Scene) else self._source
 
     @cached_property
+    def _compiler(self) -> FitCompiler | None:
+        """What compiles the fit in the background; ``None`` where nothing is to be."""
+        return fit_compiler(self.scene) if self._asked is None else None
+
+    @cached_property
     def _own_fit(self) -> ImageFit:
         """The fit: made at once by its method, by the others at the first image."""
-        s = self.settings
-        if self._asked is None:
-            self._compiler = fit_compiler(self.scene)
-        return ImageFit(
-            self._model, self.constants, s.candidates, s.max_misfit, compiled=bool(self._asked)
-        )
+        s, compiled = self.settings, bool(self._asked)
+        return ImageFit(self._model, self.constants, s.candidates, s.max_misfit, compiled)
 
     @property
     def _fit(self) -> ImageFit:
         """The fit, compiled from when that is done."""
-        fit = self._own_fit
-        if self._compiler is not None and self._compiler.done:
-            if not self._compiler.failure:
-                fit.run(compiled=True)
-                self._compiled = True
-            self._failure, self._compiler = self._compiler.failure, None
+        fit, compiler = self._own_fit, self._compiler
+        if compiler is not None and compiler.done and not compiler.failure and not fit.compiled:
+            fit.run(compiled=True)
         return fit
 
     @property
     def state_of_fit(self) -> str:
         """How the fit runs: compiled, or as it stands and why, in words."""
-        _ = self._fit
-        if self._compiled:
+        if self._fit.compiled:
             return "compiled"
-        if self._compiler is not None:
-            return "as it stands, until it is compiled"
-        return f"as it stands: {self._failure or 'compiled is false'}"
+        if self._compiler is None:
+            return "as it stands"
+        return f"as it stands: {self._compiler.failure or 'it is being compiled'}"
 
     def wait(self) -> "Estimator":
         """Wait until the fit is compiled, where it is to be, and return the estimator itself.
 
         A warning of the log says how long that takes, where it is not compiled already.
         """
-        _ = self._fit
-        if self._compiler is not None:
+        if self._compiler is not None and not self._compiler.done:
             logging.getLogger(__name__).warning(
                 "compiling the fit; this takes about half a minute, once on a machine"
             )
             self._compiler.wait()
-        _ = self._fit
         return self
 
     @property

@@ -91,6 +91,8 @@ class ImageFit:
 
     Attributes
     ----------
+    compiled : bool
+        Whether it runs as Numba compiles it.
     guide : Guide
         Where fits start from and how far they go, unless they are told otherwise.
     """
@@ -147,6 +149,7 @@ class ImageFit:
             example = kinds[0].problem, self.guide, np.ones((5, 1))
             frame = compilation.prepare(estimate_frame, *example)
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
+        self.compiled = compiled
 
     def _starts(self, middle: Array, half: Array) -> tuple[Array, Array]:
         """Return poses that fits may start from, and their key parameters."""

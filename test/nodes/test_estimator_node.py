@@ -138,6 +138,8 @@ def test_a_bad_table_is_an_error_at_the_start_and_refused_at_run_time(
 ):
     path, words = bad_table
     asker = Asker(lab, scene_file, table=path)
+    assert lab.set(asker.node, "neighbours", 32).successful  # which mends nothing
+    assert lab.set(asker.node, "neighbours", 64).successful
     lab.deliver(asker.node, asker.clouds, asker.message(signatures[0], 1))
     lab.report(asker.node, ERROR, path, *words)
     result = lab.set(asker.node, "table", table_folder)

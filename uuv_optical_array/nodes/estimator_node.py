@@ -125,6 +125,7 @@ class EstimatorNode(Node):
         self.afterwards = Afterwards(self)
         self.diagnostics = Diagnostics(self)
         self.waiting: dict[int, dict[str, Any]] = {}
+        self.state_of_fit = ""
         self.roll_ns, self.roll_rad = 0, 0.0
         self.table: SignatureTable | None = None
         self.pipeline: Pipeline | None = None  # none while there is no table that it could search
@@ -314,6 +315,7 @@ class EstimatorNode(Node):
     ) -> None:
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
+        self.log_state_of_fit(pipeline.estimator)
         below_base = self.parameters["tf_parent"] == "base"
         if self.leaders.heard or below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
@@ -330,6 +332,12 @@ class EstimatorNode(Node):
         self.diagnostics.answer(
             stamp_ns(header), lambda: self.figures(pipeline.estimator, estimate, track)
         )
+
+    def log_state_of_fit(self, estimator: Estimator) -> None:
+        """Log how the fit runs, once for each change."""
+        if estimator.settings.method == FIT and estimator.state_of_fit != self.state_of_fit:
+            self.state_of_fit = estimator.state_of_fit
+            self.get_logger().info(f"{FIT}: {self.state_of_fit}")
 
     def publish_track(self, track: Track, header: Header, roll: float) -> None:
         """Publish pose and twist of the track."""

@@ -38,6 +38,26 @@ WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
 SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
 # The same in parentheses, with whatever else stands there.
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
+# The page below docs/ that shows a command at work.
+READ_MORE = {
+    "follow": "tutorials/first_follow.md",
+    "view": "how_to/view.md",
+    "scenes": "tutorials/own_array.md",
+    "render": "results/scenes.md",
+    "limits": "explanation/light.md",
+    "calibrate": "tutorials/calibration.md",
+    "commission": "how_to/hardware.md",
+    "estimate": "how_to/replay.md",
+    "advise": "results/tradeoff.md",
+    "table": "how_to/tables.md",
+    "study accuracy": "results/accuracy.md",
+    "study robustness": "results/robustness.md",
+    "study drives": "results/drives.md",
+    "study tradeoff": "results/tradeoff.md",
+    "study design": "results/design_study.md",
+    "study paper": "results/paper.md",
+    "study approach": "results/approach.md",
+}
 
 
 class Topic(NamedTuple):
@@ -305,9 +325,9 @@ def commands() -> list[str]:
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
-        "`.venv/bin/uuv_array COMMAND`. `--help` also prints examples. The exit code is 0 after "
-        "success, 1 where the answer is no, 2 for a bad value, and 130 after Ctrl-C, which ends "
-        "a study early with what is measured.",
+        "`.venv/bin/uuv_array COMMAND`. `--help` of a command describes it in full, with "
+        "examples. The exit code is 0 after success, 1 if the result is negative, such as a lost "
+        "leader, 2 for a bad value, and 130 after Ctrl-C; a study then reports what it has.",
         "## Common options",
         option_list(common),
     ]
@@ -321,7 +341,10 @@ def commands() -> list[str]:
                 )
             else:
                 own[name] = text
-        parts += [f"## `{parser.prog}`", parser.description.replace("<", "&lt;")]
+        page = READ_MORE[parser.prog.removeprefix("uuv_array ")]
+        title = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        described = first_sentence(parser.description).replace("<", "&lt;")
+        parts += [f"## `{parser.prog}`", f"{described}. Page: [{title}](../{page})."]
         parts += [f"Common options, with their defaults: {', '.join(shared)}."] if shared else []
         parts += [option_list(own)] if own else []
     return parts

@@ -1,5 +1,6 @@
 """A vehicle's recent poses by time, so that two vehicles can be compared at one instant."""
 
+from bisect import bisect_left
 from collections import deque
 
 from scipy.spatial.transform import Rotation, Slerp
@@ -23,26 +24,18 @@ class Trajectory:
     max_gap_s
         Neighbours farther apart than this are not interpolated, s.
     length
-        Most poses on record.
+        Most poses on record; ``None``: all.
     """
 
-    def __init__(self, max_gap_s: float, length: int = 200) -> None:
+    def __init__(self, max_gap_s: float, length: int | None = 200) -> None:
         self.max_gap_s = max_gap_s
         self._samples: deque[tuple[int, Array, Array]] = deque(maxlen=length)
 
     def add(self, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> None:
         """Record a pose; of two with one stamp the later counts.
 
-        A stamp that goes back starts the record anew: the clock was reset.
-
-        Parameters
-        ----------
-        stamp_ns
-            Time, ns.
-        position
-            m, shape ``(3,)``.
-        quaternion_xyzw
-            Attitude, shape ``(4,)``, not zero.
+        A stamp that goes back starts the record anew: the clock was reset. The position is in m,
+        shape ``(3,)``; the quaternion is not zero.
         """
         if self._samples and stamp_ns < self._samples[-1][0]:
             self._samples.clear()
@@ -51,19 +44,9 @@ class Trajectory:
         self._samples.append((stamp_ns, position, quaternion_xyzw))
 
     def at(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Return position and rotation at an instant.
+        """Return position, m, and rotation matrix at an instant.
 
-        Parameters
-        ----------
-        stamp_ns
-            Time, ns.
-
-        Returns
-        -------
-        position : Array
-            m, shape ``(3,)``; linear between neighbours.
-        rotation : Array
-            Shape ``(3, 3)``; along the great arc between neighbours.
+        Between neighbours the position is linear, the rotation along the great arc.
 
         Raises
         ------
@@ -74,7 +57,7 @@ class Trajectory:
         """
         if not self._samples or stamp_ns > self._samples[-1][0]:
             raise TooEarly
-        later = next(i for i, sample in enumerate(self._samples) if sample[0] >= stamp_ns)
+        later = bisect_left(self._samples, stamp_ns, key=lambda sample: sample[0])
         stamp, position, quaternion = self._samples[later]
         if stamp == stamp_ns:
             return position, Rotation.from_quat(quaternion).as_matrix()

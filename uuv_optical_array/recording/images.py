@@ -92,29 +92,23 @@ class _Stream:
 
 
 class _Poses:
-    """The poses of a vehicle at ascending instants."""
+    """The poses of a vehicle."""
 
     def __init__(self, stream: _Stream, max_gap_s: float) -> None:
-        self._stream = stream
-        self._trajectory = Trajectory(max_gap_s)
-        self._waiting = iter(stream.by_stamp())
+        self._topic, self._trajectory = stream.topic, Trajectory(max_gap_s, length=None)
+        self._late = "it is later than every pose on record" if stream.samples else "there is none"
+        for stamp, pose in stream.by_stamp():
+            self._trajectory.add(stamp, *pose)
 
     def at(self, stamp: int) -> tuple[Array, Array]:
         """Return position and rotation; `Refused` where they are not known."""
         try:
-            while True:
-                try:
-                    return self._trajectory.at(stamp)
-                except TooEarly:
-                    later, pose = next(self._waiting)
-                    self._trajectory.add(later, *pose)
-        except StopIteration:
-            recorded = bool(self._stream.samples)
-            reason = "it is later than every pose on record" if recorded else "there is none"
+            return self._trajectory.at(stamp)
+        except TooEarly:
+            reason = self._late
         except LookupError as error:
-            reason = str(error)
-        kind = reason.partition(" of ")[0]  # without the length of a gap
-        raise Refused(f"no {self._stream.topic} at its stamp: {kind}")
+            reason = str(error).partition(" of ")[0]  # without the length of a gap
+        raise Refused(f"no {self._topic} at its stamp: {reason}")
 
 
 def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any]:

@@ -58,13 +58,7 @@ FLU_FRD = np.array([1.0, -1.0, -1.0])
 
 
 def flu_to_frd(vectors: Array) -> Array:
-    """Turn one or two vectors from x, left, up to x, right, down; it is its own inverse.
-
-    Parameters
-    ----------
-    vectors
-        Shape ``(3,)``, or linear and angular, ``(6,)``; of the body or of the world.
-    """
+    """Turn one or two vectors from x, left, up to x, right, down; it is its own inverse."""
     turned: Array = (vectors.reshape(-1, 3) * FLU_FRD).reshape(vectors.shape)
     return turned
 
@@ -86,12 +80,8 @@ def saturated(wrench: Array) -> Array:
 class BlueRov2(Vehicle):
     """A BlueROV2 Heavy that obeys a twist through the water as well as its autopilot can.
 
-    Parameters
-    ----------
-    position, pitch, yaw, sea
-        As of `Vehicle`.
-    limits
-        Within which the autopilot follows commands; the pitch has none of its own.
+    Parameters are those of `Vehicle`. The autopilot follows commands within the limits; the pitch
+    has none of its own.
     """
 
     def __init__(
@@ -99,10 +89,10 @@ class BlueRov2(Vehicle):
         position: ArrayLike,
         pitch: float = 0.0,
         yaw: float = 0.0,
-        limits: VehicleLimits | None = None,
+        limits: VehicleLimits = LIMITS,
         sea: Sea = STILL_SEA,
     ) -> None:
-        super().__init__(position, pitch, yaw, limits or LIMITS, sea)
+        super().__init__(position, pitch, yaw, limits, sea)
         self._velocity: Array = np.zeros(6)  # over ground, in the body's frame
         self._turned = np.zeros(3)  # integral of the missing turn rates, FRD, rad
 

@@ -61,18 +61,9 @@ class Follower:
 def vee(followers: int, chain: bool = True) -> list[Follower]:
     """Return a V behind a leader: odd followers to port, even ones to starboard.
 
-    Parameters
-    ----------
-    followers
-        How many, from 1 to `MOST`.
-    chain
-        Whether the third and the fourth are lit from the follower ahead on their arm. Without, all
-        are lit by the leader: up to three, the third in the middle.
-
-    Raises
-    ------
-    ValueError
-        For a number out of bounds.
+    In a `chain` of up to `MOST` followers, the third and the fourth see the lamp of the follower
+    ahead on their arm. Without, all see the leader's: up to three, the third in the middle.
+    ValueError for a number out of bounds.
     """
     most = MOST if chain else MOST_BY_LEADER
     if not 1 <= followers <= most:
@@ -94,10 +85,7 @@ def vee(followers: int, chain: bool = True) -> list[Follower]:
 def check_separation(fleet: list[Follower]) -> None:
     """Raise ValueError where two stations of a fleet are too near to each other.
 
-    Parameters
-    ----------
-    fleet
-        Each follower after the one ahead of it.
+    Each follower comes after the one ahead of it.
     """
     errors: dict[int, dict[int, float]] = {0: {}}
     places: dict[int, Array] = {0: np.zeros(3)}

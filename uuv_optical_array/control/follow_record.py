@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Place
 
 
@@ -55,17 +55,9 @@ class FollowRecord:
         return float(np.max(np.diff(stamps), initial=0.0)) if self.estimates else np.inf
 
     def lost(self, light_timeout_s: float) -> str:
-        """Say how the leader was lost, or nothing where it was not.
+        """Return how the leader was lost, or an empty text.
 
-        Parameters
-        ----------
-        light_timeout_s
-            Time without a pose that the formation control bears, s.
-
-        Returns
-        -------
-        str
-            The reason, or an empty text.
+        The formation control tolerates `light_timeout_s` without a pose.
         """
         if not self.estimates:
             return "not one pose was estimated"
@@ -79,21 +71,12 @@ class FollowRecord:
 
     def summary(self) -> str:
         """Return a table of RMS errors by degree of freedom, and the counts, as text."""
-        scale = np.array([1, 1, 1, *np.degrees([1, 1])])
-        units = ("m", "m", "m", "deg", "deg")
         rows = [f"{'':14}" + "".join(f"{name:>10}" for name in DOF_NAMES)]
-        for title, errors in (
-            ("estimate", self.errors()[1]),
-            ("station", self.station_errors()[1]),
-        ):
+        for title, (_, errors) in (("estimate", self.errors()), ("station", self.station_errors())):
             if len(errors):
-                rms = np.sqrt((errors**2).mean(axis=0)) * scale
-                rows.append(
-                    f"{title + ' RMS':14}"
-                    + "".join(
-                        f"{value:6.2f} {unit:3}" for value, unit in zip(rms, units, strict=True)
-                    )
-                )
+                rms = zip(np.sqrt((errors**2).mean(axis=0)) * IN_DEGREES, DOF_UNITS, strict=True)
+                cells = "".join(f"{value:6.2f} {unit:3}" for value, unit in rms)
+                rows.append(f"{title + ' RMS':14}{cells}")
         rows.append(
             f"{len(self.estimates)} poses from {len(self.truth)} positions; "
             f"longest time without one {self.longest_dark_s():.2f} s"

@@ -59,22 +59,13 @@ class Body:
     water_density: float = 1000.0
 
     def damping(self, through_water: Array) -> Array:
-        """Return the force and moment that a velocity through the water meets, N and N m.
-
-        Parameters
-        ----------
-        through_water
-            Linear and angular velocity, m/s and rad/s, shape ``(6,)``.
-        """
+        """Return force and moment, N and N m, at a velocity through the water, shape ``(6,)``."""
         return (self.linear_damping + self.quadratic_damping * abs(through_water)) * through_water
 
     def restoring(self, down: Array) -> Array:
         """Return the force and moment that hold weight and buoyancy, N and N m, shape ``(6,)``.
 
-        Parameters
-        ----------
-        down
-            Unit vector downwards in the body's frame, shape ``(3,)``.
+        The unit vector `down` is in the body's frame.
         """
         buoyancy = self.water_density * GRAVITY_M_PER_S2 * self.volume_m3
         net = self.inertia[0] * GRAVITY_M_PER_S2 - buoyancy
@@ -82,14 +73,10 @@ class Body:
 
 
 def coriolis(mass: Array, velocity: Array) -> Array:
-    """Return the force and moment that a turning momentum takes, N and N m, shape ``(6,)``.
+    """Return the force and moment that turn a momentum, N and N m, shape ``(6,)``.
 
-    Parameters
-    ----------
-    mass
-        Diagonal of an inertia or added mass, kg and kg m^2, shape ``(6,)``.
-    velocity
-        Linear and angular velocity in the body's frame, m/s and rad/s, shape ``(6,)``.
+    `mass` is the diagonal of an inertia or added mass, `velocity` linear and angular in the body's
+    frame, m/s and rad/s, shape ``(6,)`` each.
     """
     momentum, speed, turn = mass * velocity, velocity[:3], velocity[3:]
     moment = _cross(turn, momentum[3:]) + _cross(speed, momentum[:3])
@@ -111,26 +98,11 @@ def rotation_from(quaternion_xyzw: Array) -> Array:
 def advance(
     body: Body, state: Array, thrust: Array, water: Water, t_s: float, step_s: float
 ) -> Array:
-    """Return the state one step on.
+    """Return the state after one step from a time.
 
-    Parameters
-    ----------
-    body
-        What moves.
-    state
-        Place in the world (m), attitude (unit quaternion x, y, z, w from the body to the world) and
-        velocity over ground in the body's frame (m/s and rad/s), shape ``(13,)``.
-    thrust
-        Force and moment of the thrusters on the body, N and N m, shape ``(6,)``.
-    water
-        How the water moves, in the world.
-    t_s, step_s
-        Time at the start and length of the step, s.
-
-    Returns
-    -------
-    Array
-        The new state, shape ``(13,)``.
+    A state is the place in the world (m), the attitude (unit quaternion x, y, z, w from the body to
+    the world) and the velocity over ground in the body's frame (m/s and rad/s), shape ``(13,)``;
+    `thrust` is the thrusters' force and moment on the body, N and N m, shape ``(6,)``.
     """
 
     def slope(at: Array, after_s: float) -> Array:

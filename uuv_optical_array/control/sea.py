@@ -7,7 +7,7 @@ surface. Where the water below is deeper than half a wave length,
     velocity = H / 2 omega exp(k z) (d cos(phase) + up sin(phase))
 
 (Dean and Dalrymple, Water Wave Mechanics for Engineers and Scientists, 1991, chapters 3 and 4). The
-current carries the wave along, so its period is that of who drifts with the water.
+current carries the wave along, so its period is that which a drifting body sees.
 """
 
 import math
@@ -67,14 +67,9 @@ class Sea:
         self._depth_m = waves.depth_m
 
     def velocity(self, position: Array, t_s: float) -> Array:
-        """Return the velocity of the water in the world, m/s, shape ``(3,)``.
+        """Return the velocity of the water at a position in the world, m/s, shape ``(3,)``.
 
-        Parameters
-        ----------
-        position
-            In the world, m, shape ``(3,)``; above the still surface the water moves as at it.
-        t_s
-            Time, s.
+        Above the still surface the water moves as at it.
         """
         if self._speed == 0.0:
             return self.current
@@ -84,8 +79,8 @@ class Sea:
     def acceleration(self, position: Array, t_s: float) -> Array:
         """Return the acceleration of the water in the world, m/s^2, shape ``(3,)``.
 
-        Parameters are those of `velocity`. It is that of who drifts with a level current, to first
-        order in the height of the waves.
+        It is that of a body that drifts with a level current, to first order in the height of the
+        waves.
         """
         if self._speed == 0.0:
             return np.zeros(3)

@@ -58,14 +58,14 @@ class Vehicle:
         position: ArrayLike,
         pitch: float = 0.0,
         yaw: float = 0.0,
-        limits: VehicleLimits | None = None,
+        limits: VehicleLimits = VehicleLimits(),
         sea: Sea = STILL_SEA,
     ) -> None:
         self.position = np.array(position, dtype=float)
         self.pitch = float(pitch)
         self.yaw = float(yaw)
         self.roll = 0.0
-        self.limits = limits or VehicleLimits()
+        self.limits = limits
         self.sea = sea
         self.t_s = 0.0  # on the clock of the sea
         # Through the water: surge, sway, heave, pitch rate, yaw rate.
@@ -151,17 +151,8 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
 
     The next minute turns back and comes up again, so every two minutes the leader has its
     first heading and depth. The yaw rate peaks at 3.5 deg/s, the pitch rate at 2 deg/s and
-    the pitch at 10 deg: 6 m behind, the station swings sideways at up to 0.37 m/s.
-
-    Parameters
-    ----------
-    t_s
-        Time since the start, s.
-
-    Returns
-    -------
-    tuple of Array
-        Linear (m/s) and angular (rad/s) velocity in the leader's frame, shape ``(3,)`` each.
+    the pitch at 10 deg: 6 m behind, the station swings sideways at up to 0.37 m/s. The command is
+    a linear (m/s) and an angular (rad/s) velocity in the leader's frame, shape ``(3,)`` each.
     """
     minute, t_s = divmod(t_s, PATH_MINUTE_S)
     side = -1.0 if minute % 2 else 1.0
@@ -171,21 +162,9 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
 
 
 def lead(leader: Vehicle, path_s: float, dt: float) -> float:
-    """Move the leader on along its path; it can see the ground and steers against the current.
+    """Move the leader one step `dt` (s) along its path, and return its new time on the path, s.
 
-    Parameters
-    ----------
-    leader
-        The leader.
-    path_s
-        How long it has been on its path, s, >= 0.
-    dt
-        Step, s, >= 0.
-
-    Returns
-    -------
-    float
-        How long it has been on its path then, s.
+    It can see the ground and steers against the current.
     """
     linear, angular = leader_twist(path_s + dt / 2)
     leader.step(linear - leader.rotation.T @ leader.sea.current, angular, dt)
@@ -195,22 +174,10 @@ def lead(leader: Vehicle, path_s: float, dt: float) -> float:
 def start_behind(
     leader: Vehicle, station_m: ArrayLike, offset: ArrayLike = (-0.5, -0.2, 0.0)
 ) -> Vehicle:
-    """Place a follower at rest behind a leader and parallel to it, a little off its station.
+    """Return a follower at rest behind a leader and parallel to it, a little off its station.
 
-    Parameters
-    ----------
-    leader
-        The leader.
-    station_m
-        The station in the leader's frame, m, shape ``(3,)``.
-    offset
-        Of the follower from the station, in the leader's frame, m, shape ``(3,)``.
-
-    Returns
-    -------
-    Vehicle
-        The follower, of the leader's kind, with its limits, in its sea.
+    Station and offset are in the leader's frame, m, shape ``(3,)``. The follower is of the leader's
+    kind, with its limits, in its sea.
     """
-    place = np.add(station_m, offset)
-    position = leader.position + leader.rotation @ place
+    position = leader.position + leader.rotation @ np.add(station_m, offset)
     return type(leader)(position, leader.pitch, leader.yaw, leader.limits, leader.sea)

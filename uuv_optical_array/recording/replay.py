@@ -70,23 +70,19 @@ def replay(
 
     reasons = list(map(refused, images))  # in order, as frozen frames show only so
 
-    def of_chunk(chunk: int) -> list[Answer]:
-        answers = []
-        for i in range(chunk * CHUNK_FRAMES, min((chunk + 1) * CHUNK_FRAMES, len(images))):
-            estimate, reason = None, reasons[i]
-            if not reason:
-                try:
-                    estimate = estimator.estimate(images[i])
-                except NoPose as no_pose:
-                    reason = str(no_pose)
-            answers.append(Answer(int(stamps_ns[i]), estimate, None, reason))
-        return answers
+    def answer(i: int) -> Answer:
+        estimate, reason = None, reasons[i]
+        if not reason:
+            try:
+                estimate = estimator.estimate(images[i])
+            except NoPose as no_pose:
+                reason = str(no_pose)
+        return Answer(int(stamps_ns[i]), estimate, None, reason)
 
-    for answers in _spread(of_chunk, math.ceil(len(images) / CHUNK_FRAMES), processes):
-        yield from answers
+    yield from _spread(answer, len(images), processes)
 
 
-Work = Callable[[int], list[Answer]]
+Work = Callable[[int], Answer]
 _work: list[Work] = []  # of a process of the pool
 
 
@@ -96,19 +92,19 @@ def _begin(work: Work) -> None:
     _work.append(work)
 
 
-def _do(chunk: int) -> list[Answer]:
-    return _work[0](chunk)
+def _do(i: int) -> Answer:
+    return _work[0](i)
 
 
-def _spread(work: Work, chunks: int, processes: int | None) -> Iterator[list[Answer]]:
-    """Yield what each chunk gives, in order, from processes where there are several of both."""
-    processes = min(processes or os.cpu_count() or 1, chunks)
+def _spread(work: Work, count: int, processes: int | None) -> Iterator[Answer]:
+    """Yield the answer to each of `count` images, in order, from several processes if it pays."""
+    processes = min(processes or os.cpu_count() or 1, math.ceil(count / CHUNK_FRAMES))
     if processes <= 1:
-        yield from map(work, range(chunks))
+        yield from map(work, range(count))
         return
     # Forked, a process has images, table and compiled fit from the beginning.
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("fork"), _begin, (work,))
     try:
-        yield from pool.map(_do, range(chunks))
+        yield from pool.map(_do, range(count), chunksize=CHUNK_FRAMES)
     finally:
         pool.shutdown(cancel_futures=True)

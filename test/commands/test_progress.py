@@ -38,12 +38,10 @@ def test_an_expectation_keeps_the_first_rounds_from_foretelling_seconds_or_days(
 
 
 def test_a_file_gets_a_line_for_the_first_round_and_the_last_one(capsys):
-    with progress.counter(2000, "frame", "sam") as bar:
+    with progress.counter(2000, "frame") as bar:
         for _ in range(2000):
             bar.update()
-    assert capsys.readouterr().err == (
-        "sam: 1/2000 frame [00:00<?]\nsam: 2000/2000 frame [00:00<?]\n"
-    )
+    assert capsys.readouterr().err == "1/2000 frame [00:00<?]\n2000/2000 frame [00:00<?]\n"
 
 
 def test_a_file_gets_lines_at_their_interval(capsys, monkeypatch):
@@ -70,7 +68,7 @@ def test_a_terminal_gets_a_bar(monkeypatch):
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
     with os.fdopen(theirs, "w") as terminal:
         monkeypatch.setattr("sys.stderr", terminal)
-        with progress.counter(100, "%", "sam", expected_s=3600) as shown:
+        with progress.counter(100, "%", expected_s=3600) as shown:
             shown.update(50)
             shown.set_description("moments")
     text = b""
@@ -79,7 +77,7 @@ def test_a_terminal_gets_a_bar(monkeypatch):
             text += part
     os.close(ours)
     text = text.decode()
-    assert "sam:   0%|" in text
+    assert "  0%|" in text
     assert "0/100 % [00:00<1:00:00]" in text
     assert "moments:  50%|" in text
     assert text.count("\n") == 1

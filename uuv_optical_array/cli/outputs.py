@@ -40,22 +40,10 @@ def add_scene_file(parser: Any, default: str) -> None:
 
 
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
-    """Return the path of a file that can be written.
+    """Return the path, given by an option, of a file that can be written.
 
-    Parameters
-    ----------
-    path
-        As the user gave it.
-    option
-        The option that gave it, for errors.
-    suffixes
-        The suffixes that it may have; empty: any.
-
-    Raises
-    ------
-    OptionError
-        For another suffix, a path that is no file, and a folder that is missing or cannot be
-        written.
+    OptionError for a suffix that is not one of `suffixes` (empty: any), a path that is no file, and
+    a folder that is missing or cannot be written.
     """
     path = files.user_path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -70,30 +58,15 @@ def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -
     return path
 
 
-def folder_to_write(
-    path: str | Path, option: str, new: bool = False, replaced: bool = False
-) -> Path:
+def folder_to_write(path: str | Path, option: str, new: bool = False) -> Path:
     """Return the path of a folder that can be written, or made with its parents.
 
-    Parameters
-    ----------
-    path, option
-        As in `file_to_write`.
-    new
-        Whether it must not exist.
-    replaced
-        Whether an existing folder is replaced as a whole.
-
-    Raises
-    ------
-    OptionError
-        Where it exists and must not, is a file, or cannot be made or written.
+    OptionError where it is a file, cannot be made or written, or exists though it must be new.
     """
     path = files.user_path(path)
     if new and path.exists():
         raise OptionError(f"{option} {path}: it exists; name a new folder")
-    own = () if replaced else (path,)
-    home = next(folder for folder in (*own, *path.absolute().parents) if folder.exists())
+    home = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     if not home.is_dir():
         raise OptionError(f"{option} {path}: {home} is a file; name a folder")
     _check_writable(home, path, option)

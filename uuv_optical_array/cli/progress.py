@@ -15,15 +15,7 @@ PRIOR = 0.1  # of the whole: the weight of an expected duration beside the round
 def left_s(done: float, total: float | None, elapsed_s: float, expected_s: float | None) -> float:
     """Return the time that the rest will take at the mean speed so far, s; nan: not known.
 
-    Parameters
-    ----------
-    done, total
-        Rounds; ``None``: their number is not known.
-    elapsed_s
-        Since the start, s.
-    expected_s
-        Expected duration of the whole, s, which counts as a tenth of it done at that speed;
-        ``None``: not known.
+    An expected duration of the whole counts as if a tenth of it had been done at that speed.
     """
     if total is None:
         return float("nan")
@@ -69,21 +61,10 @@ class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
             self.display()
 
 
-def counter(
-    total: float | None = None, unit: str = "frame", what: str = "", expected_s: float | None = None
-) -> Any:
+def counter(total: float | None, unit: str, expected_s: float | None = None) -> Any:
     """Return a display of progress: a context with ``update(n)`` and ``set_description(text)``.
 
-    Parameters
-    ----------
-    total
-        Number of rounds; ``None``: not known.
-    unit
-        Name of a round.
-    what
-        Name of the work; empty: none is shown.
-    expected_s
-        Expected duration, s; ``None``: not known.
+    The number of rounds and the expected duration, s, may be ``None``: not known.
     """
     terminal = sys.stderr.isatty()
     form = "{desc}{n:.0f} {unit} [{elapsed}]"
@@ -95,20 +76,17 @@ def counter(
         terminal,
         total=total,
         unit=unit,
-        desc=f"{what}: " if what else None,
         bar_format=form,
         mininterval=0.1 if terminal else EVERY_S,
         miniters=1,
     )
 
 
-def over(
-    rounds: Iterable[T], unit: str = "frame", what: str = "", total: int | None = None
-) -> Iterator[T]:
+def over(rounds: Iterable[T], unit: str = "frame", total: int | None = None) -> Iterator[T]:
     """Go through rounds and show progress; their number is their length unless it is given."""
     if total is None and isinstance(rounds, Sized):
         total = len(rounds)
-    with counter(total, unit, what) as bar:
+    with counter(total, unit) as bar:
         for item in rounds:
             yield item
             bar.update()

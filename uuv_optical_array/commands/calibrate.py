@@ -1,6 +1,7 @@
 """``uuv_array calibrate``: lamp, water, background and gains from a recorded bag."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -128,13 +129,9 @@ def _gains(result: Calibration) -> list[str]:
     return [head, *rows]
 
 
-def _seconds(recording: Recording) -> Array:
-    return recording.stamps_ns.astype(float) * 1e-9
-
-
 def report(result: Calibration, recording: Recording, path: Path, start: str) -> str:
     """Return the fitted values and how well the model agrees, as text."""
-    seconds, poses = _seconds(recording), recording.poses
+    seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
@@ -175,21 +172,15 @@ def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
         "images": len(recording.images),
         "left_out": dict(recording.refused),
         "parameters": {
-            p.name: {
-                "unit": p.unit,
-                "start": p.start,
-                "fitted": p.value,
-                "std_error": p.std,
-                "note": p.note,
-            }
-            for p in result.parameters
+            name: {"unit": unit, "start": start, "fitted": value, "std_error": std, "note": note}
+            for name, unit, start, value, std, note in map(dataclasses.astuple, result.parameters)
         },
         "gains": result.gains,
         "gain_std_errors": result.gain_std,
         "correlation": result.correlation,
         "mean_squared_residual": result.misfit,
         "outlying_readings": result.outliers,
-        "outlying_images_s": [float(_seconds(recording)[i]) for i in result.outlying_images],
+        "outlying_images_s": recording.seconds[list(result.outlying_images)],
         "notes": list(result.notes),
         "refusal": result.refusal,
         "scene": result.scene.settings(),
@@ -206,17 +197,9 @@ def run(args: argparse.Namespace) -> int:
     picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)
     try:
         recording = bag.read_bag(args, scene)
-        with progress.counter(unit="step") as steps:
-            result = calibrate(
-                scene,
-                recording.images,
-                recording.poses,
-                recording.rolls,
-                args.hold,
-                pose_std,
-                args.noise,
-                steps.update,
-            )
+        with progress.counter(None, "step") as steps:
+            drive = recording.images, recording.poses, recording.rolls
+            result = calibrate(scene, *drive, args.hold, pose_std, args.noise, steps.update)
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
@@ -236,8 +219,7 @@ def run(args: argparse.Namespace) -> int:
 
         count = int(result.uncensored.sum())
         title = f"Calibration from {path.name}: residuals of {count} readings"
-        poses, rolls, seconds = recording.poses, recording.rolls, _seconds(recording)
-        save(draw_calibration(result, poses, rolls, seconds, title), picture)
+        save(draw_calibration(result, recording, title), picture)
         if not args.json:
             print(f"picture: {picture}")
     if not written:

@@ -10,6 +10,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.plots.style import array_image, signed
+from uuv_optical_array.recording.images import Recording
 
 DOTS = 1500  # readings that are drawn; the means are those of all
 BINS = 20
@@ -88,24 +89,11 @@ def _draw_gains(figure: Figure, axes: Axes, result: Calibration) -> None:
     axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{note}")
 
 
-def draw_calibration(
-    result: Calibration, poses: Array, rolls: Array, seconds: Array, title: str
-) -> Figure:
-    """Draw the residuals against counts, range, angle and time, their distribution, and the gains.
-
-    Parameters
-    ----------
-    result
-        The calibration.
-    poses, rolls
-        Of the m images, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    seconds
-        Time of each, s, shape ``(m,)``.
-    title
-        Of the picture.
-    """
-    rays = ForwardModel(result.scene).rays(poses, rolls)
-    times = np.broadcast_to((seconds - seconds.min())[:, None], result.mean.shape)
+def draw_calibration(result: Calibration, recording: Recording, title: str) -> Figure:
+    """Draw residuals against counts, range, angle and time, their distribution, and the gains."""
+    rays = ForwardModel(result.scene).rays(recording.poses, recording.rolls)
+    since_start = recording.seconds - recording.seconds.min()
+    times = np.broadcast_to(since_start[:, None], result.mean.shape)
     off_axis = np.degrees(np.sqrt(2 * rays[HALF_SQUARE]))
     figure = Figure(figsize=(16, 9), layout="constrained")
     grid = figure.subplots(2, 3)

@@ -98,15 +98,7 @@ def _draw_images(figure: Figure, record: FollowRecord, moments: list[float]) -> 
 def draw_follow(records: Sequence[FollowRecord]) -> Figure:
     """Draw a run: the paths, the five errors over time, the first array's image at some moments.
 
-    Parameters
-    ----------
-    records
-        The run of each follower, at least one.
-
-    Raises
-    ------
-    ValueError
-        For a run without a pose: there is nothing to draw.
+    ValueError for a follower without a pose: there is nothing to draw.
     """
     first = records[0]
     stamps = [stamp for stamp in first.images if stamp in first.truth]

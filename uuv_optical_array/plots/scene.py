@@ -86,15 +86,7 @@ def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None
 
 
 def draw_scene(scene: Scene, images: Array) -> Figure:
-    """Draw images and profiles of a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    images
-        What its array reads at `sheet_poses`, counts, shape ``(ranges, columns, side, side)``.
-    """
+    """Draw a scene's images at `sheet_poses`, ``(ranges, columns, side, side)``, and profiles."""
     figure = Figure(figsize=(13, 15), layout="constrained")
     sheet, profiles = figure.subfigures(2, 1, height_ratios=[2.3, 1])
     _draw_images(sheet, images)

@@ -136,20 +136,7 @@ def number_label(
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all.
-
-    Parameters
-    ----------
-    figure
-        The figure.
-    path
-        File whose name ends as one of `KINDS` does.
-
-    Raises
-    ------
-    ValueError
-        For another ending.
-    """
+    """Write a figure, whole or not at all; ValueError where the name ends in none of `KINDS`."""
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"{path}: no kind of picture; let its name end in {', '.join(KINDS)}")

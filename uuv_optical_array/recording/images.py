@@ -62,6 +62,11 @@ class Recording:
     refused: Counter[str] = field(default_factory=Counter)
     commands: list[tuple[int, Array, Array]] = field(default_factory=list)
 
+    @property
+    def seconds(self) -> Array:
+        """Stamps of the images, s, shape ``(m,)``."""
+        return self.stamps_ns.astype(float) * 1e-9
+
 
 @dataclass
 class _Stream:

@@ -10,9 +10,8 @@ import math
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -50,8 +49,7 @@ NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark gro
 WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
 
 
-@dataclass(frozen=True)
-class Slider:
+class Slider(NamedTuple):
     """A slider: what it sets, with its unit; a hint; and its range, step and value in that unit."""
 
     label: str
@@ -225,11 +223,9 @@ class Page:
             on_change([handle.value for handle in handles])
 
         with self._tab, self._server.gui.add_folder(title):
-            for slider in sliders:
-                span = slider.low, slider.high, slider.step, slider.value
-                handle = self._server.gui.add_slider(slider.label, *span, hint=slider.hint)
-                handle.on_update(changed)
-                handles.append(handle)
+            for label, hint, *span in sliders:
+                handles.append(self._server.gui.add_slider(label, *span, hint=hint))
+                handles[-1].on_update(changed)
 
     def add_button(self, label: str, on_click: Callable[[], None]) -> None:
         """Add a button; `on_click` is called from any thread."""

@@ -78,22 +78,9 @@ class Player:
 
 
 def play(
-    page: Page,
-    estimator: Estimator,
-    recording: Recording,
-    goes_on: Callable[[float], bool] = lambda t_s: True,
+    page: Page, estimator: Estimator, recording: Recording, goes_on: Callable[[float], bool]
 ) -> None:
-    """Show a recording on a page, with a time line.
-
-    Parameters
-    ----------
-    page
-        The page.
-    estimator, recording
-        As of `sights_of`.
-    goes_on
-        Whether to go on after the time that is shown, s.
-    """
+    """Show a recording on a page, with a time line, while it goes on after the time shown, s."""
     sights = list(sights_of(recording, estimator))
     times = [sight.t_s for sight in sights]
     player = Player(times)

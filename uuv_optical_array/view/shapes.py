@@ -9,21 +9,10 @@ SIDES = 32  # of a mesh that is round
 
 
 def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
-    """Return the 3 sigma ellipsoid of a position.
+    """Return half axes and rotation of the 3 sigma ellipsoid of a position in ``beacon``.
 
-    Parameters
-    ----------
-    covariance
-        Of the position in ``beacon``, m^2, shape ``(3, 3)``.
-    turn
-        Rotation of the frame in which it is drawn to ``beacon``, shape ``(3, 3)``.
-
-    Returns
-    -------
-    half_axes : Array
-        m, shape ``(3,)``.
-    rotation : Array
-        From the ellipsoid's axes to that frame, proper, shape ``(3, 3)``.
+    `turn` rotates the frame in which it is drawn to ``beacon``; the rotation is from the
+    ellipsoid's axes to that frame, and proper.
     """
     variances, axes = np.linalg.eigh(turn.T @ covariance @ turn)
     axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection

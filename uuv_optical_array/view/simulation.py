@@ -62,23 +62,12 @@ def sight_of(moment: Moment, conditions: Conditions) -> Sight:
 
 
 def simulate(
-    page: Page,
-    estimator: Estimator,
-    seed: int | None = None,
-    goes_on: Callable[[float], bool] = lambda t_s: True,
+    page: Page, estimator: Estimator, seed: int | None, goes_on: Callable[[float], bool]
 ) -> None:
-    """Let a follower follow a leader on a page, in real time.
+    """Let a follower follow a leader on a page with sliders, in real time, while it goes on.
 
-    Parameters
-    ----------
-    page
-        The page, which gets sliders.
-    estimator
-        Estimator of its own scene, whatever the sliders say.
-    seed
-        Seed of the noise; ``None``: another one in each run.
-    goes_on
-        Whether to go on after a time, s.
+    The estimator is of its own scene, whatever the sliders say. Without a seed, each run has other
+    noise.
     """
     loop = ClosedLoop(estimator, np.random.default_rng(seed))
     conditions, restart = loop.conditions, False

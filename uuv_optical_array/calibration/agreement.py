@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from uuv_optical_array.calibration.likelihood import (
-    CalibrationLikelihood,
-    CalibrationState,
-)
+from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, CalibrationState
 from uuv_optical_array.core.geometry import Array
 
 

@@ -184,15 +184,12 @@ def calibrate(
     start = sigma = float(scene.effects["sensor_noise"]["sigma_counts"])
     for _ in range(NOISE_ROUNDS):
         sigma, error = fit.agreement.noise(sigma)
-        scene = _with_noise(scene, sigma)
-        fit = CalibrationFit(likelihood.with_scene(scene), known, on_step)
+        settings = scene.settings()
+        settings["effects"]["sensor_noise"]["sigma_counts"] = sigma
+        scene = scene_from_settings(settings, scene.name)
+        likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
+        fit = CalibrationFit(likelihood, known, on_step)
     return _result(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
-
-
-def _with_noise(scene: Scene, sigma_counts: float) -> Scene:
-    settings = scene.settings()
-    settings["effects"]["sensor_noise"]["sigma_counts"] = sigma_counts
-    return scene_from_settings(settings, scene.name)
 
 
 def _result(

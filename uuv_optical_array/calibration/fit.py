@@ -128,7 +128,7 @@ class CalibrationFit:
         """Return the parameters that do not move."""
         return self._given() | self.unknown
 
-    def covariance(self, misfit: float = 1.0) -> Array:
+    def covariance(self, misfit: float) -> Array:
         """Return the covariance of the parameters, shape ``(p, p)``.
 
         It is the inverse information times the misfit, plus the effect of the errors of those

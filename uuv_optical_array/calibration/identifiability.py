@@ -35,21 +35,10 @@ def largest_stds(size: int, full_scale_counts: float) -> Array:
 
 
 def covariance(information: Array, held: Collection[int], units: Array) -> Array:
-    """Return the inverse information of the parameters that are not held.
+    """Return the inverse of Fisher's information of the parameters that are not held, ``(p, p)``.
 
-    Parameters
-    ----------
-    information
-        Fisher's, shape ``(p, p)``.
-    held
-        Parameters that do not move.
-    units
-        Scales in which rounding errors of all parameters compare, shape ``(p,)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(p, p)``; 0 where held, huge where undetermined.
+    It is 0 where held and huge where undetermined. In `units`, shape ``(p,)``, rounding errors of
+    all parameters compare.
     """
     basis = free_directions(held, len(information))
     reduced = basis.T @ information @ basis
@@ -65,24 +54,11 @@ def covariance(information: Array, held: Collection[int], units: Array) -> Array
 def held_shifts(
     information: Array, covariances: Array, unknown: Collection[int], largest: Array
 ) -> Array:
-    """Return how far the fitted parameters move with each that is held but unknown.
+    """Return how far the fitted parameters move with each of the q unknown ones, ``(p, q)``.
 
-    Parameters
-    ----------
-    information
-        Fisher's, shape ``(p, p)``.
-    covariances
-        Of the fitted parameters, 0 where held, shape ``(p, p)``.
-    unknown
-        The q parameters that are held and unknown. Their standard deviation is `largest`, that of a
-        gain what it is of a rig as bought.
-    largest
-        As `largest_stds` returns it.
-
-    Returns
-    -------
-    Array
-        Shape ``(p, q)``: the most probable values follow a held one linearly.
+    The most probable values follow a parameter that is held though unknown linearly. Its standard
+    deviation is `largest`; that of a gain is the one of a rig as bought. The `covariances` are
+    those of the fitted parameters, 0 where held.
     """
     held: NDArray[np.intp] = np.array(sorted(unknown), dtype=np.intp)
     shifts = -covariances @ information[:, held]
@@ -94,26 +70,10 @@ def held_shifts(
 def undetermined(
     information: Array, given: frozenset[int], largest: Array, misfit: float = 1.0
 ) -> tuple[frozenset[int], dict[int, int]]:
-    """Find the parameters to hold so that the images determine all others.
+    """Return the parameters to hold so that the images determine all others, and correlated ones.
 
-    Parameters
-    ----------
-    information
-        Fisher's, shape ``(p, p)``.
-    given
-        Parameters that are held anyway.
-    largest
-        As `largest_stds` returns it.
-    misfit
-        Factor of the variances.
-
-    Returns
-    -------
-    unknown
-        Undetermined parameters.
-    correlated
-        Parameters that are determined only while another, the value, is held, or that are held
-        with it.
+    Those `given` are held anyway; `misfit` is a factor of the variances. A correlated parameter is
+    determined only while another, the value, is held, or it is held with it.
     """
     correlated: dict[int, int] = {}
     unknown: set[int] = set()

@@ -81,7 +81,7 @@ class CalibrationLikelihood:
         images: Array,
         poses: Array,
         rolls: Array,
-        pose_std: Array | None = None,
+        pose_std: Array | None,
     ) -> None:
         settings = scene.settings()
         effects = settings["effects"]
@@ -108,11 +108,6 @@ class CalibrationLikelihood:
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
         # Without the prior's spread of the gains, which are fitted.
         self.noise = self.model.noise._replace(square=0.0)
-
-    def with_scene(self, scene: Scene) -> "CalibrationLikelihood":
-        """Return the likelihood of the same images in another scene."""
-        images = self.readings.reshape(-1, *(scene.array.detectors_per_side,) * 2)
-        return CalibrationLikelihood(scene, images, self.poses, self.rolls, self.pose_std)
 
     def start(self) -> Array:
         """Return the parameters of the scene, gauge included, shape ``(p,)``."""
@@ -198,26 +193,17 @@ class CalibrationLikelihood:
                 flat = np.swapaxes(cross, 0, 1).reshape(size, -1)
                 joint += flat @ by_parameters[part].reshape(-1, size)
         joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
-        return CalibrationState(
-            cost,
-            at,
-            gradient,
-            joint,
-            mean,
-            variance,
-            shift_step,
-            by_parameters,
-            shift_decrement,
-        )
+        shift = shift_step, by_parameters, shift_decrement
+        return CalibrationState(cost, at, gradient, joint, mean, variance, *shift)
 
     def residuals(self, state: CalibrationState) -> Array:
         """Return readings less their mean, clipped to the limits, in standard deviations."""
         clipped = np.clip(state.mean, self.noise.low, self.noise.high)
         return (self.readings - clipped) / np.sqrt(state.variance)
 
-    def uncensored(self, state: CalibrationState, reach: float = 3.0) -> NDArray[np.bool_]:
-        """Say whose mean is `reach` standard deviations off both limits, shape ``(m, n)``."""
-        margin = reach * np.sqrt(state.variance)
+    def uncensored(self, state: CalibrationState) -> NDArray[np.bool_]:
+        """Say which means are 3 standard deviations off both limits, shape ``(m, n)``."""
+        margin = 3 * np.sqrt(state.variance)
         above = state.mean - margin > self.noise.low
         return above & (state.mean + margin < self.noise.high)
 

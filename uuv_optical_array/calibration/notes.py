@@ -79,14 +79,9 @@ def _wider_angles(fit: CalibrationFit) -> str:
 
 
 def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
-    """Say why the residuals of a fit cannot be noise; empty where they can.
+    """Say why the residuals of a fit, with the noise of the scene, cannot be noise; or nothing.
 
-    Parameters
-    ----------
-    fit
-        With the noise of the scene.
-    fit_noise
-        Whether noise of any size is accepted if the residuals are independent.
+    With `fit_noise`, noise of any size is accepted if the residuals are independent.
     """
     agreement = fit.agreement
     limit = MAX_NOISE_FACTOR**2

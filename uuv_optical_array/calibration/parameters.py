@@ -59,24 +59,11 @@ def free_directions(held: Collection[int], size: int) -> Array:
 def calibrated_prior(
     start: PriorSettings, values: Array, errors: Array, unknown: Collection[int], attenuates: bool
 ) -> dict[str, Any]:
-    """Return the standard errors of a calibration as keys of its scene's prior.
+    """Return the standard errors of a calibration as keys of `PriorSettings`, within their bounds.
 
-    Parameters
-    ----------
-    start
-        Prior of the starting scene, which is kept for what was held. For what the images do not
-        determine it is kept too, or is that of a rig as bought where the start is exact.
-    values, errors
-        Of the parameters in their units, the errors nan where held, shape ``(p,)``.
-    unknown
-        Parameters that the images do not determine.
-    attenuates
-        Whether the scene has an attenuation.
-
-    Returns
-    -------
-    dict
-        Of `PriorSettings`, each within its bounds.
+    Parameters that were held, whose errors are nan, keep the prior of the starting scene. So do the
+    `unknown` ones, or they get that of a rig as bought where the start is exact. `attenuates` says
+    whether the scene has an attenuation.
     """
     hints = get_type_hints(PriorSettings, include_extras=True)
     prior: dict[str, Any] = {"known": "calibrated"}

@@ -62,19 +62,9 @@ class TorchSweeps:
         return np.argsort(row * self._side + column).tolist()
 
     def take(self, stamp_ns: int, image: Array) -> None:
-        """Take one image.
+        """Take one image, its readings as they are wired, shape ``(side, side)``; stamps ascend.
 
-        Parameters
-        ----------
-        stamp_ns
-            Ascending, ns.
-        image
-            Readings as they are wired, counts, shape ``(side, side)``.
-
-        Raises
-        ------
-        ValueError
-            Where a sweep does not separate columns or rows, with what to do about it.
+        ValueError where a sweep does not separate columns or rows, with what to do about it.
         """
         readings = np.ravel(image)
         if self._background is None:

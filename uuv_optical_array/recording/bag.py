@@ -4,7 +4,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from uuv_optical_array.core.extras import needs
@@ -107,31 +106,14 @@ class BagWriter:
             self._bag.open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with files.naming(self._path):
             self._bag.close()  # with its index, however the run ended
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
-        """Write a message as DDS has it.
+        """Write a serialised message of a type such as ``sensor_msgs/msg/Image`` and its time, ns.
 
-        Parameters
-        ----------
-        topic, kind
-            Full name, and type such as ``sensor_msgs/msg/Image``.
-        stamp_ns
-            When it was received, ns.
-        data
-            The serialised message.
-
-        Raises
-        ------
-        OSError
-            With the bag's name, such as where the disk is full; what was written stays.
+        OSError, with the bag's name, such as where the disk is full; what was written stays.
         """
         with files.naming(self._path):
             if topic not in self._connections:

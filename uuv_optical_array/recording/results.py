@@ -21,21 +21,9 @@ COLUMNS = "x_m", "y_m", "z_m", "pitch_rad", "yaw_rad"
 
 
 def write_results(folder: Path, frames: Sequence[Answer], recording: Recording) -> list[str]:
-    """Write all results.
+    """Write all results of `replay.replay` into an empty folder, and return the names of the files.
 
-    Parameters
-    ----------
-    folder
-        An empty one.
-    frames
-        Results of `replay.replay`, of the first images of the recording or of all.
-    recording
-        Its poses, where it has any, are the truth.
-
-    Returns
-    -------
-    list of str
-        The names of what was written.
+    The frames are those of the first images of the recording or of all; its poses are the truth.
     """
     write_csv(folder / "frames.csv", frames)
     write_bag(folder / "bag", frames)

@@ -28,7 +28,7 @@ from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION
 from uuv_optical_array.nodes.shared import reasons
-from uuv_optical_array.studies.mismatches import KINDS
+from uuv_optical_array.studies.mismatches import KINDS, Kind
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"
@@ -38,6 +38,7 @@ WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
 SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:, eq\. \d+)?")
 # The same in parentheses, with whatever else stands there.
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
+NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
 # The page below docs/ that shows a command at work.
 READ_MORE = {
     "follow": "tutorials/first_follow.md",
@@ -106,10 +107,11 @@ def parameters() -> list[str]:
         "# Node parameters",
         "Names carry the unit. `config/follow.yaml` lists every default, commented out, and says "
         "when to change it; a parameter file changes what it sets and nothing else. A parameter "
-        "with a star is fixed when its node starts; the others can be set while it runs.",
+        "with a star is fixed when its node starts; the others can be set while it runs. Each "
+        "is shown with its default and, in brackets, the values that it may have.",
         "## Common parameters",
         "Several nodes have these; each section names its own.",
-        parameter_table(common),
+        parameter_list(common),
     ]
     for name, module in node_modules():
         declarations = getattr(module, "PARAMETERS", {})
@@ -117,7 +119,7 @@ def parameters() -> list[str]:
         shared = ", ".join(f"`{key}`" for key in declarations if key in common)
         parts += [f"## `{name}`", first_sentence(module.__doc__) + "."]
         parts += [f"Common parameters: {shared}."] if shared else []
-        parts.append(parameter_table(own) if own else "Its parameters are those of its parts.")
+        parts.append(parameter_list(own) if own else "Its parameters are those of its parts.")
     described: set[tuple[str, str]] = set()
     for name, arguments in launch_arguments():
         rows = [
@@ -136,35 +138,50 @@ def parameters() -> list[str]:
     return parts
 
 
-def parameter_table(declarations: Mapping[str, Any]) -> str:
-    """Return a table of node parameters."""
-    rows = []
+def parameter_list(declarations: Mapping[str, Any]) -> str:
+    """Return node parameters with their defaults, values and meanings."""
+    lines = []
     for key, parameter in declarations.items():
-        default = f"`{json.dumps(parameter.default)}`"
         if parameter.choices:
             values = choice(parameter.choices)
         elif isinstance(parameter.default, bool | str):
             values = ""
         else:
             values = bounds(parameter.quantity)
-        star = r" \*" if parameter.read_only else ""
-        rows.append((f"`{key}`{star}", allowed(values, default), parameter.quantity.text))
-    return table(("parameter", "default; values", "meaning"), rows)
+        star = "\\*" if parameter.read_only else ""
+        default = json.dumps(parameter.default)
+        lines.append(entry(key, default, values, parameter.quantity.text, star))
+    return "\n".join(lines)
+
+
+def setting_list(owner: Any) -> str:
+    """Return the settings that a class or a function declares, in the same way."""
+    return "\n".join(
+        entry(
+            key,
+            shown(setting.default),
+            choice(setting.choices) or bounds(setting.quantity),
+            setting.quantity.text,
+        )
+        for key, setting in declared(owner).items()
+    )
+
+
+def entry(name: str, default: str, values: str, text: str, mark: str = "") -> str:
+    """Return the line of a setting: name and default as in a file, values and meaning."""
+    written = f"`{name}: {default}`" if default else f"`{name}`"
+    limited = f" ({values})" if values else ""
+    return f"- {written}{mark}{limited}" + (f": {text}" if text else "")
 
 
 def bounds(quantity: Quantity) -> str:
-    """Return the bounds of a quantity for a cell."""
+    """Return the bounds of a quantity."""
     return quantity.bounds().removeprefix("from ")
 
 
 def choice(words: Iterable[str]) -> str:
     """Return the words that a setting may be."""
     return ", ".join(f"`{word}`" for word in words)
-
-
-def allowed(values: str, default: str) -> str:
-    """Return a default and the values that are allowed, where there are any."""
-    return "; ".join(filter(None, (default, values)))
 
 
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
@@ -350,25 +367,13 @@ def commands() -> list[str]:
     return parts
 
 
-def setting_rows(prefix: str, owner: Any) -> list[tuple[str, str, str]]:
-    """Return a row for each setting that a class or a function declares."""
-    return [
-        (
-            f"`{prefix}{key}`",
-            allowed(shown(setting.default), choice(setting.choices) or bounds(setting.quantity)),
-            setting.quantity.text,
-        )
-        for key, setting in declared(owner).items()
-    ]
-
-
 def shown(default: Any) -> str:
-    """Return a default as a cell; empty where there is none."""
+    """Return a default as in a file; empty where there is none."""
     if default is None or default is inspect.Parameter.empty:
         return ""
     if isinstance(default, Span):
         return str(list(default))
-    return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
+    return f"{default:g}" if isinstance(default, int | float) else str(default or [])
 
 
 def scene() -> list[str]:
@@ -376,9 +381,9 @@ def scene() -> list[str]:
     parts = [
         "# Scene files",
         "A scene is a file in YAML 1.2 with the groups below and `effects`, whose keys "
-        "[have a page of their own](effects.md). Keys carry their unit. Unknown keys and values "
-        "out of bounds are refused by name; a key without a default must be given, except where "
-        "its meaning says when.",
+        "[have a page of their own](effects.md). Keys carry their unit, and are shown with their "
+        "default and, in brackets, their values. Unknown keys and values out of bounds are refused "
+        "by name; a key without a default must be given, except where its meaning says when.",
         "## `extends`",
         "A scene may say which one it extends, the name of a ready scene or a file, whose path "
         "leads from its own folder. Mappings are merged, a list or value replaces the other "
@@ -393,7 +398,7 @@ def scene() -> list[str]:
         parts += [
             f"## `{group}`",
             first_sentence(owner.__doc__) + ".",
-            table(("key", "default; values", "meaning"), setting_rows("", owner)),
+            setting_list(owner),
         ]
     keys = list(dict.fromkeys(key for values in PRIORS.values() for key in values))
     parts += [
@@ -415,25 +420,23 @@ def scene() -> list[str]:
 
 def effects() -> list[str]:
     """Return the page of the effects."""
-    laws, settings = [], []
+    parts = [
+        "# Effects",
+        "Only the effects that a scene names are simulated, in this physical order. "
+        "[Light and noise](../explanation/light.md#effects) says what the forms in brackets are, "
+        "and which settings exclude each other. Settings are shown with their default and, in "
+        "brackets, their values; one without a default must be given, except where there are "
+        "several ways.",
+    ]
     for name, effect in EFFECTS.items():
         text = inspect.getdoc(effect.function) or ""
         law = CITATION.sub("", text.splitlines()[0]).rstrip(".").replace("``", "`")
         sources = [re.sub("[()]", "", found) for found in SOURCE.findall(" ".join(text.split()))]
         kinds = inspect.signature(effect.function).return_annotation
         form = ", ".join(part.__name__.lower() for part in typing.get_args(kinds) or (kinds,))
-        laws.append((f"`{name}`", law, form, "; ".join(dict.fromkeys(sources))))
-        settings += setting_rows(f"{name}.", effect.function)
-    return [
-        "# Effects",
-        "Only the effects that a scene names are simulated, in this physical order. "
-        "[Light and noise](../explanation/light.md) says what the forms are, and which "
-        "settings exclude each other.",
-        table(("effect", "law", "form", "source"), laws),
-        "## Settings",
-        "A setting without a default must be given, except where there are several ways.",
-        table(("setting", "default; values", "meaning"), settings),
-    ]
+        source = f" Source: {'; '.join(dict.fromkeys(sources))}." if sources else ""
+        parts += [f"## `{name}`", f"{law} ({form}).{source}", setting_list(effect.function)]
+    return parts
 
 
 def mismatches() -> list[str]:
@@ -446,11 +449,21 @@ def mismatches() -> list[str]:
         "`known: calibrated`.",
     ]
     for cure in dict.fromkeys(kind.cure for kind in KINDS):
-        lines = []
+        alike: dict[str, list[Kind]] = {}
         for kind in KINDS:
             if kind.cure == cure:
-                times = "" if kind.times_prior is None else f" [{kind.times_prior:.2g}]"
-                lines.append(f"- `{kind.name}`{times}: {kind.what}")
+                alike.setdefault(NUMBER.sub("", kind.what), []).append(kind)
+        lines = []
+        for kinds in alike.values():
+            names = [
+                f"`{kind.name}`"
+                + ("" if kind.times_prior is None else f" [{kind.times_prior:.2g}]")
+                for kind in kinds
+            ]
+            # Texts that differ by numbers become one.
+            words = zip(*(NUMBER.split(kind.what) for kind in kinds), strict=True)
+            what = "".join(" or ".join(dict.fromkeys(word)) for word in words)
+            lines.append(f"- {', '.join(names)}: {what}")
         parts += ["\n".join(lines), f"**To do:** {cure}"]
     return parts
 

@@ -79,14 +79,10 @@ def brighter_than_full_scale(message):
     ("spoil", "words"),
     [
         (lambda message: setattr(message, "encoding", "mono8"), ("wrong encoding", "mono8")),
-        (lambda message: setattr(message, "height", 4), ("wrong size", "4 x 5")),
-        (lambda message: setattr(message, "step", 11), ("wrong step", "11")),
-        (lambda message: setattr(message, "data", message.data[:-2]), ("truncated", "48 bytes")),
         (brighter_than_full_scale, ("above full scale", "1024", "1023")),
-        (lambda message: setattr(message.header.stamp, "sec", 10), ("stamp not later", "10.0")),
         (lambda message: setattr(message.header.stamp, "sec", 2), ("stamp not later", "2.0")),
     ],
-    ids=["encoding", "size", "step", "truncated", "bright", "repeated stamp", "earlier stamp"],
+    ids=["encoding", "bright", "earlier stamp"],
 )
 def test_a_bad_image_is_not_answered_but_told_and_the_next_good_one_is(
     feeder, images, spoil, words
@@ -104,13 +100,6 @@ def test_a_bad_image_is_not_answered_but_told_and_the_next_good_one_is(
     feeder.send(images[3], 13)
     feeder.check_answer(images[3], 13)
     feeder.lab.report(feeder.node, OK)
-
-
-def test_a_clock_that_was_set_back_costs_one_image(feeder, images):
-    for i, seconds in enumerate((100, 101, 3, 4, 5)):
-        feeder.send(images[i], seconds)
-    feeder.check_answer(images[4], 5)
-    assert feeder.seconds_answered() == [100, 101, 4, 5]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Arrays become messages and back, and a message that must not be used is refused by its kind."""
 
+import itertools
 import struct
 
 import numpy as np
@@ -53,9 +54,9 @@ def test_an_image_survives_the_message_and_lies_in_it_row_by_row(counts):
     np.testing.assert_array_equal(image_from_message(message, ARRAY), counts)
 
 
-@pytest.mark.parametrize(("order", "is_bigendian"), [(">", 1), ("<", 0)])
-@pytest.mark.parametrize("padding", [0, 2, 6])
-@pytest.mark.parametrize("encoding", ["mono16", "16UC1"])
+@pytest.mark.parametrize(
+    ("order", "is_bigendian", "padding", "encoding"), [(">", 1, 6, "mono16"), ("<", 0, 2, "16UC1")]
+)
 def test_an_image_of_any_byte_order_and_padding_is_read(order, is_bigendian, padding, encoding):
     message = image_to_message(COUNTS, header())
     rows = [struct.pack(f"{order}5H", *row.astype(int)) + b"\xff" * padding for row in COUNTS]
@@ -68,14 +69,13 @@ def test_an_image_of_any_byte_order_and_padding_is_read(order, is_bigendian, pad
     ("changes", "kind", "words"),
     [
         ({"encoding": "mono8"}, "wrong encoding", "mono8"),
-        ({"encoding": ""}, "wrong encoding", "mono16"),
         ({"height": 4}, "wrong size", "4 x 5"),
         ({"width": 6}, "wrong size", "5 x 6"),
         ({"step": 11, "data": b"\0" * 55}, "wrong step", "11"),
         ({"step": 8, "data": b"\0" * 40}, "wrong step", "8"),
-        ({"data": b"\0" * 49}, "truncated", "49"),
-        ({"data": b""}, "truncated", "0 bytes"),
+        ({"data": b"\0" * 48}, "truncated", "48"),
         ({"data": b"\0" * 52}, "truncated", "52"),
+        ({"data": b""}, "truncated", "0 bytes"),
     ],
 )
 def test_an_image_that_is_not_the_arrays_is_refused(changes, kind, words):
@@ -95,12 +95,14 @@ def test_key_parameters_survive_the_cloud_to_the_last_bit(parameters):
 
 
 def test_the_cloud_is_one_point_that_other_readers_of_clouds_understand():
-    message = features_to_message(np.arange(5.0), header())
+    message = features_to_message(np.arange(1.0, 6.0), header())
     fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
     assert fields == [(name, 8 * i, PointField.FLOAT64, 1) for i, name in enumerate(NAMES)]
     assert (message.height, message.width) == (1, 1)
     assert (message.point_step, message.row_step, len(message.data)) == (40, 40, 40)
     assert not message.is_bigendian
+    message.data, message.is_bigendian = struct.pack(">5d", 1, 2, 3, 4, 5), True
+    np.testing.assert_array_equal(features_from_message(message), [1, 2, 3, 4, 5])
 
 
 def test_no_light_is_a_cloud_without_a_point():
@@ -108,12 +110,6 @@ def test_no_light_is_a_cloud_without_a_point():
     assert (message.width * message.height, len(message.data)) == (0, 0)
     assert [field.name for field in message.fields] == NAMES
     assert features_from_message(message) is None
-
-
-def test_a_big_endian_cloud_is_read():
-    message = features_to_message(np.arange(5.0), header())
-    message.data, message.is_bigendian = struct.pack(">5d", 1, 2, 3, 4, 5), True
-    np.testing.assert_array_equal(features_from_message(message), [1, 2, 3, 4, 5])
 
 
 def field(i, **changes):
@@ -125,18 +121,13 @@ def field(i, **changes):
     ("changes", "kind"),
     [
         ({"fields": []}, "wrong fields"),
-        ({"fields": [field(i) for i in range(4)]}, "wrong fields"),
         ({"fields": [field(i) for i in (0, 2, 1, 3, 4)]}, "wrong fields"),
         ({"fields": [*(field(i) for i in range(4)), field(4, name="z")]}, "wrong fields"),
-        (
-            {"fields": [field(i, datatype=PointField.FLOAT32) for i in range(5)]},
-            "wrong field type",
-        ),
+        ({"fields": [field(i, datatype=7) for i in range(5)]}, "wrong field type"),  # FLOAT32
         ({"fields": [field(0, count=2), *(field(i) for i in range(1, 5))]}, "wrong field type"),
         ({"fields": [field(i, offset=4 * i) for i in range(5)]}, "wrong field offsets"),
         ({"width": 2, "data": b"\0" * 80}, "wrong size"),
         ({"data": b"\0" * 39}, "truncated"),
-        ({"data": b""}, "truncated"),
         *(({"data": struct.pack("<5d", 1, 2, x, 4, 5)}, "not finite") for x in BAD_NUMBERS),
     ],
 )
@@ -186,23 +177,19 @@ READERS = [(PoseWithCovarianceStamped, pose_from_message), (Odometry, odometry_p
 
 @pytest.mark.parametrize(("message_type", "read"), READERS)
 @pytest.mark.parametrize("bad", BAD_NUMBERS)
-@pytest.mark.parametrize("axis", range(3))
-def test_a_position_that_is_not_finite_is_refused(message_type, read, bad, axis):
-    position = [1.0, 2.0, 3.0]
-    position[axis] = bad
-    with pytest.raises(Refused, match=r"^not finite: position"):
-        read(fill(message_type(), position=position))
-
-
-@pytest.mark.parametrize(("message_type", "read"), READERS)
-@pytest.mark.parametrize(
-    "bad",
-    [(0.0,) * 4, (0.0, 0.0, 0.0, 2.0), (0.5, 0.0, 0.0, 0.5)]
-    + [(0.0, number, 0.0, 1.0) for number in BAD_NUMBERS],
-)
-def test_an_attitude_that_is_no_turn_is_refused(message_type, read, bad):
+def test_a_pose_that_is_not_finite_is_refused(message_type, read, bad):
+    for position in ((bad, 2.0, 3.0), (1.0, bad, 3.0), (1.0, 2.0, bad)):
+        with pytest.raises(Refused, match=r"^not finite: position"):
+            read(fill(message_type(), position=position))
     with pytest.raises(Refused, match=r"^bad attitude: "):
-        read(fill(message_type(), quaternion=bad))
+        read(fill(message_type(), quaternion=(0.0, bad, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize("bad", [(0.0,) * 4, (0.0, 0.0, 0.0, 2.0), (0.5, 0.0, 0.0, 0.5)])
+def test_an_attitude_that_is_no_turn_is_refused(bad):
+    for message_type, read in READERS:
+        with pytest.raises(Refused, match=r"^bad attitude: "):
+            read(fill(message_type(), quaternion=bad))
 
 
 def test_an_attitude_off_unit_length_by_rounding_is_normalised():
@@ -233,13 +220,12 @@ def test_a_twist_survives_the_message(values):
 
 
 @pytest.mark.parametrize("bad", BAD_NUMBERS)
-@pytest.mark.parametrize("part", ["linear", "angular"])
-@pytest.mark.parametrize("axis", "xyz")
-def test_a_twist_that_is_not_finite_is_refused(bad, part, axis):
-    message = TwistStamped()
-    setattr(getattr(message.twist, part), axis, bad)
-    with pytest.raises(Refused, match=r"^not finite: twist"):
-        twist_from_message(message)
+def test_a_twist_that_is_not_finite_is_refused(bad):
+    for part, axis in itertools.product(("linear", "angular"), "xyz"):
+        message = TwistStamped()
+        setattr(getattr(message.twist, part), axis, bad)
+        with pytest.raises(Refused, match=r"^not finite: twist"):
+            twist_from_message(message)
 
 
 def test_a_stamp_counts_nanoseconds_without_rounding():

@@ -45,10 +45,10 @@ DISCOVERY_S = 2.0  # in which the nodes of another run are found
 
 
 class RecorderNode(Node):
-    """Keep in a record what the nodes of one follower publish, from when the leader sets off.
+    """Record what the nodes of one follower publish, from when the leader sets off.
 
-    `leader` is the topic of the odometry of the leader of all, who need not be the one that is
-    followed; `options` are those of `Node`.
+    `leader` is the topic of the first leader's odometry; in a chain the follower may follow another
+    vehicle. `options` are those of `Node`.
     """
 
     def __init__(
@@ -65,39 +65,34 @@ class RecorderNode(Node):
         ):
             self.create_subscription(message_type, topic, callback, qos_profile_sensor_data)
 
-    def seconds(self, header: Header) -> float | None:
-        """Return the time of a message since the leader set off, s; nothing before."""
+    def add(self, series: dict[float, Array], header: Header, value: Array) -> None:
+        """Add a value to a series of the record, at its time since the leader set off, s."""
         stamp = stamp_ns(header)
-        if self.started_ns is None or stamp < self.started_ns:
-            return None
-        return (stamp - self.started_ns) * 1e-9
+        if self.started_ns is not None and stamp >= self.started_ns:
+            series[(stamp - self.started_ns) * 1e-9] = value
 
     def on_leader(self, message: Odometry) -> None:
-        """Keep the leader's position."""
+        """Record the leader's position."""
         if self.started_ns is None and message.twist.twist != Twist():
             self.started_ns = stamp_ns(message.header)
-        if (stamp := self.seconds(message.header)) is not None:
-            self.record.leader_path[stamp] = odometry_pose(message)[0]
+        self.add(self.record.leader_path, message.header, odometry_pose(message)[0])
 
     def on_truth(self, header: Header, pose: Array) -> None:
-        """Keep the true pose of an image."""
-        if (stamp := self.seconds(header)) is not None:
-            self.record.truth[stamp] = pose
+        """Record the true pose of an image."""
+        self.add(self.record.truth, header, pose)
 
     def on_follower(self, message: Odometry) -> None:
-        """Keep the follower's position."""
-        if (stamp := self.seconds(message.header)) is not None:
-            self.record.follower_path[stamp] = odometry_pose(message)[0]
+        """Record the follower's position."""
+        self.add(self.record.follower_path, message.header, odometry_pose(message)[0])
 
     def on_image(self, message: Image) -> None:
-        """Keep the image."""
-        if (stamp := self.seconds(message.header)) is not None:
-            self.record.images[stamp] = image_from_message(message, self.array)
+        """Record the image."""
+        image = image_from_message(message, self.array)
+        self.add(self.record.images, message.header, image)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        """Keep the estimate."""
-        if (stamp := self.seconds(message.header)) is not None:
-            self.record.estimates[stamp] = pose_from_message(message)
+        """Record the estimate."""
+        self.add(self.record.estimates, message.header, pose_from_message(message))
 
 
 def refuse_company(spaces: Sequence[str]) -> None:
@@ -136,10 +131,7 @@ def options_of(follower: Follower) -> dict[str, Any]:
 
 
 def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, list[Node]]:
-    """Return the recorder of a follower, and all of its nodes but its vehicle.
-
-    `leader` is the topic of the odometry of the leader of all.
-    """
+    """Return the recorder of a follower, as `RecorderNode`, and its nodes without the vehicle."""
     simulator, formation = SimulatorNode(**options), FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]))
     recorder = RecorderNode(record, simulator.scene.array, leader, **options)

@@ -169,10 +169,10 @@ fit_compiler.CODE = (
     "module.fill_cache({{settings!r}})"
 )
 letters = open({fifo!r}, "w")
-estimator = Estimator(load_scene({scene!r}))
-letters.write("p")
-letters.flush()
 try:
+    estimator = Estimator(load_scene({scene!r}))
+    letters.write("p")
+    letters.flush()
     estimator.wait()
 except KeyboardInterrupt:
     pass

@@ -51,7 +51,7 @@ def test_compiled_coordinates_are_those_of_numpy():
     own = joint.of(at)
     place, slopes = joint.place(own)
     joint_coordinates.prepare(CONSTANTS)
-    assert compilation.if_prepared(joint_coordinates.write_place).signatures
+    assert compilation.loaded(joint_coordinates.write_place).signatures
     np.testing.assert_allclose(joint.of(at), own, rtol=1e-12)
     np.testing.assert_allclose(joint.place(own)[0], place, rtol=1e-12)
     np.testing.assert_allclose(joint.place(own)[1], slopes, rtol=1e-9, atol=1e-12)

@@ -224,19 +224,10 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
     np.testing.assert_array_equal(images, kept)
 
 
-@pytest.mark.parametrize(
-    "way",
-    [
-        compilation.by_number,
-        pytest.param(
-            compilation.compiled,
-            marks=pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed"),
-        ),
-    ],
-)
+@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
 @pytest.mark.parametrize("side", [2, 4, 5])
 @pytest.mark.parametrize("peak", PEAKS)
-def test_parameters_number_by_number_are_those_of_numpy(way, side, peak):
+def test_compiled_parameters_are_those_of_numpy(side, peak):
     rng = np.random.default_rng(side)
     images = np.concatenate(
         [
@@ -248,7 +239,7 @@ def test_parameters_number_by_number_are_those_of_numpy(way, side, peak):
     )
     found = np.empty((5, len(images)))
     readings = np.ascontiguousarray(images.reshape(len(images), -1).T)
-    way(write_parameters)(readings, side, FULL_SCALE, peak == "subdetector", found)
+    compilation.compiled(write_parameters)(readings, side, FULL_SCALE, peak == "subdetector", found)
     expected = key_parameters(images, FULL_SCALE, peak)
     np.testing.assert_allclose(found.T, expected, rtol=1e-12, atol=1e-13)
 

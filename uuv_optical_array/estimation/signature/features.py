@@ -23,6 +23,7 @@ from uuv_optical_array.forward.scene import SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 LEAST = 1e-300  # scale of values that are next to nothing
+FEW_IMAGES = 8
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,7 @@ def write_parameters(
 
 
 def prepare(side: int) -> None:
-    """Compile what `key_parameters` runs from then on in this process."""
+    """Compile what `key_parameters` of a few images runs from then on in this process."""
     readings, parameters = np.ones((side * side, 1)), np.empty((5, 1))
     compilation.prepare(write_parameters, readings, side, 1.0, True, parameters)
 
@@ -249,7 +250,8 @@ def key_parameters(
     readings = np.ascontiguousarray(images.reshape(-1, side * side).T)
     count = readings.shape[1]
     parameters = np.empty((5, count))
-    write = compilation.loaded(write_parameters)
+    # Of many images NumPy is as fast, and a table has the same bits in every process.
+    write = compilation.loaded(write_parameters) if count <= FEW_IMAGES else write_parameters
     write(readings, side, float(full_scale_counts), peak == "subdetector", parameters)
     return parameters.T.reshape(*images.shape[:-2], 5)
 

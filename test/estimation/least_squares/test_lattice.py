@@ -12,6 +12,8 @@ from uuv_optical_array.estimation.least_squares.posterior import (
     basis_of,
     by_nine_nodes,
     fill,
+    integrate,
+    laplace,
     new_lattice,
     write_node,
 )
@@ -109,6 +111,18 @@ def test_nine_nodes_say_nothing_of_what_is_not_nearly_gaussian():
     # The lattice can begin where they ended.
     assert np.isfinite(points.logs[0])
     assert np.isneginf(points.logs[1:]).all()
+
+
+def test_laplace_has_the_evidence_of_the_integral_where_it_is_nearly_gaussian():
+    model, pose = ForwardModel(load_scene("reference")), np.array([-5.0, 0.1, -0.1, 0.05, -0.05])
+    readings = np.rint(model.light(pose)).ravel()
+    problem = problem_of(model, PRIOR, False)._replace(readings=readings)
+    minimum = refine(problem, np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0]), 40)
+    whole, plain = integrate(problem, minimum.parts[AT], new_lattice(7)), laplace(minimum)
+    assert plain.log_weight == pytest.approx(whole.log_weight, abs=0.1)
+    stds = np.sqrt(whole.covariance.diagonal())
+    np.testing.assert_allclose(plain.mean, whole.mean, atol=0.3 * stds.min())
+    np.testing.assert_allclose(np.sqrt(plain.covariance.diagonal()), stds, rtol=0.05)
 
 
 def test_joined_posteriors_have_the_moments_of_all_their_samples():

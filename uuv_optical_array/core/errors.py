@@ -2,4 +2,4 @@
 
 
 class NoPose(Exception):
-    """There is no honest pose for this image; the message says why, its kind before the colon."""
+    """No pose of this image can be trusted; the message says why, its kind before the colon."""

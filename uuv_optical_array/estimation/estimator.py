@@ -58,10 +58,10 @@ class EstimatorSettings:
         int, Quantity("nearest table rows that the sam methods average", "rows", 2, 10_000)
     ] = 64
     candidates: Annotated[
-        int, Quantity("nearest table rows that least_squares starts from", "rows", 1, MOST_STARTS)
+        int, Quantity("nearest poses that least_squares starts from", "poses", 1, MOST_STARTS)
     ] = 3
     max_misfit: Annotated[
-        float, Quantity("chance that an honest image is refused as a misfit", "", 0, 0.5)
+        float, Quantity("probability that a valid image is refused as a misfit", "", 0, 0.5)
     ] = 1e-5
 
 
@@ -86,7 +86,7 @@ class Estimate:
     runner_up_angle_rad
         Spectral angle to the second nearest signature.
     misfit
-        Chance that an honest image leaves larger residuals, in [0, 1]; nan unless the image was
+        Probability that a valid image leaves larger residuals, in [0, 1]; nan unless the image was
         fitted.
     runner_up_misfit
         The same of the runner-up.

@@ -216,3 +216,9 @@ def test_a_peak_of_noisy_images_is_matched_within_the_reference_accuracy():
     assert across <= 0.25
     assert angle_deg <= 7.0
     assert 3.0 <= nees <= 8.0
+
+
+def test_a_scene_whose_working_volume_is_dark_is_refused_by_the_fit_too():
+    ahead_of_the_lamp = grid_scene(3, x_m=[1.0, 5.0, 3])
+    with pytest.raises(ValueError, match="no pose of the table has 1 count of light; move"):
+        Estimator(ahead_of_the_lamp, "least_squares", compiled=False)

@@ -15,6 +15,7 @@ from uuv_optical_array.estimation.signature.features import (
     key_parameters,
     lifted,
     no_pattern,
+    prepare,
     skewness,
     write_parameters,
 )
@@ -222,6 +223,16 @@ def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
         assert single.shape == (5,)
         np.testing.assert_allclose(batch[place], single, atol=1e-15)
     np.testing.assert_array_equal(images, kept)
+
+
+@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+def test_many_images_have_the_same_bits_whatever_the_process_has_loaded():
+    images = np.random.default_rng(3).uniform(0, 900, (500, 5, 5))
+    expected = np.empty((5, 500))
+    write_parameters(images.reshape(500, 25).T.copy(), 5, FULL_SCALE, True, expected)
+    prepare(5)
+    parameters = key_parameters(images, FULL_SCALE, "subdetector")
+    np.testing.assert_array_equal(parameters, expected.T)
 
 
 @pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")

@@ -292,7 +292,7 @@ class Lab:
 
     def deliver(self, node, talker, message):
         """Publish a message and wait until the node has answered or refused it."""
-        totals = node.diagnostics._totals
+        totals = node.diagnostics.totals
         before = sum(totals.values())
         talker.publish(message)
         self.until(lambda: sum(totals.values()) > before, "the message to arrive")

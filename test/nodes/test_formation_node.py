@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from odometries import time_of
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
@@ -22,10 +22,6 @@ START = 100 * 10**9
 STEP = 10**8
 STATION = [-6.0, 0.0, 0.0, 0.0, 0.0]
 STILL = np.zeros(5)
-
-
-def time_of(nanoseconds):
-    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 
 def odometry(pose, rate=STILL, roll=0.1, frame=""):

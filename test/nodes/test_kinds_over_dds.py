@@ -45,7 +45,7 @@ def test_the_nodes_answer_and_refuse_what_the_library_does(lab):
     talker = lab.talk(Image, "array/image")
     poses = lab.listen(PoseWithCovarianceStamped, "relative_pose")
     lab.connect()
-    totals, answered = estimator.diagnostics._totals, 0
+    totals, answered = estimator.diagnostics.totals, 0
     for seconds, image in enumerate(images, start=1):
         stamp, known = Time(sec=seconds), dict(totals)
         talker.publish(image_to_message(image, Header(stamp=stamp)))
@@ -55,6 +55,6 @@ def test_the_nodes_answer_and_refuse_what_the_library_does(lab):
             assert_is(lab.answer(poses, stamp), answer.estimate)
         lab.until(lambda known=known: totals != known, "what is said of the image")
     assert len(poses) == answered
-    assert feature.diagnostics._totals["refused"] == 0
+    assert feature.diagnostics.totals["refused"] == 0
     # Broken detectors, shadows and noise are most of what is refused.
     assert 8 * FRAMES <= answered <= 11 * FRAMES

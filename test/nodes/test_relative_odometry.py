@@ -128,7 +128,7 @@ def test_the_leaders_pose_is_the_inverse_of_the_track_not_of_the_image(mover):
 
 def test_the_diagnostics_say_how_far_inside_of_the_table_a_pose_is(mover, scene):
     told = mover.lab.listen(DiagnosticArray, "/diagnostics")
-    mover.node.diagnostics._timer.cancel()  # so that one status is of the frame, whenever it came
+    mover.node.diagnostics.timer.cancel()  # so that one status is of the frame, whenever it came
     mover.run(1)
     mover.node.diagnostics.publish()
     mover.lab.until(lambda: told, "a status")

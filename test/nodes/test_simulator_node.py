@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from conftest import write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
+from odometries import odometry as odometry_message
+from odometries import time_of
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -20,19 +21,8 @@ ABREAST = np.zeros(3), Rotation.identity()
 BEHIND = np.array([-5.0, 0.0, 0.0]), Rotation.identity()
 
 
-def time_of(seconds):
-    whole, fraction = divmod(round(seconds * 10**9), 10**9)
-    return Time(sec=whole, nanosec=fraction)
-
-
 def odometry(seconds, place, child="rov/base_link", frame="odom"):
-    position, rotation = place
-    message = Odometry(child_frame_id=child)
-    message.header.stamp, message.header.frame_id = time_of(seconds), frame
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    p.x, p.y, p.z = map(float, position)
-    q.x, q.y, q.z, q.w = map(float, rotation.as_quat())
-    return message
+    return odometry_message(round(seconds * 10**9), *place, frame, child)
 
 
 def random_places(rng):
@@ -69,7 +59,7 @@ class Sea:
         lab.connect()
 
     def image(self, seconds):
-        message = self.lab.answer(self.images, time_of(seconds), "an image")
+        message = self.lab.answer(self.images, time_of(round(seconds * 10**9)), "an image")
         assert (message.encoding, message.height, message.width) == ("mono16", 5, 5)
         return np.frombuffer(message.data, "<u2").reshape(5, 5)
 
@@ -151,7 +141,8 @@ def test_followers_that_come_before_their_leader_wait_for_it(sea):
     assert len(sea.node.waiting) == 1
     sea.lead(1.35)
     sea.image(1.3)
-    assert [image.header.stamp for image in sea.images] == [time_of(t) for t in (1.1, 1.2, 1.3)]
+    tenths = [time_of(t * 10**8) for t in (11, 12, 13)]
+    assert [image.header.stamp for image in sea.images] == tenths
 
 
 def test_a_leader_that_never_speaks_is_told_of(sea):
@@ -235,7 +226,7 @@ def test_a_seed_repeats_the_noise_and_minus_one_draws_a_new_one_at_each_start(
     for (leader, follower), images in sides:
         leader.publish(odometry(1, ABREAST))
         follower.publish(odometry(1, BEHIND))
-        readings.append(lab.answer(images, time_of(1)).data.tobytes())
+        readings.append(lab.answer(images, time_of(10**9)).data.tobytes())
     assert (readings[0] == readings[1]) == alike
 
 

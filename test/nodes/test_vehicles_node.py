@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from odometries import odometry, position, rotation, time_of
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
@@ -13,20 +13,6 @@ from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 START = 100 * 10**9
 STEP = 10**8
 ACCELERATION = 0.3  # m/s^2, of the small hovering vehicle
-
-
-def time_of(nanoseconds):
-    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-
-
-def position(odometry):
-    p = odometry.pose.pose.position
-    return np.array([p.x, p.y, p.z])
-
-
-def rotation(odometry):
-    q = odometry.pose.pose.orientation
-    return Rotation.from_quat([q.x, q.y, q.z, q.w])
 
 
 class Basin:
@@ -69,9 +55,9 @@ def test_both_odometries_carry_every_tick_of_the_clock_in_one_world(lab):
         basin.tick()
     ticks = [time_of(START + i * STEP) for i in range(30)]
     for name, heard in basin.heard.items():
-        assert [odometry.header.stamp for odometry in heard] == ticks
-        assert {odometry.header.frame_id for odometry in heard} == {"sea"}
-        assert {odometry.child_frame_id for odometry in heard} == {f"{name}/base_link"}
+        assert [message.header.stamp for message in heard] == ticks
+        assert {message.header.frame_id for message in heard} == {"sea"}
+        assert {message.child_frame_id for message in heard} == {f"{name}/base_link"}
 
 
 @pytest.mark.parametrize("station_m", [[-4.0, 0.0, 0.0], [-8.0, 1.0, -2.0]])
@@ -110,12 +96,7 @@ def test_the_leader_swims_ahead_by_what_its_odometry_says(basin):
     assert moved[0] > 8.0
     assert rotation(messages[-1]).as_euler("ZYX")[0] > np.radians(5.0)
     # Integrated by the trapezoidal rule, the velocities give the path.
-    velocities = np.array(
-        [
-            rotation(message).apply([getattr(message.twist.twist.linear, axis) for axis in "xyz"])
-            for message in messages
-        ]
-    )
+    velocities = np.array([over_ground(message) for message in messages])
     way = (velocities[1:] + velocities[:-1]).sum(axis=0) / 2 * 0.1
     np.testing.assert_allclose(way, moved, atol=0.01)
 
@@ -156,13 +137,13 @@ def test_both_poses_go_to_tf_too_where_they_are_wanted(lab):
     lab.connect()
     odometries = basin.tick()
     lab.until(lambda: len(heard) == 2, "two transforms")
-    for message, odometry in zip(heard, odometries, strict=True):
+    for message, sent in zip(heard, odometries, strict=True):
         (transform,) = message.transforms
-        assert transform.header == odometry.header
-        assert transform.child_frame_id == odometry.child_frame_id
+        assert transform.header == sent.header
+        assert transform.child_frame_id == sent.child_frame_id
         t = transform.transform.translation
-        np.testing.assert_array_equal([t.x, t.y, t.z], position(odometry))
-        assert transform.transform.rotation == odometry.pose.pose.orientation
+        np.testing.assert_array_equal([t.x, t.y, t.z], position(sent))
+        assert transform.transform.rotation == sent.pose.pose.orientation
 
 
 def test_a_clock_that_is_set_back_stops_nothing(basin):
@@ -174,14 +155,6 @@ def test_a_clock_that_is_set_back_stops_nothing(basin):
     assert leader.header.stamp == follower.header.stamp == time_of(basin.now)
 
 
-def odometry_of(x, y, yaw):
-    message = Odometry()
-    message.pose.pose.position.x, message.pose.pose.position.y = x, y
-    q = message.pose.pose.orientation
-    q.x, q.y, q.z, q.w = Rotation.from_euler("Z", yaw).as_quat()
-    return message
-
-
 def test_a_follower_alone_waits_for_a_leader_and_starts_behind_it(lab):
     lab.begin({"vehicles": "follower", "station_m": [-5.0, 1.0, 0.0]})
     node = lab.start(VehiclesNode)
@@ -191,12 +164,12 @@ def test_a_follower_alone_waits_for_a_leader_and_starts_behind_it(lab):
     lab.report(node, DiagnosticStatus.WARN, "follower waits: no leader/odometry")
     assert node.count_publishers("leader/odometry") == 1  # the test's own
     assert not heard
-    leaders.publish(odometry_of(20.0, -3.0, np.pi / 2))
+    leaders.publish(odometry(0, [20.0, -3.0, 0.0], Rotation.from_euler("Z", np.pi / 2)))
     lab.until(lambda: heard, "a follower")
     # To the south of a leader that heads north, its port is in the west.
     assert position(heard[0]) == pytest.approx([19.0, -8.0, 0.0], abs=0.6)
     assert rotation(heard[0]).as_euler("ZYX")[0] == pytest.approx(np.pi / 2)
-    leaders.publish(odometry_of(90.0, 0.0, 0.0))  # from now on it goes where it is commanded
+    leaders.publish(odometry(0, [90.0, 0.0, 0.0]))  # from now on it goes where it is commanded
     heard.clear()
     lab.until(lambda: len(heard) > 3, "the follower")
     assert position(heard[-1]) == pytest.approx([19.0, -8.0, 0.0], abs=0.6)
@@ -219,9 +192,9 @@ def test_a_leader_alone_waits_until_every_follower_is_commanded(lab):
     assert node.count_publishers("follower/odometry") == 0
 
 
-def over_ground(odometry):
-    linear = odometry.twist.twist.linear
-    return rotation(odometry).apply([linear.x, linear.y, linear.z])
+def over_ground(message):
+    linear = message.twist.twist.linear
+    return rotation(message).apply([linear.x, linear.y, linear.z])
 
 
 @pytest.mark.parametrize("vehicle", ["kinematic", "bluerov2"])
@@ -258,6 +231,6 @@ def test_however_long_the_leader_waited_one_wave_lifts_both(lab):
     for _ in range(17):
         basin.tick()
     basin.order()
-    lifts = np.array([[over_ground(odometry)[2] for odometry in basin.tick()] for _ in range(40)])
+    lifts = np.array([[over_ground(message)[2] for message in basin.tick()] for _ in range(40)])
     assert np.ptp(lifts[:, 0]) > 0.2
     np.testing.assert_allclose(lifts[:, 0], lifts[:, 1], atol=0.01)

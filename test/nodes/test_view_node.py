@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from odometries import odometry
 from rclpy.time import Time
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
@@ -14,7 +15,6 @@ from uuv_optical_array.nodes.shared.messages import (
     odometry_to_message,
     pose_to_message,
     stamp_ns,
-    write_pose,
 )
 from uuv_optical_array.nodes.view_node import WAITING
 
@@ -62,11 +62,8 @@ def send_track(lab, node, i, frame="beacon", child="base_link"):
 
 
 def send_vehicle(lab, node, name, i, position, turn):
-    message = Odometry(header=header(i, "odom"), child_frame_id=f"{name}/base_link")
-    yaw, pitch, roll = Rotation.from_matrix(turn).as_euler("ZYX")
-    write_pose(message.pose.pose, position, pitch, yaw, roll)
-    node.vehicles[name].publish(message)
     stamp = START_NS + i * 10**8
+    node.vehicles[name].publish(odometry(stamp, position, Rotation.from_matrix(turn)))
     known = node.trajectories[name]
     lab.until(lambda: known._samples and known._samples[-1][0] == stamp, f"{name} {i}")
 

@@ -4,24 +4,17 @@ import subprocess
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from command_line import PROGRAM
 from conftest import PATIENCE_S
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
+from odometries import odometry, time_of
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.bringup.demo import RecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
-
-
-def odometry(tenths, x, surge):
-    message = Odometry(header=Header(stamp=Time(nanosec=tenths * 10**8)))
-    message.pose.pose.position.x, message.pose.pose.orientation.w = x, 1.0
-    message.twist.twist.linear.x = surge
-    return message
 
 
 def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
@@ -31,10 +24,10 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     lab.nodes.append(recorder)
 
     def take(tenths):
-        header = Header(stamp=Time(nanosec=tenths * 10**8))
+        header = Header(stamp=time_of(tenths * 10**8))
         pose = PoseWithCovarianceStamped(header=header)
         pose.pose.pose.orientation.w = 1.0
-        recorder.on_follower(odometry(tenths, -6.0, 0.0))
+        recorder.on_follower(odometry(tenths * 10**8, [-6.0, 0.0, 0.0]))
         recorder.on_image(image_to_message(np.full((2, 2), tenths), header))
         recorder.on_truth(header, np.full(5, -tenths))
         recorder.on_pose(pose)
@@ -42,7 +35,8 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     for tenths in range(1, 7):
         # The leader sets off at 0.3 s; what was taken before then comes later.
         surge = 0.5 if tenths >= 3 else 0.0
-        leader = odometry(tenths, surge * (tenths - 3) / 10, surge)
+        leader = odometry(tenths * 10**8, [surge * (tenths - 3) / 10, 0.0, 0.0])
+        leader.twist.twist.linear.x = surge
         recorder.on_leader(leader)
         if tenths == 3:
             take(2)

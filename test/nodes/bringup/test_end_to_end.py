@@ -6,9 +6,12 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from node_processes import Probe, node_processes
+from odometries import odometry, position, rotation
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
+
+from uuv_optical_array.core.messages import stamp_ns
 
 # The bound on the error across is 5.7 of its standard deviations away with so many; with 250, 1.6.
 POSES = 500
@@ -38,11 +41,10 @@ class Fleet(Probe):
         )
 
     def on_image(self, message):
-        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
-        self.peaks[stamp] = np.frombuffer(message.data, "<u2").max()
+        self.peaks[stamp_ns(message.header)] = np.frombuffer(message.data, "<u2").max()
 
     def on_pose(self, message):
-        self.answers[message.header.stamp.sec, message.header.stamp.nanosec] = message
+        self.answers[stamp_ns(message.header)] = message
 
     def connect(self):
         """Publish an aligned pose, again and again, until the first answer comes back."""
@@ -52,20 +54,11 @@ class Fleet(Probe):
             nonlocal seconds
             seconds += 1
             for publisher, x in ((self.leader, 0.0), (self.follower, -6.0)):
-                self.publish(publisher, (seconds, 0), [x, 0.0, 0.0], Rotation.identity())
+                publisher.publish(odometry(seconds * 10**9, [x, 0.0, 0.0]))
             return self.answers
 
         self.wait_for(answered, "the four processes to find each other")
         return seconds
-
-    def publish(self, publisher, stamp, position, rotation):
-        message = Odometry(child_frame_id="base_link")
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.header.frame_id = "odom"
-        place, attitude = message.pose.pose.position, message.pose.pose.orientation
-        place.x, place.y, place.z = map(float, position)
-        attitude.x, attitude.y, attitude.z, attitude.w = map(float, rotation.as_quat())
-        publisher.publish(message)
 
 
 def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes):
@@ -78,13 +71,14 @@ def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes)
     try:
         fleet = Fleet()
         first = fleet.connect() + 1
-        stamps = [(first + i // 10, 1 + (i % 10) * 100_000_000) for i in range(POSES)]
+        stamps = [first * 10**9 + i * 10**8 + 1 for i in range(POSES)]
         for stamp, pose in zip(stamps, poses, strict=True):
             leader = Rotation.from_euler("ZYX", rng.uniform(-0.5, 0.5, 3))
             beacon = rng.uniform(-50.0, 50.0, 3)
             follower = leader * Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0])
-            fleet.publish(fleet.leader, stamp, beacon, leader)
-            fleet.publish(fleet.follower, stamp, beacon + leader.apply(pose[:3]), follower)
+            place = beacon + leader.apply(pose[:3])
+            fleet.leader.publish(odometry(stamp, beacon, leader))
+            fleet.follower.publish(odometry(stamp, place, follower))
             fleet.wait_for(
                 lambda stamp=stamp: stamp in fleet.answers and stamp in fleet.peaks,
                 f"the answer to pose {pose} with stamp {stamp}",
@@ -93,16 +87,14 @@ def test_every_lit_pose_is_answered_within_the_specified_error(sensor_processes)
         rclpy.try_shutdown()
 
     assert min(fleet.peaks.values()) > 20  # every pose of this volume has light
-    assert [stamp for stamp in sorted(fleet.answers) if stamp[0] >= first] == stamps
+    assert [stamp for stamp in sorted(fleet.answers) if stamp >= first * 10**9] == stamps
     errors, normalised = [], []
-    for stamp, (x, y, z, pitch, yaw) in zip(stamps, poses, strict=True):
+    for stamp, pose in zip(stamps, poses, strict=True):
         message = fleet.answers[stamp]
         assert message.header.frame_id == "leader/beacon"
-        place, attitude = message.pose.pose.position, message.pose.pose.orientation
-        turned = Rotation.from_quat([attitude.x, attitude.y, attitude.z, attitude.w])
-        found_yaw, found_pitch, found_roll = turned.as_euler("ZYX")
+        found_yaw, found_pitch, found_roll = rotation(message).as_euler("ZYX")
         assert abs(found_roll) < 1e-9
-        errors.append([place.x - x, place.y - y, place.z - z, found_pitch - pitch, found_yaw - yaw])
+        errors.append([*position(message) - pose[:3], found_pitch - pose[3], found_yaw - pose[4]])
         covariance = np.reshape(message.pose.covariance, (6, 6))
         np.linalg.cholesky(covariance)
         std = np.sqrt(covariance.diagonal()[[0, 1, 2, 4, 5]])

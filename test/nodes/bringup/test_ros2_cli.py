@@ -197,17 +197,12 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
 def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**:\n  ros__parameters:\n    scene: reference\n")
-    declared = {
-        "simulator_node": simulator_node.PARAMETERS,
-        "feature_node": feature_node.PARAMETERS,
-        "estimator_node": estimator_node.PARAMETERS,
-        "formation_node": formation_node.PARAMETERS,
-    }
     with launched(tmp_path, f"params_file:={mine}", "demo:=false") as node:
-        for name, parameters in declared.items():
-            expected = {key: parameter.default for key, parameter in parameters.items()}
+        for module in (simulator_node, feature_node, estimator_node, formation_node):
+            expected = {key: parameter.default for key, parameter in module.PARAMETERS.items()}
             if "scene" in expected:
                 expected["scene"] = "reference"
+            name = module.__name__.rpartition(".")[2]
             assert parameters_of(node, name, expected) == expected
 
 

@@ -14,19 +14,16 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.nodes.bringup import security
 
 POLICY = files.shared_file("config/security/policy.xml")
-# What an element of the SROS2 policy schema 0.2.0 may hold, and the attributes that it must have.
-CHILDREN = {
-    "policy": {"enclaves"},
-    "enclaves": {"enclave"},
-    "enclave": {"profiles"},
-    "profiles": {"profile"},
-    "profile": {"topics", "services"},
-    "topics": {"topic"},
-    "services": {"service"},
-    "topic": set(),
-    "service": set(),
+# The elements that one of the SROS2 policy schema 0.2.0 may hold, and the attributes that it has.
+SCHEMA = {
+    "policy": ({"enclaves"}, [{"version"}]),
+    "enclaves": ({"enclave"}, [set()]),
+    "enclave": ({"profiles"}, [{"path"}]),
+    "profiles": ({"profile"}, [set()]),
+    "profile": ({"topics", "services"}, [{"ns", "node"}]),
+    "topics": ({"topic"}, [{"publish"}, {"subscribe"}]),
+    "services": ({"service"}, [{"reply"}]),
 }
-ATTRIBUTES = {"policy": {"version"}, "enclave": {"path"}, "profile": {"ns", "node"}}
 # What every node of rclpy has beside the entities of its own.
 OF_ROS = {
     ("topics", "publish"): {"/rosout"},
@@ -102,27 +99,20 @@ def test_a_namespace_has_enclaves_and_names_of_its_own(lab, scene_file):
 
 
 def test_the_policy_has_the_form_of_the_schema():
-    def check(element):
-        assert {child.tag for child in element} <= CHILDREN[element.tag]
-        given = set(element.keys())
-        if element.tag in ("topics", "services"):
-            verbs = {"topics": {"publish", "subscribe"}, "services": {"reply"}}
-            assert len(given) == 1
-            assert given <= verbs[element.tag]
-            assert set(element.attrib.values()) == {"ALLOW"}
-        else:
-            assert given == ATTRIBUTES.get(element.tag, set())
+    root = ElementTree.parse(POLICY).getroot()
+    assert (root.tag, root.get("version")) == ("policy", "0.2.0")
+    for element in root.iter():
         if element.tag in ("topic", "service"):
             assert element.text.startswith(("/", "~/"))
             assert "*" not in element.text
-        else:
-            assert len(element)
-        for child in element:
-            check(child)
-
-    root = ElementTree.parse(POLICY).getroot()
-    assert root.get("version") == "0.2.0"
-    check(root)
+            assert not [*element, *element.attrib]
+            continue
+        children, attributes = SCHEMA[element.tag]
+        assert {child.tag for child in element} <= children
+        assert len(element)
+        assert set(element.keys()) in attributes
+        if element.tag in ("topics", "services"):
+            assert set(element.attrib.values()) == {"ALLOW"}
 
 
 def test_sros2_takes_the_policy():
@@ -153,7 +143,7 @@ nodes = [node for name in ("simulator_node", "feature_node", "estimator_node", "
          "vehicles_node") for node in PROCESSES[name]()]
 for node in nodes:
     executor.add_node(node)
-spin(executor, lambda: not nodes[3].diagnostics._totals["answered"])
+spin(executor, lambda: not nodes[3].diagnostics.totals["answered"])
 rclpy.try_shutdown()
 open(os.environ["XDG_CACHE_HOME"] + "/witness", "w").close()  # the hook sees it
 print(*sorted({os.path.abspath(os.fsdecode(path)) for path in paths}), sep="\\n")

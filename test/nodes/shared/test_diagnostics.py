@@ -28,7 +28,7 @@ class Bench:
         self.images = lab.talk(Image, place)
         lab.connect()
         lab.tick(NOW)
-        self.node.diagnostics._timer.cancel()  # the test says when a period ends
+        self.node.diagnostics.timer.cancel()  # the test says when a period ends
         lab.statuses.clear()
 
     def send(self, *stamps_ns, image=IMAGE):

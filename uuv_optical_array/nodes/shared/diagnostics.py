@@ -46,7 +46,7 @@ class Diagnostics:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._totals = Counter(answered=0, refused=0)
+        self.totals = Counter(answered=0, refused=0)
         self._kinds: Counter[str] = Counter()
         self._answered = self._passed_over = 0
         self._refusals: dict[str, str] = {}
@@ -57,7 +57,7 @@ class Diagnostics:
         self._windows = deque([(self._heard_s, 0)], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
         self._ages_s: list[float] = []
-        self._timer = node.create_timer(PERIOD_S, self.publish)
+        self.timer = node.create_timer(PERIOD_S, self.publish)
 
     def answer(
         self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] = dict
@@ -67,7 +67,7 @@ class Diagnostics:
         Figures of it are asked for only where it is the last before they are published.
         """
         self._answered += 1
-        self._totals["answered"] += 1
+        self.totals["answered"] += 1
         self._values = values
         if stamp_ns is not None:
             self._stamps_ns.append(stamp_ns)
@@ -77,14 +77,14 @@ class Diagnostics:
     def pass_over(self, count: int) -> None:
         """Note messages that were not looked at because a newer one had come."""
         self._passed_over += count
-        self._totals["passed_over"] += count
+        self.totals["passed_over"] += count
 
     def refuse(self, reason: str) -> None:
         """Note a message that was not answered; the reason's kind stands before its colon."""
         kind = reason.partition(":")[0]
         self._refusals[kind] = reason
         self._kinds[kind] += 1
-        self._totals["refused"] += 1
+        self.totals["refused"] += 1
         self._node.get_logger().warning(reason, throttle_duration_sec=5.0)
 
     def warn(self, reason: str) -> None:
@@ -119,7 +119,7 @@ class Diagnostics:
         if self._failure:
             level, text = DiagnosticStatus.ERROR, self._failure
         values |= {
-            **{name: str(count) for name, count in self._totals.items()},
+            **{name: str(count) for name, count in self.totals.items()},
             **{f"refused: {kind}": str(count) for kind, count in self._kinds.items()},
             **self._ages(),
             **self._values(),
@@ -141,7 +141,7 @@ class Diagnostics:
 
     def _rate(self) -> dict[str, str]:
         """Return the rate of answers in the last periods, as diagnostic_updater names it."""
-        now_s, total = time.monotonic(), self._totals["answered"]
+        now_s, total = time.monotonic(), self.totals["answered"]
         since_s, before = self._windows[0]
         self._windows.append((now_s, total))
         window_s = max(now_s - since_s, 1e-9)

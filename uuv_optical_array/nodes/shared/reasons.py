@@ -31,18 +31,19 @@ REFUSALS = {
         "Correct `effects.adc` of the scene to the converter that is mounted.",
     ),
     "not five finite numbers": Reason(
-        "The key parameters are beyond any image's.", "Restart the feature node; check its input."
+        "The key parameters are not those of an image.",
+        "Restart the feature node; check its input.",
     ),
     "not of this array": Reason(
         "A key parameter is impossible for an array of the scene's size.",
-        "Give feature and estimator node the same `scene`.",
+        "Set the same `scene` for the feature and the estimator node.",
     ),
     "another image": Reason(
         "The key parameters are not those of the image with their stamp.",
-        "Let one exposure have one stamp; look for a second publisher on `array/image`.",
+        "Give each exposure its own stamp; look for a second publisher on `array/image`.",
     ),
     "frozen": Reason(
-        "The same readings come again under fresh stamps, noise included.",
+        "The same readings come again with new stamps, down to their noise.",
         "Restart the array's driver; check its cable.",
     ),
     "no match": Reason(
@@ -66,17 +67,20 @@ REFUSALS = {
         "Look for load and for a network between the array and the estimator.",
     ),
     "repeated stamp": Reason(
-        "Two frames have one stamp.", "Look for a second publisher; stamp each exposure anew."
+        "Two frames have the same stamp.",
+        "Look for a second publisher; give each exposure its own stamp.",
     ),
     "stamp not later": Reason(
         "The stamp is not later than the one before: repeated, or in the wrong order.",
-        "Look for a second publisher and for a clock that is set back. It heals by itself.",
+        "Look for a second publisher and for a clock that is set back. It recovers by itself.",
     ),
     "no image": Reason(
         "Key parameters came, and no image with their stamp.",
         "Let the array's driver and the feature node keep one stamp; see `use_image`.",
     ),
-    "no table": Reason("The signature table could not be had.", "Mend the error, `table ...`."),
+    "no table": Reason(
+        "The signature table could not be read.", "Remove the cause of the error `table ...`."
+    ),
     "no roll": Reason(
         "No `imu` message is near the image in time.",
         "Check the IMU's topic and clock, or raise `max_imu_age_s`; else set `use_imu` to false.",
@@ -86,12 +90,12 @@ REFUSALS = {
         "Remap `imu` to the topic of its filter, or set `use_imu` to false.",
     ),
     "not finite": Reason(
-        "A message holds NaN or infinity. Where its text says `not published`, it was ours and was "
-        "held back.",
-        "Check the node that publishes it; if it was ours, report it with a bag.",
+        "A message holds NaN or infinity. Where its text says `not published`, this node computed "
+        "it and did not publish it.",
+        "Check the node that publishes it; if it was this one, report it with a bag.",
     ),
     "out of bounds": Reason(
-        "A message holds a number beyond any vehicle's, as of other units than m, m/s and rad/s.",
+        "A number in a message is larger than any vehicle's; are its units m, m/s and rad/s?",
         _DRIVER,
     ),
     "bad attitude": Reason("A quaternion does not have the length 1.", _DRIVER),
@@ -120,7 +124,7 @@ REFUSALS = {
     ),
 }
 
-# What lasts, and makes the answers worse or keeps them away. WARN.
+# Lasting conditions that prevent answers or make them worse. WARN.
 WARNINGS = {
     "no input": Reason(
         "Nothing came that the node could answer.",
@@ -128,7 +132,7 @@ WARNINGS = {
         "namespace, `ROS_DOMAIN_ID` and QoS must agree.",
     ),
     "several publishers": Reason(
-        "Two nodes publish on a topic that is to have one publisher: two runs mix.",
+        "Two nodes publish on a topic that must have one publisher: two runs are mixed.",
         "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     ),
     "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
@@ -147,7 +151,7 @@ WARNINGS = {
     ),
 }
 
-# What keeps a node from working until its set-up changes. ERROR.
+# Errors of the set-up: the node does not work until it is corrected. ERROR.
 ERRORS = {
     "table": Reason(
         "The folder of the signature table is missing, damaged or of another scene.",

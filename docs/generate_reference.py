@@ -122,8 +122,8 @@ def parameters() -> list[str]:
         parts.append(parameter_list(own) if own else "Its parameters are those of its parts.")
     described: set[tuple[str, str]] = set()
     for name, arguments in launch_arguments():
-        rows = [
-            (f"`{key}:={default}`" if default else f"`{key}`", text)
+        lines = [
+            f"- `{key}:={default}`: {text}" if default else f"- `{key}`: {text}"
             for key, (default, text) in arguments.items()
             if (key, text) not in described
         ]
@@ -133,7 +133,7 @@ def parameters() -> list[str]:
             f"## Arguments of `{name}`",
             "An argument without a default leaves the parameter as it is."
             + (f" {', '.join(again)} are as above." if again else ""),
-            table(("argument", "meaning"), rows),
+            "\n".join(lines),
         ]
     return parts
 
@@ -250,38 +250,38 @@ def diagnostics() -> list[str]:
     parts = [
         "# Diagnostics",
         "Every text and value that a node can show on `/diagnostics`; "
-        "[operations](../how_to/operations.md) says where to begin. A text that a topic's name "
-        "and a comma precede is about messages of that topic.",
+        "[operations](../how_to/operations.md) says where to begin. Each beginning of a text has "
+        "its cause and, in italics, its cure. A text that a topic's name and a comma precede is "
+        "about messages of that topic.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
         ("Warnings that last", reasons.WARNINGS),
         ("Errors", reasons.ERRORS),
     ):
-        parts += [f"## {heading}", *reason_tables(kinds)]
+        parts += [f"## {heading}", *reason_lists(kinds)]
     return [
         *parts,
         "## Values",
         "Counts are since the start; all else is of the last message that was answered, or of the "
-        "last second.",
-        table(("value", "of", "meaning"), reasons.VALUES),
+        "last second. The nodes are in brackets.",
+        "\n".join(f"- {names} ({of}): {meaning}" for names, of, meaning in reasons.VALUES),
     ]
 
 
-def reason_tables(kinds: Mapping[str, reasons.Reason]) -> list[str]:
-    """Return a table of reasons, and one below each cure that many of them share."""
+def reason_lists(kinds: Mapping[str, reasons.Reason]) -> list[str]:
+    """Return a list of reasons, and one for each cure that many of them share."""
     counts = Counter(reason.cure for reason in kinds.values())
     common = [cure for cure, count in counts.items() if count > 2]
-    rows = [
-        (f"`{kind}`", reason.cause, reason.cure)
+    lines = [
+        f"- `{kind}`: {reason.cause} *{reason.cure}*"
         for kind, reason in kinds.items()
         if reason.cure not in common
     ]
-    parts = [table(("text begins with", "cause", "cure"), rows)]
+    parts = ["\n".join(lines)]
     for cure in common:
-        causes = [(f"`{kind}`", one.cause) for kind, one in kinds.items() if one.cure == cure]
-        heads = ("text begins with", "cause")
-        parts += [f"The cure of these is the same. {cure}", table(heads, causes)]
+        causes = [f"- `{kind}`: {one.cause}" for kind, one in kinds.items() if one.cure == cure]
+        parts += [f"The cure of these is the same. *{cure}*", "\n".join(causes)]
     return parts
 
 
@@ -414,8 +414,8 @@ def scene() -> list[str]:
         "The files lie in `config/scenes/`; their comments give the source of each value. "
         "`uuv_array scenes` lists them with their key figures, and explains each and every key.",
     ]
-    rows = [(f"`{name}`", sentence(scene_file(name))) for name in ready_scenes()]
-    return [*parts, table(("scene", "use"), rows)]
+    lines = [f"- `{name}`: {sentence(scene_file(name))}" for name in ready_scenes()]
+    return [*parts, "\n".join(lines)]
 
 
 def effects() -> list[str]:
@@ -472,13 +472,13 @@ def api() -> list[str]:
     """Return the page of the public names."""
     names = [name for name in uuv_optical_array.__all__ if name != "__version__"]
     found = {name: getattr(uuv_optical_array, name) for name in names}
-    rows = [(f"`{name}`", first_sentence(thing.__doc__)) for name, thing in found.items()]
+    lines = [f"- `{name}`: {first_sentence(thing.__doc__)}" for name, thing in found.items()]
     parts = [
         "# Python API",
         "What `import uuv_optical_array` offers. Poses are x, y, z in m and pitch, yaw in rad, of "
         "the follower in the frame of the lamp; images are counts, row 0 at the top and column 0 "
         "at the port edge.",
-        table(("public name", "what it is"), rows),
+        "\n".join(lines),
     ]
     lines = ["```{eval-rst}"]
     for name, thing in found.items():

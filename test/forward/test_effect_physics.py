@@ -94,7 +94,7 @@ def test_the_signals_shot_noise_is_that_of_its_electrons():
     electrons = np.random.default_rng(4).poisson(current / Q / (2 * bandwidth), 200_000)
     measured = electrons.std() * Q * 2 * bandwidth
     diode = {**DIODE, "bandwidth_hz": bandwidth, "amps_per_count": 1.0}
-    shot = effects.photodiode(None, **diode).slope * current
+    shot = effects.electronics.photodiode(None, **diode).slope * current
     assert math.sqrt(shot) == pytest.approx(measured, rel=0.01)
 
 
@@ -187,7 +187,7 @@ def test_a_lensed_detector_answers_by_a_power_of_the_cosine(power):
 
 
 def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
-    form = effects.field_of_view(None, half_angle_deg=40.0, edge_deg=5.0)
+    form = effects.detectors.field_of_view(None, half_angle_deg=40.0, edge_deg=5.0)
     for angle, share, tolerance in ((0, 1, 1e-3), (40, 0.5, 1e-12), (50, 0, 1e-3), (60, 0, 1e-6)):
         found = form.law(5.0, 0.0, math.cos(math.radians(angle)), *form.settings)[0]
         assert found == pytest.approx(share, abs=tolerance)
@@ -217,7 +217,7 @@ def test_the_beam_spreads_as_a_simulation_of_photons_says(b, length):
     theta, sigma = math.radians(2.0), math.radians(6.0)
     lamp = LampSettings(6.0, 900.0, 4.0)
     eta = np.linspace(0, 10 * sigma, 4001)
-    form = effects.beam_spread(
+    form = effects.water.beam_spread(
         None, lamp, scattering_per_m=b, scattering_angle_deg=math.degrees(theta)
     )
     before = np.exp(-(eta**2) / (2 * sigma**2))

@@ -92,7 +92,7 @@ def test_forward_scatter_blurs_both_axes_of_a_stack_of_images():
     for axis in (1, 2):
         expected = ndimage.convolve1d(expected, window, axis=axis, mode="reflect")
     found = images.reshape(3, 441).copy()
-    sandwich(effects.forward_scatter(array, window_m=0.2).matrix, found)
+    sandwich(effects.water.forward_scatter(array, window_m=0.2).matrix, found)
     np.testing.assert_allclose(found.reshape(3, 21, 21), expected, rtol=1e-12)
 
 

@@ -76,16 +76,9 @@ def pitched(seen: Any, roll: Any) -> tuple[Any, Any, Any]:
 
 
 def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
-    """Write the slopes of `lamp_in_body` by the pose.
+    """Write the slopes of `lamp_in_body`, whose result is `lamp`, by the pose.
 
-    Parameters
-    ----------
-    pose, roll
-        Components of the pose, m and rad, and the roll, rad, numbers or arrays.
-    lamp
-        Result of `lamp_in_body`.
-    slopes
-        Result, given as zeros, shape ``(6, 5, ...)``.
+    The slopes are given as zeros, shape ``(6, 5, ...)``.
     """
     rows = rotation(pose[PITCH], pose[YAW], roll)
     place = pitched((lamp[0], lamp[1], lamp[2]), roll)
@@ -136,12 +129,8 @@ def relative_pose(
 ) -> tuple[Array, float]:
     """Pose, shape ``(5,)``, and roll of the follower in the beacon frame.
 
-    Parameters
-    ----------
-    beacon_position, follower_position
-        Origins in a common frame, m, shape ``(3,)``.
-    beacon_rotation, follower_rotation
-        Rotations from each frame to the common one, shape ``(3, 3)``.
+    Origins are in a common frame, m, shape ``(3,)``; rotations are from each frame to the common
+    one, shape ``(3, 3)``.
     """
     to_beacon = np.asarray(beacon_rotation, dtype=float).T
     position = to_beacon @ (np.asarray(follower_position, float) - np.asarray(beacon_position))
@@ -150,14 +139,9 @@ def relative_pose(
 
 
 def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Reduce the covariance of a ROS pose to that of `pose`, shape ``(5, 5)``.
+    """Reduce the covariance of a ROS pose to that of a pose in 5 DOF, shape ``(5, 5)``.
 
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``.
-    covariance
-        Of (x, y, z, rotations about the fixed x, y and z axes), shape ``(6, 6)``.
+    The former is of (x, y, z, rotations about the fixed x, y and z axes), shape ``(6, 6)``.
     """
     yaw = np.asarray(pose, dtype=float)[YAW]
     reduction = np.zeros((5, 6))
@@ -234,19 +218,7 @@ def body_twist(
 def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
     """Return the rate of a pose whose frame moves by a twist: the inverse of `body_twist`.
 
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``; the pitch within (-pi/2, pi/2).
-    twist
-        Linear and angular velocity in the follower's frame, m/s and rad/s, shape ``(6,)``.
-    roll
-        Of the follower, rad; it is taken not to change.
-
-    Returns
-    -------
-    Array
-        Change of `pose`, m/s and rad/s, shape ``(5,)``.
+    The pitch is within (-pi/2, pi/2); the roll, rad, is taken as constant.
     """
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
     *linear, _, about_y, about_z = np.asarray(twist, dtype=float)
@@ -259,12 +231,7 @@ def pose_rate(pose: ArrayLike, twist: ArrayLike, roll: float) -> Array:
 def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
     """Return the slope of a pose, as it appears, by turns of the array on its mount, ``(5, 2)``.
 
-    Parameters
-    ----------
-    pose, roll
-        Of the follower, m and rad.
-    bow_m
-        From ``base_link`` forward to the point about which the array turns in pitch and yaw, m.
+    The array turns in pitch and yaw about a point `bow_m` ahead of ``base_link``.
     """
     pitch, yaw = float(pose[PITCH]), float(pose[YAW])
     # The array stays in place, so the vehicle appears to swing about it.
@@ -274,14 +241,9 @@ def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
 
 
 def turned_about_beam(poses: Array, roll: float) -> Array:
-    """Turn level followers about the beam axis until they roll, which leaves the light unchanged.
+    """Turn level followers, ``(..., 5)``, about the beam axis by an angle, rad, until they roll.
 
-    Parameters
-    ----------
-    poses
-        Poses of level followers, m and rad, shape ``(..., 5)``.
-    roll
-        Angle about the beam, which is the roll for small pitch and yaw, rad.
+    This leaves the light unchanged; for small pitch and yaw the angle is the roll.
     """
     poses = np.asarray(poses, dtype=float)
     if roll == 0:

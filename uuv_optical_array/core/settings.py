@@ -188,12 +188,8 @@ def check(hint: Any, value: Any, name: str) -> Any:
     """Return a value, as its declared type, after a check against its type hint.
 
     The hint is ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
-    ``T | None``, each bare or ``Annotated`` with a `Quantity`.
-
-    Raises
-    ------
-    ValueError
-        Names the key, the value, the bound and the cure.
+    ``T | None``, each bare or ``Annotated`` with a `Quantity`. ValueError names the key, the value,
+    the bound and the cure.
     """
     kind, quantity, optional = _unwrapped(hint)
     return _checked(kind, quantity, optional, value, name)
@@ -228,19 +224,8 @@ def unknown(key: Any, known: typing.Iterable[str], where: str) -> ValueError:
 def check_all(owner: Callable[..., Any], values: Any, where: str) -> dict[str, Any]:
     """Check a mapping of values against the settings of its owner, and fill in defaults.
 
-    Parameters
-    ----------
-    owner
-        As `declared` takes it.
-    values
-        Mapping from key to value; ``None`` is empty.
-    where
-        Dotted name of the mapping, for errors.
-
-    Raises
-    ------
-    ValueError
-        For an unknown or missing key, a wrong type or a value out of bounds.
+    ``None`` is an empty mapping; `where` is its dotted name. ValueError for an unknown or missing
+    key, a wrong type or a value out of bounds.
     """
     values = {} if values is None else values
     if not isinstance(values, Mapping):
@@ -266,19 +251,8 @@ def one_way(
 ) -> bool:
     """Require exactly one of two ways to give the same thing, and return whether it is the second.
 
-    Parameters
-    ----------
-    values
-        Checked values; ``None`` is not given.
-    where
-        Dotted name of the mapping, for errors.
-    first, second
-        Keys of either way.
-
-    Raises
-    ------
-    ValueError
-        Where both or neither are given, or a part of one.
+    Each way is a list of keys of the checked values, of which ``None`` is not given; `where` is
+    their dotted name. ValueError where both or neither are given, or a part of one.
     """
     ways = f"give {' and '.join(first)}, or else {' and '.join(second)}"
     extending = "; null takes away what an extended scene gives"

@@ -72,20 +72,11 @@ def beam_solid_angle(sigma_rad: float) -> float:
 
 @law
 def off_axis(along_m: Any, across_squared: Any, range_m: Any) -> tuple[Any, Any]:
-    """Angle off an axis, exact near the axis and behind the lamp, without a call of a function.
+    """Return half the squared angle off an axis, rad^2, and the angle over its sine and range, 1/m.
 
-    Parameters
-    ----------
-    along_m, across_squared, range_m
-        Component along the axis, m, square of that across it, m^2, and length, m, > 0.
-
-    Returns
-    -------
-    half_square
-        Half the squared angle, rad^2, in [0, pi^2 / 2].
-    turn
-        The angle over its sine and the range, 1/m; behind the lamp, near the axis, at most 1e9
-        over the range.
+    It is exact near the axis and behind the lamp, without a call of a function. The component along
+    the axis is in m, the square of that across it in m^2, the range > 0. The second result is at
+    most 1e9 over the range.
     """
     # Of half the angle to the nearer end of the axis, at most 45 deg, the squared sine.
     s = across_squared / (2 * range_m * (range_m + abs(along_m)))

@@ -13,16 +13,7 @@ from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects import forms
-from uuv_optical_array.forward.effects.forms import (
-    Background,
-    Blur,
-    Converter,
-    Gain,
-    Moving,
-    Saturation,
-    Shade,
-    Transmission,
-)
+from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.optics import (
     BACKGROUND,
@@ -80,10 +71,10 @@ class ForwardModel:
         self.scene = scene
         self.array = build_array(scene.array)
         self._forms = effects.plan(scene.effects, self.array, scene.lamp)
-        self._moving = [form.factor for form in self._of(Moving)]
-        noises, converters = self._of(forms.Noise), self._of(Converter)
+        self._moving = [form.factor for form in self._of(forms.Moving)]
+        noises, converters = self._of(forms.Noise), self._of(forms.Converter)
         self._saturation_counts = min(
-            (form.level_counts for form in self._of(Saturation)), default=np.inf
+            (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
         )
         highest = [form.largest for form in converters]
         self.analogue_noise = ReadingNoise(
@@ -98,7 +89,7 @@ class ForwardModel:
             variance=self.analogue_noise.variance + rounding, square=scene.prior.gain_std**2
         )
         uncertain: tuple[Any, ...] = (
-            *self._of(Transmission),
+            *self._of(forms.Transmission),
             *self._of(Background),
             *self._of(Gain),
         )
@@ -125,22 +116,11 @@ class ForwardModel:
     def optics(
         self, nuisances: Sequence[str] = (), compiled: bool = False, given: Sequence[str] = ()
     ) -> Optics:
-        """Return the scene in numbers.
+        """Return the scene in numbers, for NumPy or for compiled code.
 
-        Parameters
-        ----------
-        nuisances
-            Settings that have offsets, in this order.
-        compiled
-            Whether it is for compiled code.
-        given
-            Unknown light, of level 0, that comes before all else on the array, in this order.
-
-        Raises
-        ------
-        ValueError
-            For a setting that the scene does not have, or where compiled code needs Numba and it
-            is not there.
+        The `nuisances` have offsets, in this order; the unknown light `given`, of level 0, comes
+        before all else on the array. ValueError for a setting that the scene does not have, or
+        where compiled code needs Numba and it is not there.
         """
         for name in (*nuisances, *given):
             if name not in self.nuisances:
@@ -149,7 +129,7 @@ class ForwardModel:
         def index_of(name: str) -> int:
             return nuisances.index(name) if name in nuisances else -1
 
-        passed = self._of(Transmission)
+        passed = self._of(forms.Transmission)
         # Light that the scene does not name comes before the effects on the array.
         steps: list[Any] = [self._unknown[name] for name in given]
         steps += [form for name, form in self._unknown.items() if name in nuisances]
@@ -353,7 +333,7 @@ class ForwardModel:
     def converted(self, image: Array) -> Array:
         """Apply saturation and converter to analogue readings, counts, any shape."""
         image = np.minimum(image, self._saturation_counts)
-        for form in self._of(Converter):
+        for form in self._of(forms.Converter):
             image = np.clip(np.rint(image), 0, form.largest)
         return image
 

@@ -143,20 +143,9 @@ def illuminate(
 ) -> None:
     """Write the rays to each detector and the light that arrives there.
 
-    Parameters
-    ----------
-    optics
-        The scene.
-    lamp
-        Position, m, and axis of the beam in ``base_link``: six components.
-    nuisances
-        Offsets, shape ``(q, ...)``.
-    rays
-        Result: rows as `light.ray` returns them, shape ``(8, ..., n)``.
-    beam
-        Result: light, its slopes and those by settings of the laws, shape ``(5 + laws, ..., n)``.
-    differentiate
-        Whether to write the slopes.
+    Lamp and axis of the beam in ``base_link``, m, are six components; offsets of nuisances have
+    shape ``(q, ...)``. Results are the rows of `light.ray`, shape ``(8, ..., n)``, and in `beam`
+    the light, its slopes and those by settings of the laws, shape ``(5 + laws, ..., n)``.
     """
     power, beam_sigma_rad = optics.power, optics.beam_sigma_rad
     if optics.power_at >= 0:
@@ -175,17 +164,11 @@ def illuminate(
 
 
 def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any) -> None:
-    """Write the light on the array, and its slopes by coordinates and nuisances.
+    """Write the light on the array, and its slopes by p coordinates and q nuisances.
 
-    Parameters
-    ----------
-    optics, lamp, rays, beam
-        As in `illuminate`.
-    lamp_slopes
-        Slopes of lamp and axis by p coordinates, shape ``(6, p, ...)``.
-    image
-        Result: light, slopes by the coordinates, slopes by the q nuisances, shape
-        ``(1 + p + q, ..., n)``; or light alone, shape ``(1, ..., n)``.
+    `lamp_slopes` are those of lamp and axis by the coordinates, shape ``(6, p, ...)``. The image is
+    light, slopes by the coordinates and by the nuisances, shape ``(1 + p + q, ..., n)``, or light
+    alone, shape ``(1, ..., n)``.
     """
     detectors = optics.detectors
     size, n = lamp_slopes.shape[1], detectors.shape[1]

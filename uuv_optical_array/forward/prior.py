@@ -104,12 +104,10 @@ class PriorSettings:
         ),
     ] = 0.0
     gain_std: Annotated[
-        float,
-        Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3),
+        float, Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3)
     ] = 0.0
     temperature_std_c: Annotated[
-        float,
-        Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40),
+        float, Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40)
     ] = 0.0
     aim_std_deg: Annotated[
         float,
@@ -119,8 +117,7 @@ class PriorSettings:
         float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
     ] = 0.0
     shade_depth: Annotated[
-        float,
-        Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3),
+        float, Quantity("of a shade, in the logarithm of the light: mean and spread", "", 0, 3)
     ] = 0.0
     shade_lasts_s: Annotated[
         float, Quantity("time in which a shade becomes another one", "s", 0, 1000)

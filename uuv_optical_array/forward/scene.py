@@ -198,14 +198,7 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
 def save_scene(scene: Scene, path: Path, comment: str, like: str = "") -> None:
     """Write a scene as a YAML file that `load_scene` reads, whole or not at all.
 
-    Parameters
-    ----------
-    scene, path
-        The scene, and the file, which is replaced where it exists.
-    comment
-        First line.
-    like
-        Text of the scene file that it came from, whose comments are kept.
+    The comment is its first line; those of the scene file that it came from, `like`, are kept.
     """
     text = yaml_text.text_of(scene.settings(), like)
     head = f"# {comment}\n"

@@ -32,19 +32,9 @@ def is_file_name(name: str | Path) -> bool:
 
 
 def scene_file(name: str | Path, folder: Path = Path()) -> Path:
-    """Find the file of a scene.
+    """Find the file of a scene: a path relative to a folder, or the bare name of a ready scene.
 
-    Parameters
-    ----------
-    name
-        A file, or the bare name of a ready scene.
-    folder
-        To which a path is relative.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where neither a file nor a ready scene has that name.
+    FileNotFoundError where neither has that name.
     """
     if is_file_name(name):
         file = folder / files.user_path(name)
@@ -75,13 +65,9 @@ def own_text(name: str | Path) -> str:
 def layers(file: Path) -> list[Layer]:
     """Read a scene file, the one that it extends, and so on.
 
-    Raises
-    ------
-    ValueError
-        For a file that is no mapping in YAML, and for files that extend each other in a circle or
-        that are more than 8.
-    FileNotFoundError
-        For an extended scene that does not exist, with the file that names it.
+    ValueError for a file that is no mapping in YAML, and for files that extend each other in a
+    circle or that are more than `MAX_FILES`; FileNotFoundError for an extended scene that does not
+    exist, with the file that names it.
     """
     result: list[Layer] = []
     while True:
@@ -125,10 +111,7 @@ def _layer(file: Path) -> Layer:
 def merged(layers_of_scene: Sequence[Layer]) -> Mapping[str, Any]:
     """Return the settings of a scene with all that it extends, from its `layers`.
 
-    Raises
-    ------
-    ValueError
-        Where null removes a key that does not exist.
+    ValueError where null removes a key that does not exist.
     """
     *changes, last = layers_of_scene
     settings = last.settings

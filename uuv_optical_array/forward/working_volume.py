@@ -33,29 +33,10 @@ def lit_poses(
     rng: np.random.Generator,
     draw: Callable[[int, np.random.Generator], Array] = uniform_poses,
 ) -> Array:
-    """Draw poses from the part of the volume where there is light.
+    """Draw poses whose noiseless image peaks above `MIN_PEAK_COUNTS`, m and rad, ``(count, 5)``.
 
-    Parameters
-    ----------
-    model
-        Forward model of the scene.
-    count
-        How many, >= 1.
-    rng
-        Source of the poses.
-    draw
-        Draws candidates, as `uniform_poses`.
-
-    Returns
-    -------
-    Array
-        Poses whose noiseless image peaks above `MIN_PEAK_COUNTS`, m and rad,
-        shape ``(count, 5)``.
-
-    Raises
-    ------
-    ValueError
-        Where a whole block of poses has no such peak.
+    `draw` draws candidates, as `uniform_poses`. ValueError where none of a whole block has such a
+    peak.
     """
     poses = np.empty((0, 5))
     while len(poses) < count:
@@ -71,20 +52,11 @@ def lit_poses(
 
 
 def known_volume_std(information: Array) -> Array:
-    """Bound the errors of an image whose pose is known to lie in the volume.
+    """Bound the errors of an image whose pose is known to lie in the volume, m and rad.
 
-    The volume enters as a Gaussian prior of its variance: where the image tells more, the result
-    is the Cramer-Rao bound; where it tells nothing, the standard deviation of the volume.
-
-    Parameters
-    ----------
-    information
-        Fisher information of the image, as in `cramer_rao.Bound`, shape ``(..., 5, 5)``.
-
-    Returns
-    -------
-    Array
-        Standard deviations, m and rad, shape ``(..., 5)``.
+    The volume enters as a Gaussian prior of its variance beside the Fisher information of the
+    image, shape ``(..., 5, 5)``. Where the image tells more, the result is the Cramer-Rao bound;
+    where it tells nothing, the standard deviation of the volume.
     """
     covariance = np.linalg.inv(information + np.diag(1 / VARIANCE))
     return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))

@@ -13,20 +13,7 @@ PART = ".part"  # how the name of what is being written ends
 def shared_file(relative: str) -> Path:
     """Find a file of the package: in a checkout, a virtual environment or a ROS workspace.
 
-    Parameters
-    ----------
-    relative
-        Path below the package's share directory, such as ``config/follow.yaml``.
-
-    Returns
-    -------
-    Path
-        The existing file.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where no parent of this module holds the file.
+    The path is below the package's share directory, such as ``config/follow.yaml``.
     """
     for parent in Path(__file__).resolve().parents:
         for root in (parent, parent / "share" / PACKAGE):
@@ -65,10 +52,7 @@ def naming(path: Path, scratch: Path | None = None) -> Iterator[None]:
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a scratch path that becomes `path` when the block ends well, and else vanishes.
 
-    Raises
-    ------
-    OSError
-        With the name of `path`, such as where the disk is full.
+    OSError, with the name of `path`, such as where the disk is full.
     """
     scratch = path.with_name(f".{path.name}{PART}")
     try:
@@ -89,15 +73,7 @@ def write_text(path: Path, text: str) -> None:
 def whole_directory(path: Path) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` when the block ends well, and else vanishes.
 
-    Parameters
-    ----------
-    path
-        The new folder; its parents are made where they are missing.
-
-    Raises
-    ------
-    OSError
-        With the name of `path`, such as where the disk is full.
+    Missing parents are made. OSError, with the name of `path`, such as where the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:

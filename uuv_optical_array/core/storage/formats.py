@@ -13,10 +13,7 @@ import numpy as np
 def plain(value: Any) -> Any:
     """Return a value of mappings, sequences and arrays as JSON can hold it.
 
-    Parameters
-    ----------
-    value
-        Its numbers may be NumPy's; one that is not finite becomes ``None``.
+    Its numbers may be NumPy's; one that is not finite becomes ``None``.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -33,13 +30,7 @@ def json_text(value: Any) -> str:
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return rows as CSV, a line each, below one of the columns' names.
-
-    Raises
-    ------
-    ValueError
-        For a row that has another column.
-    """
+    """Return rows as CSV below the columns' names; ValueError for a row with another column."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()

@@ -15,17 +15,9 @@ LINE = 10**9  # characters, so that no list is broken
 
 
 def parse(text: str) -> Any:
-    """Return plain values.
+    """Return the plain values of a document.
 
-    Parameters
-    ----------
-    text
-        YAML, one document.
-
-    Raises
-    ------
-    ValueError
-        For what is not YAML or holds a key twice: the line and what is wrong with it.
+    ValueError, with the line and what is wrong, for what is not YAML or holds a key twice.
     """
     try:
         return YAML(typ="safe", pure=True).load(text)
@@ -54,12 +46,7 @@ def _line(error: MarkedYAMLError) -> str:
 def text_of(values: Mapping[str, Any], like: str = "") -> str:
     """Return plain values as YAML, a list of numbers on one line.
 
-    Parameters
-    ----------
-    values
-        Mappings, lists, numbers and words.
-    like
-        A mapping in YAML whose comments, order and spellings are kept, as far as its keys stay.
+    Comments, order and spellings of the mapping `like` are kept, as far as its keys stay.
     """
     if like:
         # Comments are lost where keys cannot be set one by one, as where two share an anchor.

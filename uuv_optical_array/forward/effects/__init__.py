@@ -12,32 +12,8 @@ from typing import Any, NamedTuple
 
 from uuv_optical_array.core.settings import check_all, unknown
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.effects.detectors import (
-    detector_faults,
-    field_of_view,
-    resolved_field_of_view,
-    resolved_responsivity,
-    responsivity,
-    window,
-)
-from uuv_optical_array.forward.effects.electronics import (
-    adc,
-    photodiode,
-    resolved_photodiode,
-    saturation,
-    sensor_noise,
-    shot_noise,
-)
+from uuv_optical_array.forward.effects import detectors, electronics, moving, water
 from uuv_optical_array.forward.effects.forms import Form, Moving
-from uuv_optical_array.forward.effects.moving import lamp_drift, lamp_flicker, plume
-from uuv_optical_array.forward.effects.water import (
-    ambient,
-    attenuation,
-    beam_spread,
-    forward_scatter,
-    resolved_ambient,
-    resolved_attenuation,
-)
 from uuv_optical_array.forward.light import LampSettings
 
 
@@ -55,24 +31,24 @@ EFFECTS: dict[str, Effect] = {
     effect.function.__name__: effect
     for effect in (
         # On the way to the detectors.
-        Effect(attenuation, resolved_attenuation),
-        Effect(lamp_flicker),
-        Effect(lamp_drift),
-        Effect(plume),
-        Effect(beam_spread),
-        Effect(field_of_view, resolved_field_of_view),
-        Effect(window),
+        Effect(water.attenuation, water.resolved_attenuation),
+        Effect(moving.lamp_flicker),
+        Effect(moving.lamp_drift),
+        Effect(moving.plume),
+        Effect(water.beam_spread),
+        Effect(detectors.field_of_view, detectors.resolved_field_of_view),
+        Effect(detectors.window),
         # On the array.
-        Effect(ambient, resolved_ambient),
-        Effect(forward_scatter),
-        Effect(responsivity, resolved_responsivity),
-        Effect(detector_faults),
+        Effect(water.ambient, water.resolved_ambient),
+        Effect(water.forward_scatter),
+        Effect(detectors.responsivity, detectors.resolved_responsivity),
+        Effect(detectors.detector_faults),
         # In the electronics.
-        Effect(sensor_noise),
-        Effect(shot_noise),
-        Effect(photodiode, resolved_photodiode),
-        Effect(saturation),
-        Effect(adc),
+        Effect(electronics.sensor_noise),
+        Effect(electronics.shot_noise),
+        Effect(electronics.photodiode, electronics.resolved_photodiode),
+        Effect(electronics.saturation),
+        Effect(electronics.adc),
     )
 }
 # Effects that depend on the time of an image, and do nothing where none is given.
@@ -82,21 +58,12 @@ MOVING = {
     if inspect.signature(effect.function).return_annotation is Moving
 }
 
-Settings = Mapping[str, Mapping[str, Any]]
-
 
 def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     """Check a scene's ``effects``, fill in defaults and put them in physical order.
 
-    Parameters
-    ----------
-    settings
-        Mapping from the name of an effect to its settings; ``None`` is no effect.
-
-    Raises
-    ------
-    ValueError
-        For an unknown effect, one without a mapping, or a bad setting, by name.
+    ``None`` is no effect. ValueError for an unknown effect, one without a mapping, or a bad
+    setting, by name.
     """
     settings = {} if settings is None else settings
     if not isinstance(settings, Mapping):
@@ -115,20 +82,12 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     return checked
 
 
-def plan(settings: Settings, array: DetectorArray, lamp: LampSettings) -> tuple[Form, ...]:
-    """Return the forms of a scene's effects, in physical order.
+def plan(
+    settings: Mapping[str, Mapping[str, Any]], array: DetectorArray, lamp: LampSettings
+) -> tuple[Form, ...]:
+    """Return the forms of effects that `check_effects` has checked, in physical order.
 
-    Parameters
-    ----------
-    settings
-        Result of `check_effects`.
-    array, lamp
-        Of the scene.
-
-    Raises
-    ------
-    ValueError
-        For a setting that does not fit the array.
+    ValueError for a setting that does not fit the array.
     """
     rig: dict[str, Any] = {"array": array, "lamp": lamp}
     forms: list[Form] = []

@@ -64,19 +64,9 @@ def field_of_view(
 def interface(cosine: Any, before: Any, after: Any) -> tuple[Any, Any, Any, Any]:
     """Refract unpolarised light at a plane (Snell and Fresnel; Born and Wolf 1999, section 1.5).
 
-    Parameters
-    ----------
-    cosine
-        Of the angle of incidence, in (0, 1].
-    before, after
-        Refractive indices.
-
-    Returns
-    -------
-    transmission, slope
-        Transmitted share of the flux, and its slope by the cosine; 0 under total reflection.
-    refracted, refracted_slope
-        Cosine behind the plane, at least 1e-6, and its slope.
+    From the cosine of incidence, in (0, 1], and the refractive indices follow the transmitted share
+    of the flux, 0 under total reflection, and its slope by the cosine; then the cosine behind the
+    plane, at least 1e-6, and its slope.
     """
     ratio = before / after
     square = 1 - ratio * ratio * (1 - cosine * cosine)

@@ -346,6 +346,7 @@ def commands() -> list[str]:
         "examples. The exit code is 0 after success, 1 if the result is negative, such as a lost "
         "leader, 2 for a bad value, and 130 after Ctrl-C; a study then reports what it has.",
         "## Common options",
+        "Each command names those that it has, with its defaults in brackets.",
         option_list(common),
     ]
     for parser in parsers:
@@ -362,7 +363,7 @@ def commands() -> list[str]:
         title = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         described = first_sentence(parser.description).replace("<", "&lt;")
         parts += [f"## `{parser.prog}`", f"{described}. Page: [{title}](../{page})."]
-        parts += [f"Common options, with their defaults: {', '.join(shared)}."] if shared else []
+        parts += [f"Common options: {', '.join(shared)}."] if shared else []
         parts += [option_list(own)] if own else []
     return parts
 

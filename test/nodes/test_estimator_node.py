@@ -221,11 +221,8 @@ def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, 
             assert lab.start(node_type, name).get_namespace() == name
         images = lab.talk(Image, f"{name}/array/image")
         poses = lab.listen(PoseWithCovarianceStamped, f"{name}/relative_pose")
-        sides[name] = (
-            images,
-            poses,
-            model.expose(np.tile([-5.0, y, 0.0, 0.0, 0.0], (3, 1)), np.random.default_rng(1)),
-        )
+        place = np.tile([-5.0, y, 0.0, 0.0, 0.0], (3, 1))
+        sides[name] = images, poses, model.expose(place, np.random.default_rng(1))
     lab.connect()
     for images, poses, frames in sides.values():
         for seconds, image in enumerate(frames, start=1):  # the same stamps on both sides
@@ -247,10 +244,8 @@ def test_the_node_subscribes_to_what_it_is_to_use(lab, scene_file, table_folder,
     uses = {f"use_{name}": name in used for name in names}
     asker = Asker(lab, scene_file, table=table_folder, **uses)
     topics = {ear.topic_name for ear in asker.node.subscriptions}
-    assert topics - {"/parameter_events", "/clock"} == {
-        "/array/features",
-        *(names[name] for name in used),
-    }
+    wanted = {"/array/features", *(names[name] for name in used)}
+    assert topics - {"/parameter_events", "/clock"} == wanted
 
 
 def test_the_fit_is_refused_while_the_node_reads_no_image(asker, signatures):
@@ -283,8 +278,7 @@ def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(shower,
 
 def test_of_frames_that_wait_the_newest_is_answered_and_the_others_are_counted(shower, images):
     for seconds, image in enumerate(images, start=1):
-        shower.images.publish(shower.picture(image, seconds))
-        shower.clouds.publish(shower.message(shower.signature(image), seconds))
+        shower.send(image, seconds)
     shower.lab.answer(shower.poses, Time(sec=len(images), nanosec=9))
     left_out = len(images) - len(shower.poses)
     assert left_out > 0
@@ -314,16 +308,13 @@ def test_the_method_can_change_while_the_node_runs(shower, images, table):
 def test_the_roll_of_the_imu_enters_the_pose(
     lab, scene_file, scene, table, table_folder, compiled_fit
 ):
-    shower = Shower(
-        lab, scene_file, scene, table=table_folder, method="least_squares", use_imu=True
-    )
+    given = {"table": table_folder, "method": "least_squares", "use_imu": True}
+    shower = Shower(lab, scene_file, scene, **given)
     pose, roll = np.array([-6.0, 0.3, -0.2, 0.1, -0.1]), 0.2
     image = ForwardModel(scene).expose(pose, np.random.default_rng(3), roll)
     shower.tilt(roll, 1)
     message = shower.show(image, 1)
-    estimate = Estimator(table, method="least_squares").estimate(
-        image, shower.signature(image), roll
-    )
+    estimate = Estimator(table).estimate(image, shower.signature(image), roll)
     position, quaternion = place_of(message)
     np.testing.assert_allclose(position, estimate.pose[:3], atol=1e-9)
     assert Rotation.from_quat(quaternion).as_euler("ZYX")[2] == pytest.approx(roll, abs=1e-9)
@@ -331,28 +322,28 @@ def test_the_roll_of_the_imu_enters_the_pose(
     assert (np.abs(np.array(position) - pose[:3]) < 5 * std).all()
 
 
+@pytest.fixture
+def rolling(lab, scene_file, scene, table_folder):
+    return Shower(lab, scene_file, scene, table=table_folder, use_imu=True)
+
+
 @pytest.mark.parametrize("tilted_at", [3, 7])
-def test_a_roll_long_before_or_after_the_image_gives_no_pose(
-    lab, scene_file, scene, table_folder, images, tilted_at
-):
-    shower = Shower(lab, scene_file, scene, table=table_folder, use_imu=True)
-    shower.tilt(0.0, tilted_at)
-    shower.images.publish(shower.picture(images[0], 5))
-    shower.clouds.publish(shower.message(shower.signature(images[0]), 5))
-    shower.lab.report(shower.node, WARN, "no roll", "is 2 s from the image", "max_imu_age_s")
-    shower.tilt(0.0, 6)
-    shower.show(images[1], 6)
-    assert shower.seconds_answered() == [6]
+def test_a_roll_long_before_or_after_the_image_gives_no_pose(rolling, images, tilted_at):
+    rolling.tilt(0.0, tilted_at)
+    rolling.send(images[0], 5)
+    rolling.lab.report(rolling.node, WARN, "no roll", "is 2 s from the image", "max_imu_age_s")
+    rolling.tilt(0.0, 6)
+    rolling.show(images[1], 6)
+    assert rolling.seconds_answered() == [6]
 
 
-def test_sam_answers_a_rolled_follower_with_where_it_is(lab, scene_file, scene, table_folder):
-    shower = Shower(lab, scene_file, scene, table=table_folder, use_imu=True)
+def test_sam_answers_a_rolled_follower_with_where_it_is(rolling, scene):
     # To port of the beam by a step of the grid, and then turned about the beam as a whole.
     across, roll = 0.3, 0.4
     pose = np.array([-6.0, across * np.cos(roll), across * np.sin(roll), 0.0, 0.0])
     image = np.rint(ForwardModel(scene).expected(pose, roll))
-    shower.tilt(roll, 1)
-    position, quaternion = place_of(shower.show(image, 1))
+    rolling.tilt(roll, 1)
+    position, quaternion = place_of(rolling.show(image, 1))
     np.testing.assert_allclose(position, pose[:3], atol=1e-9)
     expected = Rotation.from_euler("x", roll)
     assert (Rotation.from_quat(quaternion).inv() * expected).magnitude() < 1e-9
@@ -369,13 +360,9 @@ def test_a_late_frame_enters_the_track_and_an_outlier_does_not(tracked, scene):
     assert tracked.lab.set(tracked.node, "buffer_s", 5.0).successful
     for seconds in (1, 2, 4):
         tracked.show(model.expose(HERE, rng), seconds)
-    image = model.expose(HERE, rng)
-    tracked.images.publish(tracked.picture(image, 3))
-    tracked.clouds.publish(tracked.message(tracked.signature(image), 3))
+    tracked.send(model.expose(HERE, rng), 3)
     tracked.lab.report(tracked.node, WARN, "late frame")
-    aside = model.expose(HERE + np.array([2.0, 0, 0, 0, 0]), rng)
-    tracked.images.publish(tracked.picture(aside, 5))
-    tracked.clouds.publish(tracked.message(tracked.signature(aside), 5))
+    tracked.send(model.expose(HERE + np.array([2.0, 0, 0, 0, 0]), rng), 5)
     tracked.lab.report(tracked.node, WARN, "outlier", "standard deviations off")
     tracked.show(model.expose(HERE, rng), 6)
     assert tracked.seconds_answered() == [1, 2, 4, 6]

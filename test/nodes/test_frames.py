@@ -86,10 +86,9 @@ def test_a_command_is_in_the_axes_of_its_frame_and_comes_back_from_them():
 @given(poses, angles)
 def test_the_leader_seen_from_the_follower_is_the_inverse(pose, roll):
     message = inverse_to_message(pose, Header(frame_id="follower/base_link"), roll)
-    place, turn = message.pose.position, message.pose.orientation
-    seen = np.eye(4)
+    turn, seen = message.pose.orientation, np.eye(4)
     seen[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-    seen[:3, 3] = place.x, place.y, place.z
+    seen[:3, 3] = xyz(message.pose)
     own = np.eye(4)
     own[:3, :3], own[:3, 3] = rotation_in_flu(pose, roll), pose[:3]
     np.testing.assert_allclose(own @ seen, np.eye(4), atol=1e-8)
@@ -105,10 +104,14 @@ def test_the_leaders_pose_has_the_frame_of_the_follower_and_the_stamp_of_the_ima
     leader = lab.answer(leaders, pose.header.stamp, "the leader's pose")
     assert (pose.header.frame_id, leader.header.frame_id) == ("dock_ned", "rov")
     # In REP 103 axes, whatever those of the beacon: ahead.
-    position, turn = leader.pose.position, DOWN @ rotation_of(pose) @ DOWN
+    turn = DOWN @ rotation_of(pose) @ DOWN
     expected = -turn.T @ DOWN @ place_of(pose)[0]
-    np.testing.assert_allclose([position.x, position.y, position.z], expected, atol=1e-9)
-    assert position.x > 3
+    np.testing.assert_allclose(xyz(leader.pose), expected, atol=1e-9)
+    assert leader.pose.position.x > 3
+
+
+def xyz(pose):
+    return pose.position.x, pose.position.y, pose.position.z
 
 
 class Tree:
@@ -176,8 +179,8 @@ def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, table_fold
     }
     assert tree.roots() == {"two/odom"}
     lamp, bow = (tree.frames[f"two/{name}"][2] for name in ("leader/beacon", "follower/array"))
-    assert (lamp.position.x, lamp.position.y, lamp.position.z) == (-0.7, 0.1, 0.2)
-    assert (bow.position.x, bow.position.y, bow.position.z) == (0.4, 0.0, 0.0)
+    assert xyz(lamp) == (-0.7, 0.1, 0.2)
+    assert xyz(bow) == (0.4, 0.0, 0.0)
     assert lamp.orientation == bow.orientation == type(lamp.orientation)(w=1.0)
 
 
@@ -207,7 +210,7 @@ def test_below_the_follower_the_leader_hangs_where_it_is_seen(
     assert beacon[:2] == ("follower/base_link", False)
     assert body[:2] == ("leader/beacon", True)
     assert beacon[2].position.x > 3
-    assert (body[2].position.x, body[2].position.y, body[2].position.z) == (0.7, -0.1, -0.2)
+    assert xyz(body[2]) == (0.7, -0.1, -0.2)
 
 
 @pytest.mark.parametrize(
@@ -245,7 +248,7 @@ def test_the_lamp_is_placed_on_the_leader_in_its_axes(
         return
     ((child, (parent, fixed, pose, _)),) = tree.frames.items()
     assert (parent, child, fixed) == (*placed, True)
-    assert (pose.position.x, pose.position.y, pose.position.z) == (1.0, 2.0, 3.0)
+    assert xyz(pose) == (1.0, 2.0, 3.0)
     q = pose.orientation
     turned = DOWN if child.endswith("_ned") else np.eye(3)
     found = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()

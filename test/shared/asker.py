@@ -86,13 +86,18 @@ class Shower(Asker):
     def signature(self, image):
         return key_parameters(image, self.scene.full_scale_counts, self.scene.signature.peak)
 
-    def show(self, image, seconds, image_first=True):
+    def send(self, image, seconds, image_first=True):
+        """Send an image and its key parameters."""
         sends = [
             lambda: self.images.publish(self.picture(image, seconds)),
             lambda: self.clouds.publish(self.message(self.signature(image), seconds)),
         ]
         for send in sends if image_first else reversed(sends):
             send()
+
+    def show(self, image, seconds, image_first=True):
+        """Send both and return the answer to them."""
+        self.send(image, seconds, image_first)
         return self.lab.answer(self.poses, Time(sec=seconds, nanosec=9), "a pose")
 
     def track(self, seconds):

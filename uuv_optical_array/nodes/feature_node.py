@@ -66,22 +66,22 @@ class FeatureNode(Node):
         except (NoPose, Refused) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        why_not = no_pattern(image, self.parameters["min_peak_counts"])
-        if why_not:
-            self.diagnostics.refuse(why_not)
+        refusal = no_pattern(image, self.parameters["min_peak_counts"])
+        if refusal:
+            self.diagnostics.refuse(refusal)
             parameters = None
         else:
             parameters = key_parameters(
                 image, self.scene.full_scale_counts, self.scene.signature.peak
             )
         if self.hand_over is None:
-            self.tell(message.header, parameters, image)
+            self.publish_result(message.header, parameters, image)
         else:
             self.hand_over(message.header, parameters, image)
-            self.afterwards(lambda: self.tell(message.header, parameters, image))
+            self.afterwards(lambda: self.publish_result(message.header, parameters, image))
 
-    def tell(self, header: Header, parameters: Array | None, image: Array) -> None:
-        """Publish what was made of an image."""
+    def publish_result(self, header: Header, parameters: Array | None, image: Array) -> None:
+        """Publish the key parameters of an image, or that it has none."""
         if self.features.heard:
             self.features.publish(features_to_message(parameters, header))
         if parameters is not None:

@@ -113,25 +113,25 @@ class VehiclesNode(Node):
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
         self.sea = self.sea_of(changes)
-        self.stir()
+        self.apply_sea()
 
-    def stir(self) -> None:
-        """Let the sea act on the vehicles, once they swim."""
+    def apply_sea(self) -> None:
+        """Let the sea act on the vehicles, once the leader has set off."""
         if self.path_s is not None:
             for vehicle in self.vehicles.values():
                 vehicle.sea = self.sea
 
     def place_follower(self, leader: Vehicle) -> None:
-        """Let the follower begin near its station."""
+        """Start the follower near its station."""
         self.vehicles["follower"] = start_behind(leader, self.parameters["station_m"])
 
     def warn_of_waiting(self) -> None:
-        """Tell what the leader waits for."""
+        """Report which commands the leader waits for."""
         topics = ", ".join(sorted(self.awaited))
         self.diagnostics.warn(f"leader waits: no {topics} has come yet" if topics else "")
 
     def on_leader(self, message: Odometry) -> None:
-        """Place a follower alone behind the leader that it finds."""
+        """Place a follower without a leader of its own behind the one whose odometry comes."""
         if "follower" in self.vehicles:
             return
         try:
@@ -144,7 +144,7 @@ class VehiclesNode(Node):
         self.diagnostics.warn("")
 
     def on_command(self, topic: str, message: TwistStamped) -> None:
-        """Remember what the follower is to do, and whether all have been commanded."""
+        """Take a command; the leader sets off once every follower has had one."""
         try:
             self.command = twist_from_message(message)
         except Refused as reason:
@@ -158,7 +158,7 @@ class VehiclesNode(Node):
                 self.path_s = 0.0
                 for vehicle in self.vehicles.values():
                     vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
-                self.stir()
+                self.apply_sea()
         self.diagnostics.answer()
 
     def on_timer(self) -> None:

@@ -3,12 +3,11 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import get_args
 
-from uuv_optical_array.cli import progress
-from uuv_optical_array.cli.options import OptionError, add_setting, checking_options
+from uuv_optical_array.cli import options, progress
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.settings import Quantity, Setting, check
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.recording.images import Axes, Recording, Topics, read_recording
@@ -38,7 +37,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     parser.set_defaults(topics=names)
     parser.add_argument(
         "--beacon-position",
-        type=float,
+        type=options.reader(Setting(float, BEACON, 0.0, optional=False)),
         nargs=3,
         default=[0.0, 0.0, 0.0],
         metavar=("X", "Y", "Z"),
@@ -50,7 +49,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
         default="flu",
         help="axes of base_link in both odometries (default: %(default)s)",
     )
-    add_setting(parser, "max_gap_s", Setting(float, MAX_GAP, MAX_GAP_S, optional=False))
+    options.add_setting(parser, "max_gap_s", Setting(float, MAX_GAP, MAX_GAP_S, optional=False))
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
@@ -61,22 +60,20 @@ def topics_of(args: argparse.Namespace) -> Topics:
         name = next((n for n, t in args.topics.items() if t == source.lstrip("/")), None)
         if not separator or not target or name is None:
             known = ", ".join(args.topics.values())
-            raise OptionError(f"--remap {rule}: give FROM:=TO, where FROM is one of {known}")
+            raise options.OptionError(
+                f"--remap {rule}: give FROM:=TO, where FROM is one of {known}"
+            )
         topics[name] = target
     return Topics(**topics)
 
 
 def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show progress."""
-    with checking_options():
-        position = [
-            check(Annotated[float, BEACON], x, "--beacon-position") for x in args.beacon_position
-        ]
     return read_recording(
         files.user_path(args.bag),
         scene.array,
         topics_of(args),
-        position,
+        args.beacon_position,
         args.odometry_axes,
         args.max_gap_s,
         lambda messages: progress.over(messages, "message"),

@@ -66,17 +66,7 @@ def _number(text: str, kind: str = "number") -> float:
 
 
 def add_settings(parser: Any, owner: Callable[..., Any], *names: str) -> None:
-    """Add an option for each setting that a dataclass or a function declares.
-
-    Parameters
-    ----------
-    parser
-        A parser or a group of one.
-    owner
-        As `declared` takes it.
-    names
-        The settings that become options; empty: all.
-    """
+    """Add an option for each setting that a dataclass or a function declares, or those named."""
     for name, setting in declared(owner).items():
         if not names or name in names:
             add_setting(parser, name, setting)
@@ -93,11 +83,11 @@ def add_setting(parser: Any, name: str, setting: Setting, nargs: str | None = No
         text += f" (default: {f'{default:g}' if isinstance(default, float) else default})"
     words: dict[str, Any] = {"choices": setting.choices}
     if not setting.choices:
-        words = {"type": _reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
+        words = {"type": reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
     parser.add_argument(option, default=default, nargs=nargs, help=text.replace("%", "%%"), **words)
 
 
-def _reader(setting: Setting) -> Callable[[str], Any]:
+def reader(setting: Setting) -> Callable[[str], Any]:
     """Return the function that reads and checks the value of an option."""
 
     def read(text: str) -> Any:

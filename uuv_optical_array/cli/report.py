@@ -39,10 +39,7 @@ class _Both(io.TextIOBase):
 def filled(page: str, command: str, text: str) -> str:
     """Return a page with what a command printed: in place of what it printed before, or last.
 
-    Raises
-    ------
-    ValueError
-        Where the command's block in the page has no end.
+    ValueError where the command's block in the page has no end.
     """
     begin = BEGIN.format(command)
     text = "\n".join(line.rstrip() for line in text.strip("\n").splitlines())
@@ -57,19 +54,10 @@ def filled(page: str, command: str, text: str) -> str:
 
 
 def run(program: Callable[[], int], words: Sequence[str]) -> int:
-    """Run a program, and write what it printed into the page of `PAGE`, if it ended well.
+    """Run a program, write what it printed into the page of `PAGE`, if any, and return its code.
 
-    Parameters
-    ----------
-    program
-        Returns the exit code.
-    words
-        The command line by which it was started.
-
-    Raises
-    ------
-    OptionError
-        Before the program runs, where the page cannot be filled.
+    The page gets the command line, too. OptionError, before the program runs, where the page cannot
+    be filled.
     """
     if not (name := os.environ.get(PAGE)):
         return program()

@@ -31,16 +31,9 @@ MOST_BY_LEADER = 3
 
 @dataclass(frozen=True)
 class Follower:
-    """One of a fleet.
+    """One of a fleet, numbered from 1.
 
-    Parameters
-    ----------
-    number
-        From 1.
-    station_m
-        In the frame of the lamp that it follows.
-    ahead
-        Number of the follower whose lamp that is; 0 for the leader.
+    Its station is in the frame of the lamp of the follower `ahead`; 0 is the leader.
     """
 
     number: int

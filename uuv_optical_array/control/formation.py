@@ -99,10 +99,7 @@ class _Odometry(NamedTuple):
 class FormationController:
     """Keep the station and the leader's attitude, in all 5 degrees of freedom.
 
-    Parameters
-    ----------
-    settings
-        Checked settings. A station nearer than the minimum distance is not reached.
+    A station nearer than the minimum distance is not reached.
     """
 
     def __init__(self, settings: FormationSettings) -> None:
@@ -211,24 +208,11 @@ class FormationController:
         )
 
     def command(self, now_s: float) -> tuple[Array, Array] | None:
-        """Return the twist to command.
+        """Return the twist to command at the present, s, on the clock of the stamps.
 
-        Parameters
-        ----------
-        now_s
-            The present, s, on the clock of the stamps.
-
-        Returns
-        -------
-        tuple of Array, or None
-            Linear (m/s) and angular (rad/s) velocity in the follower's frame, shape ``(3,)``
-            each; ``None`` before the first pose. When the light is lost it falls linearly to
-            zero within ``stop_time_s``.
-
-        Raises
-        ------
-        ValueError
-            For a present that is not finite.
+        It is a linear (m/s) and an angular (rad/s) velocity in the follower's frame, shape ``(3,)``
+        each; ``None`` before the first pose. When the light is lost it falls linearly to zero
+        within ``stop_time_s``. ValueError for a present that is not finite.
         """
         now_ns = _nanoseconds("now_s", now_s)
         if self._steered_ns is None:

@@ -45,12 +45,7 @@ class WaveSettings:
 class Sea:
     """Velocity and acceleration of the water, anywhere and at any time.
 
-    Parameters
-    ----------
-    current_m_per_s
-        Velocity of the current in the world (x, y, z; z up), m/s, three finite values.
-    waves
-        The waves on it.
+    The current is in the world (x, y, z; z up), three finite values.
     """
 
     def __init__(

@@ -19,12 +19,8 @@ class TooEarly(Exception):
 class Trajectory:
     """Poses by stamp, interpolated between neighbours, never extrapolated.
 
-    Parameters
-    ----------
-    max_gap_s
-        Neighbours farther apart than this are not interpolated, s.
-    length
-        Most poses on record; ``None``: all.
+    Neighbours farther apart than `max_gap_s` are not interpolated. The last `length` poses are on
+    record; ``None``: all.
     """
 
     def __init__(self, max_gap_s: float, length: int | None = 200) -> None:
@@ -46,14 +42,8 @@ class Trajectory:
     def at(self, stamp_ns: int) -> tuple[Array, Array]:
         """Return position, m, and rotation matrix at an instant.
 
-        Between neighbours the position is linear, the rotation along the great arc.
-
-        Raises
-        ------
-        TooEarly
-            For an instant after the last record.
-        LookupError
-            For an instant before the first record, or inside a gap.
+        Between neighbours the position is linear, the rotation along the great arc. TooEarly for an
+        instant after the last record; LookupError for one before the first, or inside a gap.
         """
         if not self._samples or stamp_ns > self._samples[-1][0]:
             raise TooEarly

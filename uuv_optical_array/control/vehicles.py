@@ -18,16 +18,9 @@ BOW_UP = (48.0, 10.0, -np.radians(2.0))
 
 @dataclass(frozen=True)
 class VehicleLimits:
-    """What a vehicle can do: surge, sway, heave, pitch rate and yaw rate.
+    """What a vehicle can do: surge, sway, heave, pitch rate and yaw rate, and how fast they change.
 
-    Parameters
-    ----------
-    speed
-        Largest body velocity, m/s and rad/s, five values > 0.
-    acceleration
-        Largest change of it, m/s^2 and rad/s^2, five values > 0.
-    pitch
-        Largest pitch, where the righting moment wins, rad, in (0, pi/2).
+    The largest pitch, rad, is that at which the righting moment wins.
     """
 
     speed: tuple[float, ...] = (1.5, 0.8, 0.8, 0.25, 0.25)
@@ -94,20 +87,11 @@ class Vehicle:
         return np.array([-yaw_rate * np.tan(self.pitch), pitch_rate, yaw_rate])
 
     def step(self, linear: ArrayLike, angular: ArrayLike, dt: float) -> None:
-        """Move on by one step of the midpoint rule.
+        """Move on by one step of the midpoint rule, s.
 
-        Parameters
-        ----------
-        linear, angular
-            Commanded velocity through the water in the body frame, m/s and rad/s, shape
-            ``(3,)`` each; the roll rate is ignored.
-        dt
-            Step, s, >= 0.
-
-        Raises
-        ------
-        ValueError
-            For a command that is not finite, or a step that is negative or not finite.
+        Linear and angular velocity are commanded through the water in the body frame, m/s and
+        rad/s, shape ``(3,)`` each; the roll rate is ignored. ValueError for a command that is not
+        finite, or a step that is negative or not finite.
         """
         rate = self._ramped(linear, angular, dt)
         mean = (self._rate + rate) / 2

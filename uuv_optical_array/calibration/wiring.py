@@ -32,14 +32,8 @@ DONE = "both sweeps are complete"
 class TorchSweeps:
     """Takes the images of an array one by one until both sweeps are complete.
 
-    Parameters
-    ----------
-    side
-        Detectors in a row.
-    full_scale_counts
-        Largest reading.
-    show
-        Called with a sentence that says what to do next.
+    The array has `side` rows of as many detectors, whose largest reading is full scale. `show` is
+    called with a sentence that says what to do next.
     """
 
     def __init__(

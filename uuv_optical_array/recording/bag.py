@@ -33,27 +33,10 @@ def message_types() -> Any:
 def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     """Open a bag; whatever is wrong with it becomes an error of one line.
 
-    A folder without ``metadata.yaml`` is read file by file. Of a truncated file all whole messages
-    are read.
-
-    Parameters
-    ----------
-    path
-        Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
-
-    Yields
-    ------
-    reader
-        A ``rosbags.highlevel.AnyReader``.
-    lost
-        What is missing, a line each.
-
-    Raises
-    ------
-    ValueError
-        Where it is no bag, or a damaged one.
-    FileNotFoundError
-        Where it does not exist.
+    Yields a ``rosbags.highlevel.AnyReader``, and what is missing, a line each. The path is the
+    folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files. A folder without
+    ``metadata.yaml`` is read file by file. Of a truncated file all whole messages are read.
+    ValueError where it is no bag, or a damaged one; FileNotFoundError where it does not exist.
     """
     reading = needs("bags", "rosbags.highlevel.anyreader")
     if not path.exists():

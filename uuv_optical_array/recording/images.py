@@ -131,7 +131,7 @@ def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any
 def read_recording(
     path: Path,
     array: Readout,
-    topics: Topics | None = None,
+    topics: Topics = Topics(),
     beacon_position_m: Sequence[float] = (0.0, 0.0, 0.0),
     axes: Axes = "flu",
     max_gap_s: float = MAX_GAP_S,
@@ -162,11 +162,6 @@ def read_recording(
     poses_needed
         Whether images without a known pose are left out; otherwise odometries may be missing.
 
-    Returns
-    -------
-    Recording
-        At least one image.
-
     Raises
     ------
     ValueError
@@ -175,7 +170,6 @@ def read_recording(
     FileNotFoundError
         Where there is no such bag.
     """
-    names = topics or Topics()
     refused: Counter[str] = Counter()
     with opened(path) as (reader, lost):
         refused.update(lost)
@@ -183,9 +177,9 @@ def read_recording(
             raise ValueError("; ".join(["it is empty", *lost]))
         streams, connections = {}, []
         for topic, msgtype, default in (
-            (names.image, IMAGE, Topics.image),
-            (names.leader, ODOMETRY, Topics.leader),
-            (names.follower, ODOMETRY, Topics.follower),
+            (topics.image, IMAGE, Topics.image),
+            (topics.leader, ODOMETRY, Topics.leader),
+            (topics.follower, ODOMETRY, Topics.follower),
         ):
             name = "/" + topic.strip("/")
             if poses_needed or msgtype == IMAGE or name in reader.topics:
@@ -194,7 +188,7 @@ def read_recording(
         if len(streams) < 3:
             raise ValueError("leader and follower have one topic; name both")
         image, leader, follower = streams.values()
-        commands = _Stream("/" + names.commands.strip("/"))
+        commands = _Stream("/" + topics.commands.strip("/"))
         streams.setdefault(commands.topic, commands)
         connections += [
             c for c in reader.connections if (c.topic, c.msgtype) == (commands.topic, TWIST)

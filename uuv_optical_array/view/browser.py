@@ -25,19 +25,9 @@ def installed() -> str | None:
 
 
 class Browser:
-    """One page of a headless browser, closed at the end of a context.
+    """One page of a headless browser, of a width and a height, closed at the end of a context.
 
-    Parameters
-    ----------
-    url
-        Address of the page.
-    size_px
-        Width and height of the page.
-
-    Raises
-    ------
-    ValueError
-        Where no Chromium is installed, or it does not start.
+    ValueError where no Chromium is installed, or it does not start.
     """
 
     def __init__(self, url: str, size_px: tuple[int, int] = SIZE_PX) -> None:

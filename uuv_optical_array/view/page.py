@@ -61,23 +61,10 @@ class Slider(NamedTuple):
 
 
 class Page:
-    """A page that a browser shows, served until it is closed.
+    """A page about a scene's lamp and array, served until it is closed.
 
-    Parameters
-    ----------
-    scene
-        The scene, for lamp and array.
-    title
-        Title of the page.
-    host, port
-        Address; the next free port where that one is taken.
-
-    Raises
-    ------
-    NotInstalled
-        Where viser is not installed.
-    ValueError
-        Where no page can be served at `host` and `port`.
+    It takes the next free port where the given one is taken. NotInstalled without viser, ValueError
+    where no page can be served at `host` and `port`.
     """
 
     def __init__(self, scene: Scene, title: str, host: str = LOOPBACK, port: int = PORT) -> None:

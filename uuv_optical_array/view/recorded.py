@@ -35,12 +35,7 @@ def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
 class Player:
     """The position in a recording: time moves it on, and the time line moves it anywhere.
 
-    Parameters
-    ----------
-    times_s
-        Of the images, ascending from 0, s.
-    clock
-        Returns the time that passes, s.
+    The times of the images ascend from 0.
     """
 
     def __init__(self, times_s: list[float], clock: Callable[[], float] = time.monotonic) -> None:

@@ -86,11 +86,11 @@ def test_null_takes_away_a_setting_an_effect_or_a_group(write):
         ({"extends": ["follow"]}, ["extends: ['follow'] is no scene"]),
         (
             {"extends": "follow", "effects": {"plume": None}},
-            ["sea.yaml: effects.plume: null takes away", "does not set this; leave it out"],
+            ["sea.yaml: effects.plume: null removes", "does not have this one; leave it out"],
         ),
         (
             {"extends": "coastal", "effects": {"attenuation": {"k_per_m": 0.1}}},
-            ["attenuation.water: given beside k_per_m", "null takes away"],
+            ["attenuation.water: given beside k_per_m", "null removes"],
         ),
         ({"extends": "follow", "array": {"shape": "planar"}}, ["radius_m: 0.32 m", "null"]),
         ({"extends": "follow", "lamp": [8.0]}, ["lamp: [8.0] is not a mapping"]),
@@ -144,7 +144,7 @@ def test_merging_is_that_of_rfc_7396_but_takes_nothing_away_that_is_not_there(ba
     try:
         wanted = patched(base, change)
     except KeyError:
-        with pytest.raises(ValueError, match=r"scene sea\.yaml: .*: null takes away"):
+        with pytest.raises(ValueError, match=r"scene sea\.yaml: .*: null removes"):
             merged(layers)
     else:
         assert merged(layers) == wanted

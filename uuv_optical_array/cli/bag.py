@@ -32,7 +32,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
         action="append",
         default=[],
         metavar="FROM:=TO",
-        help=f"another topic in place of {', '.join(names.values())}; may be given again",
+        help=f"another topic in place of {', '.join(names.values())}; may be repeated",
     )
     parser.set_defaults(topics=names)
     parser.add_argument(

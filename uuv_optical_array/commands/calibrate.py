@@ -70,7 +70,7 @@ def add_parser(subparsers: options.Subparsers) -> None:
         action="append",
         default=[],
         choices=(*NAMES, "gains"),
-        help="parameter that keeps the value of the scene; may be given again",
+        help="parameter that keeps the value of the scene; may be repeated",
     )
     parser.add_argument(
         "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"

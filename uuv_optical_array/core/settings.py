@@ -255,7 +255,7 @@ def one_way(
     their dotted name. ValueError where both or neither are given, or a part of one.
     """
     ways = f"give {' and '.join(first)}, or else {' and '.join(second)}"
-    extending = "; null takes away what an extended scene gives"
+    extending = "; null removes what an extended scene gives"
     given = [[key for key in way if values.get(key) is not None] for way in (first, second)]
     if all(given):
         raise ValueError(f"{where}.{given[1][0]}: given beside {given[0][0]}; {ways}{extending}")

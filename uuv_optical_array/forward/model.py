@@ -106,7 +106,7 @@ class ForwardModel:
         if unit_reading < 1e-200:
             raise ValueError(
                 f"scene {scene.name}: lamp.reference_range_m: {scene.lamp.reference_range_m:g} m "
-                "gives the aligned array no light; move it into the water in front of the array"
+                "gives the aligned array no light; give a range at which the array sees the lamp"
             )
         self.power = scene.lamp.reference_counts / unit_reading
 

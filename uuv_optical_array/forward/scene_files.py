@@ -131,8 +131,8 @@ def _changed(base: Mapping[str, Any], changes: Mapping[str, Any], where: str) ->
         if value is None:
             if key not in result:
                 raise ValueError(
-                    f"{name}: null takes away what the extended scene sets, and it does not set "
-                    "this; leave it out, or give {} for an effect with its defaults"
+                    f"{name}: null removes a key of the extended scene, which does not have this "
+                    "one; leave it out, or give {} for an effect with its defaults"
                 )
             del result[key]
         elif isinstance(value, Mapping):

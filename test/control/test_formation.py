@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from followers import PUBLISHED, STATION, TICK_S, follow, off_station, sam_noise, steady
+from followers import (
+    PUBLISHED,
+    STATION,
+    STILL,
+    TICK_S,
+    command_at,
+    follow,
+    off_station,
+    sam_noise,
+    steady,
+    under_way,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -10,8 +21,6 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import check_all
-
-STILL = np.zeros(5)
 
 
 def after_half_a_second(pose: Array, rate: Array = STILL) -> Array:
@@ -21,12 +30,6 @@ def after_half_a_second(pose: Array, rate: Array = STILL) -> Array:
     for tick in range(11):
         command = command_at(controller, tick * TICK_S)
     return command
-
-
-def command_at(controller: FormationController, now: float) -> Array:
-    command = controller.command(now)
-    assert command is not None
-    return np.concatenate(command)
 
 
 @pytest.mark.parametrize(
@@ -123,20 +126,9 @@ def test_nothing_is_commanded_before_the_first_pose() -> None:
     assert controller.command(100.05) is not None
 
 
-def under_way() -> tuple[FormationController, float, Array]:
-    """Return a controller that surges, the stamp of its last pose, and its last command."""
-    controller = FormationController(FormationSettings(light_timeout_s=1.0, stop_time_s=4.0))
-    for tick in range(40):
-        stamp = tick * 0.1
-        controller.update(stamp, off_station([-1.0, 0.1, -0.1, 0.05, 0.05]), PUBLISHED, STILL)
-        controller.command(stamp)
-    command = command_at(controller, stamp + 1.0)
-    assert command[0] > 0.4
-    return controller, stamp, command
-
-
 def test_lost_light_is_a_straight_ramp_to_a_stop() -> None:
-    controller, stamp, cruise = under_way()
+    controller, stamp = under_way(light_timeout_s=1.0, stop_time_s=4.0)
+    cruise = command_at(controller, stamp + 1.0)
     for dark in (0.4, 1.0, 2.0, 3.0, 3.9):
         command = command_at(controller, stamp + 1.0 + dark)
         assert command == pytest.approx(cruise * (1 - dark / 4.0), abs=1e-9)
@@ -148,7 +140,8 @@ def test_lost_light_is_a_straight_ramp_to_a_stop() -> None:
 
 @pytest.mark.parametrize("dark", [1.0, 3.0, 10.0])
 def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: float) -> None:
-    controller, stamp, _ = under_way()
+    controller, stamp = under_way(light_timeout_s=1.0, stop_time_s=4.0)
+    command_at(controller, stamp + 1.0)
     now = stamp + 1.0 + dark
     slowed = command_at(controller, now)
     for tick in range(1, 200):
@@ -164,7 +157,8 @@ def test_follow_resumes_from_the_present_command_and_remembers_nothing(dark: flo
 
 @pytest.mark.parametrize(("dark", "stamp_later"), [(2.0, 0.9), (19.0, 18.0)])
 def test_a_stale_pose_does_not_bring_the_old_speed_back(dark: float, stamp_later: float) -> None:
-    controller, stamp, cruise = under_way()
+    controller, stamp = under_way(light_timeout_s=1.0, stop_time_s=4.0)
+    cruise = command_at(controller, stamp + 1.0)
     slowed = command_at(controller, stamp + 1.0 + dark)
     assert slowed == pytest.approx(cruise * max(0.0, 1 - dark / 4))
     stale = off_station([-1.0, 0, 0, 0, 0])
@@ -173,7 +167,8 @@ def test_a_stale_pose_does_not_bring_the_old_speed_back(dark: float, stamp_later
 
 
 def test_clock_that_is_set_back_in_the_dark_does_not_bring_the_old_speed_back() -> None:
-    controller, stamp, cruise = under_way()
+    controller, stamp = under_way(light_timeout_s=1.0, stop_time_s=4.0)
+    cruise = command_at(controller, stamp + 1.0)
     slowed = command_at(controller, stamp + 1.0 + 2.0)
     assert slowed == pytest.approx(0.5 * cruise, abs=1e-9)
     for back in (0.5, 0.95):
@@ -184,7 +179,8 @@ def test_clock_that_is_set_back_in_the_dark_does_not_bring_the_old_speed_back() 
 
 
 def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> None:
-    controller, _, _ = under_way()
+    controller, stamp = under_way()
+    command_at(controller, stamp + 1.0)
     assert (command_at(controller, -100.0) == 0).all()
     controller.update(-99.9, off_station([-1.0, 0, 0, 0, 0]), PUBLISHED, STILL)
     for tick in range(10):
@@ -314,11 +310,6 @@ def test_a_pose_of_the_near_future_is_taken_for_the_present() -> None:
     for now in (0.0, 0.05):
         # Nothing has moved up to the first command.
         assert command_at(ahead, now) == pytest.approx(command_at(present, now), abs=1e-12)
-
-
-def test_declared_defaults_pass_their_own_checks() -> None:
-    checked = check_all(FormationSettings, vars(FormationSettings()), "formation")
-    assert FormationSettings(**checked) == FormationSettings()
 
 
 @pytest.mark.parametrize("x", [6.0, 0.0, -0.4, np.nan])

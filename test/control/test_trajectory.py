@@ -142,19 +142,12 @@ def test_a_stamp_that_goes_back_starts_the_record_anew():
         trajectory.at(40)
 
 
-def test_a_quaternion_of_nearly_unit_length_is_normalised():
-    rng = np.random.default_rng(6)
-    for length in (0.991, 1.0, 1.009):
-        direction = rng.standard_normal(4)
-        direction /= math.sqrt(sum(direction**2))
-        message = SimpleNamespace(**dict(zip("xyzw", direction * length, strict=True)))
-        np.testing.assert_allclose(checked_quaternion(message), direction, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [[0, 0, 0, 0], [0, 0, 0, 1.02], [0, 0, 0, 0.98], [math.nan, 0, 0, 1], [0, math.inf, 0, 1]],
-)
-def test_a_quaternion_that_is_no_attitude_is_refused(bad):
-    with pytest.raises(Refused, match=r"bad attitude: .* has length"):
-        checked_quaternion(SimpleNamespace(**dict(zip("xyzw", map(float, bad), strict=True))))
+def test_a_quaternion_whose_length_is_one_within_a_hundredth_is_normalised():
+    direction = quaternion([0.6, 0.0, 0.8], 0.7)
+    for length in (0.98, 0.991, 1.009, 1.02):
+        message = SimpleNamespace(**dict(zip("xyzw", length * direction, strict=True)))
+        if abs(length - 1) < 0.01:
+            np.testing.assert_allclose(checked_quaternion(message), direction, rtol=1e-14)
+        else:
+            with pytest.raises(Refused, match=r"bad attitude: .* has length"):
+                checked_quaternion(message)

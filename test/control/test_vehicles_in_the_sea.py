@@ -40,6 +40,27 @@ def test_velocity_over_ground_is_the_change_of_place(kind: type[Vehicle], sea: S
         assert vehicle.position - before[0] == pytest.approx(0.01 * mean, abs=1e-5)
 
 
+@KINDS
+@pytest.mark.parametrize(
+    ("linear", "angular", "dt", "message"),
+    [
+        ([np.nan, 0, 0], [0, 0, 0], 0.1, "nan"),
+        ([0, 0, 0], [0, 0, np.inf], 0.1, "inf"),
+        ([0, 0], [0, 0, 0], 0.1, "triples"),
+        ([0, 0, 0], [0, 0, 0], -0.1, "-0.1"),
+        ([0, 0, 0], [0, 0, 0], np.nan, "nan"),
+    ],
+)
+def test_bad_steps_are_refused_and_change_nothing(
+    kind: type[Vehicle], linear: list[float], angular: list[float], dt: float, message: str
+) -> None:
+    vehicle = kind([1, 2, 3])
+    with pytest.raises(ValueError, match=message):
+        vehicle.step(linear, angular, dt)
+    assert (vehicle.position == [1, 2, 3]).all()
+    assert (vehicle.linear == 0).all()
+
+
 def test_an_idle_body_goes_round_in_the_orbit_of_the_water() -> None:
     # A circle of radius H / 2 exp(-k d), and forward by Stokes' drift, 2 pi k radius^2 a turn.
     waves = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, depth_m=20.0)

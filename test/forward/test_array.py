@@ -50,17 +50,6 @@ def test_a_curved_array_lies_on_its_sphere_and_looks_along_the_radius(side, widt
     assert (array.normals[:, 0] > 0).all()
 
 
-@pytest.mark.parametrize("side", [4, 5])
-@pytest.mark.parametrize(("shape", "radius"), [("planar", None), ("curved", 0.32)])
-def test_rows_run_downwards_and_columns_to_starboard(shape, radius, side):
-    array = build_array(ArraySettings(shape, side, 0.4, 0.4, radius))
-    y, z = (array.positions[:, axis].reshape(side, side) for axis in (1, 2))
-    assert (np.diff(y, axis=1) < 0).all(), "a higher column lies further to starboard"
-    assert (np.diff(z, axis=0) < 0).all(), "a higher row lies lower"
-    assert (y[0, 0], z[0, 0]) == pytest.approx((0.2, 0.2)), "the first is the top port corner"
-    assert (y[-1, -1], z[-1, -1]) == pytest.approx((-0.2, -0.2))
-
-
 def test_the_array_of_the_paper_has_21_detectors_a_side_at_2_cm():
     # Eren et al. (2016): 0.4 m wide, half a 0.8 m vehicle ahead, sphere of 0.32 m.
     array = build_array(ArraySettings("curved", 21, radius_m=0.32))

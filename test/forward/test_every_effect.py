@@ -105,11 +105,11 @@ def test_variance_and_limits_are_those_of_the_second_forward_model(name, data):
     np.testing.assert_array_equal(model.converted(readings), expected)
 
 
-@each_effect
+@pytest.mark.parametrize("name", [*EFFECTS, "several"])
 @given(data=st.data())
 @reproducible
 def test_the_jacobian_is_that_of_finite_differences(name, data):
-    model = model_of(data.draw(scenes([name])))
+    model = model_of(data.draw(any_scenes() if name == "several" else scenes([name])))
     pose, roll = data.draw(poses), data.draw(rolls)
     offsets = offsets_for(data, model)
     # Lambert's max(0, cos) has a kink where a detector turns away.

@@ -2,39 +2,25 @@
 
 import numpy as np
 import pytest
+from scenes import make_scene
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
-ARRAYS = {
-    "planar": {"shape": "planar", "detectors_per_side": 5},
-    "planar, even": {"shape": "planar", "detectors_per_side": 4},
-    "curved": {"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32},
-    "curved, even": {"shape": "curved", "detectors_per_side": 4, "radius_m": 0.32},
-}
 WATER = {
     "clear": {},
     "dim": {"attenuation": {"k_per_m": 0.2}},
     "blurred": {"forward_scatter": {"window_m": 0.5}},
     "dim and blurred": {"attenuation": {"k_per_m": 0.2}, "forward_scatter": {"window_m": 0.5}},
 }
-ELECTRONICS = {"saturation": {"level_counts": 1023.0}, "adc": {"bits": 10}}
-NOISY = {"sensor_noise": {"sigma_counts": 1.5}, **ELECTRONICS}
 ASIDE = [-5.0, 0.2, -0.1, 0.05, 0.1]
 
 
 def make_model(array="curved", reference=(900.0, 4.0), **effects):
-    settings = {
-        "lamp": {
-            "beam_sigma_deg": 8.0,
-            "reference_counts": reference[0],
-            "reference_range_m": reference[1],
-        },
-        "array": ARRAYS[array],
-        "effects": effects,
-        "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
-    }
-    return ForwardModel(scene_from_settings(settings, "test"))
+    shape, _, even = array.partition(", ")
+    counts, range_m = reference
+    lamp = {"reference_counts": counts, "reference_range_m": range_m}
+    return ForwardModel(make_scene(shape, 4 if even else 5, effects, **lamp))
 
 
 @pytest.mark.parametrize(
@@ -85,17 +71,6 @@ def test_the_expected_image_is_the_light_within_the_electronics_limits():
     np.testing.assert_array_equal(model.expected([-3.0, 0, 0, 0, 0]), expected)
 
 
-def test_readings_scatter_about_the_expected_image():
-    model = make_model(**NOISY)
-    number = 20_000
-    readings = model.expose(np.broadcast_to(ASIDE, (number, 5)), np.random.default_rng(13))
-    # Rounding adds a twelfth of a count squared and no bias (Sheppard).
-    deviation = np.sqrt(1.5**2 + 1 / 12)
-    error = readings.mean(axis=0) - model.expected(ASIDE)
-    assert np.abs(error).max() < 6 * deviation / np.sqrt(number)
-    np.testing.assert_allclose(readings.std(axis=0), deviation, rtol=6 / np.sqrt(2 * number))
-
-
 @pytest.mark.parametrize(("level", "largest"), [(2000.0, 1023), (700.4, 700)])
 def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, largest):
     model = make_model(
@@ -106,24 +81,6 @@ def test_every_reading_is_a_whole_count_from_zero_to_the_lower_limit(level, larg
     assert (readings.min(), readings.max()) == (0, largest)
 
 
-def test_the_same_seed_gives_the_same_readings_and_another_seed_others():
-    model = make_model(**NOISY)
-    first, again, other = (
-        model.expose(ASIDE, np.random.default_rng(seed)) for seed in (15, 15, 16)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).any()
-
-
-def test_variance_is_of_noise_and_rounding_in_the_shape_of_the_light():
-    model = make_model(**NOISY)
-    light = model.light(np.broadcast_to(ASIDE, (2, 3, 5)))
-    variance, slope = model.variance(light)
-    rounding = 1 / 12 if "adc" in NOISY else 0.0
-    np.testing.assert_allclose(variance, np.full((2, 3, 5, 5), 2.25 + rounding), rtol=1e-14)
-    np.testing.assert_array_equal(slope, np.zeros((2, 3, 5, 5)))
-
-
 def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
     model = make_model("planar")
     pose, quarter = [-5.0, 0.4, 0, 0, 0], np.pi / 2
@@ -132,6 +89,14 @@ def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
     np.testing.assert_allclose(rolled, np.rot90(model.light(pose)), rtol=1e-12)
     np.testing.assert_array_equal(model.expected(pose, quarter), rolled)
     np.testing.assert_array_equal(model.expose(pose, None, quarter), rolled)
+
+
+@pytest.mark.parametrize(
+    "name", ["attenuation.k_per_m", "responsivity.temperature_c", "lamp.colour"]
+)
+def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
+    with pytest.raises(ValueError, match=name):
+        make_model().linearised(ASIDE, 0.0, {name: np.zeros(())})
 
 
 def test_an_offset_is_another_lamp_in_other_water():

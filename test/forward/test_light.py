@@ -125,6 +125,20 @@ def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, r
         assert light == 0.0
 
 
+def test_a_detector_that_faces_away_has_no_slope_and_no_light():
+    model, pose = (
+        make_model({"shape": "curved", "detectors_per_side": 5, "radius_m": 0.32}),
+        [*(-5.0, 0.0, 0.0, 0.0, 1.0)],
+    )
+    paths = second_forward.rays(model.scene.settings()["array"], pose)
+    away = np.array([path.cosine < 0 for path in paths])
+    assert 0 < away.sum() < 25
+    image, jacobian = model.linearised(pose)
+    assert not image[away].any()
+    assert not jacobian[away].any()
+    assert np.abs(jacobian[~away]).sum(axis=1).all()
+
+
 @pytest.mark.parametrize("axis", [1, 2])
 def test_a_small_off_axis_angle_is_not_lost(axis):
     pose = np.array([-1.0, 0, 0, 0, 0])
@@ -132,10 +146,10 @@ def test_a_small_off_axis_angle_is_not_lost(axis):
     assert math.sqrt(2 * seen(pose)[HALF_SQUARE]) == pytest.approx(1e-9, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    "degrees", [0.0, 1e-6, 0.01, 1.0, 10.0, 44.9, 45.1, 89.9, 90.0, 90.1, 135.0, 179.9, 180.0]
+@given(
+    degrees=st.sampled_from([0.0, 1e-6, 44.9, 45.1, 90.0, 179.9, 180.0]) | st.floats(1e-6, 180),
+    range_m=st.floats(1e-3, 300.0),
 )
-@pytest.mark.parametrize("range_m", [1e-3, 1.0, 300.0])
 def test_the_off_axis_angle_is_exact_ahead_and_behind(degrees, range_m):
     eta = math.radians(degrees)
     along, across = range_m * math.cos(eta), range_m * math.sin(eta)

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 import second_forward
+from scenes import make_scene
 
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 FLICKER = {"lamp_flicker": {"depth": 0.2, "frequency_hz": 100.0}}
@@ -17,8 +17,7 @@ PLUME = {"plume": CLOUDS}
 
 
 def model_with(**chosen):
-    settings = load_scene("reference").settings()
-    return ForwardModel(scene_from_settings({**settings, "effects": chosen}, "test"))
+    return ForwardModel(make_scene(effects=chosen))
 
 
 @pytest.mark.parametrize("chosen", [FLICKER, DRIFT, PLUME], ids=["flicker", "drift", "plume"])
@@ -30,25 +29,6 @@ def test_without_a_moment_there_is_the_mean_sea_which_estimators_believe(chosen)
     moments = np.linspace(3.003, 50.0, 40)
     seen = moving.expose(np.broadcast_to(AHEAD, (40, 5)), time_s=moments)
     assert not np.allclose(seen, still.light(AHEAD), rtol=1e-2)
-
-
-@pytest.mark.parametrize("chosen", [FLICKER, DRIFT, PLUME], ids=["flicker", "drift", "plume"])
-def test_many_moments_at_once_are_each_alone_and_come_again_by_the_seed(chosen):
-    moments = np.array([[0.0, 1.234, 7.7], [20.0, 33.3, 1.7e9]])
-    poses = np.array(AHEAD) + 0.1 * np.random.default_rng(2).standard_normal((2, 3, 5))
-    together = model_with(**chosen).expose(poses, time_s=moments)
-    again = model_with(**chosen)
-    for place in np.ndindex(2, 3):
-        alone = again.expose(poses[place], time_s=moments[place])
-        np.testing.assert_allclose(together[place], alone, rtol=1e-12)
-
-
-def test_a_flicker_is_a_sine_of_the_time():
-    model, still = model_with(**FLICKER), model_with().light(AHEAD)
-    for time_s in (0.0, 0.0025, 0.0071, 12.3456):
-        ratio = model.expose(AHEAD, time_s=time_s) / still
-        expected = 1 + 0.2 * math.sin(2 * math.pi * 100 * time_s)
-        np.testing.assert_allclose(ratio, expected, rtol=1e-9)
 
 
 LAMPS = 200
@@ -70,35 +50,18 @@ def test_the_drift_has_the_stated_spread_and_correlation():
     )
 
 
-@pytest.mark.parametrize(("pitch", "yaw"), [(0.0, 0.0), (0.0, 0.3), (0.2, 0.3), (-0.4, -0.2)])
-def test_clouds_dim_each_ray_where_it_pierces_their_plane(pitch, yaw):
+def test_clouds_dim_each_ray_where_it_pierces_their_plane():
     model = model_with(**PLUME)
-    pose = np.array([-5.0, 0.4, -0.1, pitch, yaw])
-    moments = np.arange(0.0, 60.0, 0.5)
-    settings = model.scene.settings()
-    clouds = settings["effects"]["plume"]
-    expected = [
-        [
-            second_forward.plume(ray, None, **clouds)
-            for ray in second_forward.rays(settings["array"], pose, 0.0, float(moment))
-        ]
-        for moment in moments
-    ]
+    pose, moments = np.array([-5.0, 0.4, -0.1, 0.2, 0.3]), np.arange(0.0, 60.0, 0.5)
+    array, clouds = model.scene.settings()["array"], model.scene.effects["plume"]
+    paths = [second_forward.rays(array, pose, 0.0, float(moment)) for moment in moments]
+    expected = [[second_forward.plume(ray, None, **clouds) for ray in rays] for rays in paths]
     found = model.expose(np.broadcast_to(pose, (120, 5)), time_s=moments).reshape(120, 25)
     still = model_with().light(pose).ravel()
     np.testing.assert_allclose(found, still * expected, rtol=1e-9)
+    # Some cloud passes, and dims a part of the array only.
     assert np.min(expected) < 0.5
-
-
-def test_some_cloud_passes_and_dims_a_part_of_the_array_only():
-    model, still = model_with(**PLUME), model_with().light(AHEAD)
-    moments = np.arange(0, 50, 0.5)
-    passed = model.expose(np.broadcast_to(AHEAD, (100, 5)), time_s=moments) / still
-    assert (passed <= 1).all()
-    assert passed.min() < 0.5
-    assert passed.max() > 0.999
-    spread = passed.max(axis=(1, 2)) - passed.min(axis=(1, 2))
-    assert spread.max() > 0.2
+    assert np.ptp(expected, axis=1).max() > 0.2
 
 
 def test_a_cloud_behind_the_array_dims_nothing():

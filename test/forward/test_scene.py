@@ -2,7 +2,6 @@
 
 import copy
 import math
-import re
 
 import pytest
 import yaml
@@ -102,15 +101,6 @@ def whole_as_int(values):
     return int(values) if isinstance(values, float) and values.is_integer() else values
 
 
-@pytest.mark.parametrize("name", ["follow", "reference"])
-def test_a_ready_scene_loads_by_its_bare_name_and_gives_an_image(name):
-    scene = load_scene(name)
-    assert scene.name == name
-    image = ForwardModel(scene).expected([-4.0, 0, 0, 0, 0])
-    assert image.max() == pytest.approx(900.0)
-    assert scene.full_scale_counts == 1023.0
-
-
 @pytest.mark.parametrize("name", READY)
 def test_each_ready_scene_says_when_to_use_it_and_has_one_layout(name):
     lines = shared_file(f"config/scenes/{name}.yaml").read_text(encoding="utf-8").splitlines()
@@ -121,7 +111,10 @@ def test_each_ready_scene_says_when_to_use_it_and_has_one_layout(name):
     order = ["extends", "lamp", "array", "effects", "signature", "table", "prior"]
     assert groups == [group for group in order if group in groups]
     scene = load_scene(name)
-    assert valid(scene.settings()).fingerprint == scene.fingerprint
+    assert scene.name == name
+    again = scene_from_settings(yaml.safe_load(yaml.safe_dump(scene.settings())), name)
+    assert again == scene
+    assert again.fingerprint == scene.fingerprint
     model = ForwardModel(scene)
     aligned = [-scene.lamp.reference_range_m, 0, 0, 0, 0]
     daylight = scene.effects.get("ambient", {}).get("level_counts", 0.0)
@@ -130,26 +123,6 @@ def test_each_ready_scene_says_when_to_use_it_and_has_one_layout(name):
     assert brightest < scene.full_scale_counts or not scene.effects
     far = model.light([scene.table.x_m.start, 0, 0, 0, 0]).max() - daylight
     assert far > 10, "the table ends where light is left"
-
-
-def test_the_ready_scenes_differ_only_in_scatter_in_what_is_known_and_in_the_reach_of_the_table():
-    lines = load_scene("follow").differences(load_scene("reference"))
-    keys = [line.split()[0] for line in lines]
-    assert keys == [
-        "effects.forward_scatter.window_m",
-        "prior.ambient_std_counts",
-        "prior.beam_sigma_std_deg",
-        "prior.gain_std",
-        "prior.k_std_per_m",
-        "prior.known",
-        "prior.lamp_power_std",
-        "prior.uneven_probability",
-        "table.pitch_deg",
-        "table.x_m",
-        "table.y_m",
-        "table.yaw_deg",
-        "table.z_m",
-    ]
 
 
 def test_a_scene_file_is_read_by_its_path_and_named_after_its_stem(tmp_path):
@@ -203,12 +176,12 @@ def test_full_scale_is_the_lowest_limit_or_else_the_reference_reading(effects, e
         ("lamp.beam_sigma_deg", True, ["lamp.beam_sigma_deg: True is not a number"]),
         ("lamp.beam_sigma_deg", 0.09, ["0.09 is out of bounds", "from 0.1 to 90 deg"]),
         ("lamp.beam_sigma_deg", math.nan, ["nan is out of bounds", "from 0.1 to 90 deg"]),
+        ("lamp.beam_sigma_deg", 10**400, ["lamp.beam_sigma_deg: 1", "is out of bounds"]),
+        ("array.detectors_per_side", 10**400, ["array.detectors_per_side: 1", "is out of bounds"]),
         ("lamp.reference_counts", math.inf, ["inf is out of bounds", "1 to 1e+06 counts"]),
         ("array.detectors_per_side", 5.0, ["5.0 is not a whole number", "from 2 to 501"]),
         ("array.shape", "sphere", ["array.shape: 'sphere'", "choose planar or curved"]),
         ("array.shape", "planar", ["array.radius_m: 0.32 m, but a planar array has none"]),
-        ("array.radius_m", MISSING, ["array.radius_m: missing", "curved"]),
-        ("array.radius_m", 0.28, ["array.radius_m: 0.28 m is too small", "0.2828 m", "larger"]),
         ("lamp", MISSING, ["lamp.beam_sigma_deg: missing", "add it to the scene"]),
         ("lamp", [8.0], ["lamp: [8.0] is not a mapping"]),
         ("table.x_m", -5.0, ["table.x_m: -5.0 is not a span", "[from, to, how many]"]),
@@ -227,31 +200,6 @@ def test_a_wrong_setting_is_refused_with_its_key_value_bound_and_cure(path, valu
         assert word in message
 
 
-def test_settings_that_are_no_mapping_are_refused():
-    for values in (None, [], "lamp", 3):
-        assert f"{values!r} is not a mapping of groups" in refusal(values)
-
-
-def test_each_numeric_key_takes_its_bounds_and_nothing_beyond():
-    bounds = {
-        "lamp.beam_sigma_deg": (0.1, 90),
-        "array.detectors_per_side": (2, 501),
-        "array.bow_m": (-50, 50),
-        "effects.attenuation.k_per_m": (0, 10),
-        "effects.sensor_noise.sigma_counts": (0, 1e6),
-        "effects.adc.bits": (1, 16),
-        "signature.peak_weight": (1e-6, 1e6),
-    }
-    for path, (low, high) in bounds.items():
-        valid(changed(path, low))
-        valid(changed(path, high))
-        whole = path.endswith(("per_side", "bits"))
-        below = low - 1 if whole else math.nextafter(low, -math.inf)
-        above = high + 1 if whole else math.nextafter(high, math.inf)
-        for beyond in (below, above):
-            assert f"{path}: {beyond!r} is out of bounds" in refusal(changed(path, beyond))
-
-
 def test_a_file_that_holds_no_scene_is_refused_by_name(tmp_path):
     file = tmp_path / "broken.yaml"
     for text, words in (
@@ -266,16 +214,6 @@ def test_a_file_that_holds_no_scene_is_refused_by_name(tmp_path):
     ):
         file.write_bytes(text)
         with pytest.raises(ValueError, match=rf"scene .*broken.*{words}"):
-            load_scene(file)
-
-
-def test_a_nan_or_a_unit_in_a_file_is_refused_by_key(tmp_path):
-    text = yaml.safe_dump(FULL)
-    for wrong, word in ((".nan", "nan is out of bounds"), ("8 deg", "'8 deg' is not a number")):
-        file = tmp_path / "wrong.yaml"
-        file.write_text(text.replace("beam_sigma_deg: 8.0", f"beam_sigma_deg: {wrong}"))
-        message = f"scene wrong: lamp.beam_sigma_deg: {word}"
-        with pytest.raises(ValueError, match=re.escape(message)):
             load_scene(file)
 
 
@@ -338,23 +276,12 @@ def test_settings_survive_yaml_and_give_an_equal_scene(data):
     assert again.fingerprint == scene.fingerprint
 
 
-def test_settings_of_a_planar_scene_survive_yaml_without_a_radius():
-    scene = valid(changed("array", {"shape": "planar", "detectors_per_side": 4}))
-    assert "radius_m" not in scene.settings()["array"]
-    assert valid(yaml.safe_load(yaml.safe_dump(scene.settings()))) == scene
-
-
 def test_reading_a_scene_leaves_the_given_settings_alone():
     given_values = copy.deepcopy(FULL)
     scene = valid(given_values)
     scene.settings()["table"]["x_m"].append("more")
     assert given_values == FULL
     assert scene.settings()["table"]["x_m"] == [-8.0, -4.0, 5]
-
-
-@pytest.mark.parametrize("path", ["lamp.beam_sigma_deg", "array.detectors_per_side"])
-def test_a_whole_number_too_large_for_a_float_is_out_of_bounds(path):
-    assert f"{path}: 1" in refusal(changed(path, 10**400))
 
 
 def test_minus_zero_is_zero_in_the_fingerprint():

@@ -72,6 +72,17 @@ def with_value(path, value, base):
     return found
 
 
+def refused(values, extends=False):
+    """Return why the loader refuses settings, "" where it takes them."""
+    try:
+        if extends:
+            values = merged([Layer("sea.yaml", values, "full"), Layer("full", FULL, "")])
+        scene_from_settings(values, "test")
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
 @given(data=st.data(), path=st.sampled_from(PATHS), extends=st.booleans())
 @reproducible
 def test_what_the_loader_refuses_by_itself_is_refused_and_what_it_takes_is_taken(
@@ -80,12 +91,7 @@ def test_what_the_loader_refuses_by_itself_is_refused_and_what_it_takes_is_taken
     value = data.draw(VALUES)
     assume(not whole_in_point(value))
     values = with_value(path, value, {} if extends else FULL)
-    try:
-        whole = merged([Layer("sea.yaml", values, "full"), Layer("full", FULL, "")][not extends :])
-        scene_from_settings(values if not extends else whole, "test")
-        refusal = ""
-    except ValueError as error:
-        refusal = str(error)
+    refusal = refused(values, extends)
     valid = VALIDATOR.is_valid({"extends": "follow", **values} if extends else values)
     if not refusal:
         assert valid
@@ -103,8 +109,13 @@ def test_a_number_just_beyond_its_bounds_is_refused_and_one_within_is_taken(data
     beyond = data.draw(st.sampled_from([low - step, high + step, math.inf, -math.inf]))
     base = {"extends": "follow"}
     assert not VALIDATOR.is_valid(base | with_value(path, beyond, {}))
+    assert re.search(
+        "is out of bounds|is not a whole number", refused(with_value(path, beyond, FULL))
+    )
     within = data.draw(st.sampled_from([low, high]))
     assert VALIDATOR.is_valid(base | with_value(path, within, {}))
+    refusal = refused(with_value(path, within, FULL))
+    assert not any(words in refusal for words in ALONE)
 
 
 @pytest.mark.parametrize(

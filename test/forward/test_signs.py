@@ -5,27 +5,18 @@ Row 0 is the top and column 0 the port edge, seen from behind the array.
 
 import numpy as np
 import pytest
+from scenes import make_scene
 
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import scene_from_settings
 
-ARRAYS = {
-    "planar": {"shape": "planar", "detectors_per_side": 5},
-    "curved, even": {"shape": "curved", "detectors_per_side": 6, "radius_m": 0.32},
-}
 AHEAD = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 OFFSET = {"y": (1, 0.5), "z": (2, 0.5), "pitch": (3, np.radians(15)), "yaw": (4, np.radians(15))}
 
 
-@pytest.fixture(params=list(ARRAYS))
+@pytest.fixture(params=[("planar", 5), ("curved", 6)], ids=["planar", "curved, even"])
 def model(request):
-    settings = {
-        "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},
-        "array": ARRAYS[request.param],
-        "table": {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")},
-    }
-    return ForwardModel(scene_from_settings(settings, request.param))
+    return ForwardModel(make_scene(*request.param, effects={}))
 
 
 def at(dof, sign=1):

@@ -31,6 +31,27 @@ def covariance(correlation: float) -> Array:
 PUBLISHED = covariance(0.97)
 
 
+STILL = np.zeros(5)
+
+
+def command_at(controller: FormationController, now: float) -> Array:
+    """Return the command, linear and angular."""
+    command = controller.command(now)
+    assert command is not None
+    return np.concatenate(command)
+
+
+def under_way(**changes: float) -> tuple[FormationController, float]:
+    """Return a controller that surges, and the stamp of its last pose."""
+    controller = FormationController(FormationSettings(**changes))  # type: ignore[arg-type]
+    for tick in range(40):
+        pose = off_station([-1.0, 0.1, -0.1, 0.05, 0.05])
+        controller.update(tick * 0.1, pose, PUBLISHED, STILL)
+        command = command_at(controller, tick * 0.1)
+    assert command[0] > 0.3
+    return controller, tick * 0.1
+
+
 def exact(pose: Array) -> Array:
     return pose
 

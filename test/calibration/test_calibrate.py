@@ -3,7 +3,6 @@
 import functools
 import importlib.util
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from bags import TYPES, store, write_bag
-from command_line import assert_picture, interrupted, run
-from conftest import PATIENCE_S, Lab
+from command_line import assert_picture, interrupted, python, run
+from conftest import Lab
 from matplotlib.figure import Figure
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
@@ -425,30 +424,19 @@ def test_ctrl_c_in_the_midst_of_the_fit_leaves_all_as_it_was(bag, tmp_path, sea_
     assert sea_of_before.read_text() == "# of before\n"
 
 
-WITHOUT = """
-import sys
-for name in sys.argv[1].split(","):
-    sys.modules[name] = None
-from uuv_optical_array.commands import main
-main(sys.argv[2:])
-"""
-
-
 def without(modules, *words):
-    return subprocess.run(
-        [sys.executable, "-c", WITHOUT, modules, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
+    return python(
+        f"import sys; sys.modules.update(dict.fromkeys({modules}));"
+        f"from uuv_optical_array.commands import main; main({[*map(str, words)]})"
     )
 
 
 def test_it_needs_no_ros_and_names_the_extra_that_it_needs(bag, tmp_path):
-    done = without("rclpy,sensor_msgs,nav_msgs,geometry_msgs,std_msgs", *command(bag, tmp_path))
+    ros = ["rclpy", "sensor_msgs", "nav_msgs", "geometry_msgs", "std_msgs"]
+    done = without(ros, *command(bag, tmp_path))
     assert done.returncode == 0, done.stderr
     assert load_scene(tmp_path / "sea.yaml")
-    failed = without("rosbags", *command(bag, tmp_path))
+    failed = without(["rosbags"], *command(bag, tmp_path))
     assert failed.returncode == 1
     assert len(failed.stderr.strip().splitlines()) == 1
     assert "uuv_optical_array[bags]" in failed.stderr

@@ -35,6 +35,7 @@ def test_options_set_the_settings_that_they_were_made_from(rate, laps):
     given = parsed("--rate-hz", repr(rate), "--laps", str(laps), "--way", "home", "--still")
     assert given == Course(rate, laps, "home", True)
     assert parsed() == Course()
+    assert parsed("--laps", "4e1").laps == 40
 
 
 @given(
@@ -64,10 +65,6 @@ def test_an_error_names_option_value_and_bound(words, reason, capsys):
     assert reason in capsys.readouterr().err
 
 
-def test_a_whole_number_may_be_written_as_a_power():
-    assert parsed("--laps", "4e1").laps == 40
-
-
 def test_help_gives_text_unit_and_default(capsys):
     with pytest.raises(SystemExit):
         parsed("--help")
@@ -93,21 +90,40 @@ def test_the_name_of_a_study_alone_says_how_it_is_called(name):
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (("render", "--scene", "atlantis"), "uuv_array render: scene atlantis: neither"),
+        (("render", "--scene", "atlantis"), "scene atlantis: neither"),
+        (("render", "--scene", "sea.yaml"), "scene sea: effects.fog: unknown key"),
+        (("render", "--seed", "-1"), "--seed: -1 is out of bounds"),
+        (("table", "--scene", "nowhere.yaml", "-o", "out/t"), "nowhere.yaml: no such file"),
         (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
         (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
         (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
         (("follow", "--followers", "4", "--no-chain"), "4 is out of bounds; with no chain"),
+        (("follow", "--duration", "nan"), "--duration: nan is out of bounds"),
+        (("follow", "--duration", "soon"), "--duration: 'soon' is no number"),
+        (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),
+        (("follow", "--scene", "atlantis"), "scene atlantis: neither"),
+        (("follow", "--seed", "-5"), "seed: -5 is out of bounds; it must be from -1 to"),
     ],
 )
-def test_a_value_that_cannot_be_used_ends_with_2_in_one_line(words, error):
-    assert error in run(*words, code=2)
+def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_written(
+    words, error, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    scene = tmp_path / "sea.yaml"
+    scene.write_text("extends: follow\neffects: {fog: {}}", encoding="utf-8")
+    line = run(*words, code=2)
+    assert line.startswith(f"uuv_array {words[0]}: ")
+    assert error in line
+    assert list(tmp_path.iterdir()) == [scene]
 
 
 def test_what_fails_at_run_time_ends_with_1(tmp_path):
     error = run("calibrate", tmp_path / "no_bag", "-o", tmp_path / "sea.yaml", code=1)
     assert error.startswith("uuv_array calibrate: ")
     assert "no such file" in error
+    damaged = tmp_path / "p.yaml"
+    damaged.write_text("/**: {", encoding="utf-8")
+    assert str(damaged) in run("follow", "--params-file", damaged, code=1)
 
 
 def test_the_version_is_that_of_the_package(capsys):

@@ -5,17 +5,12 @@ import re
 
 import command_line
 import numpy as np
-import pytest
-import yaml
 from matplotlib.image import imread
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.scene import COLUMNS, sheet_poses
-
-DIODE = {"part": "SM05PD1A", "load_ohm": 1e6, "bandwidth_hz": -1.0, "amps_per_count": 1e-12}
-
 
 run = functools.partial(command_line.run, "render")
 
@@ -59,26 +54,6 @@ def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["harbour.png"]
 
 
-@pytest.mark.parametrize(
-    ("group", "key", "value", "words"),
-    [
-        ("effects", "fog", {}, "effects.fog: unknown key"),
-        ("effects", "photodiode", DIODE, "photodiode.bandwidth_hz: -1.0 is out"),
-        ("effects", "detector_faults", {"dead": [[9, 9]]}, "no detector [9, 9]"),
-        ("array", "radius_m", 0.1, "array.radius_m: 0.1 m is too small"),
-        ("lamp", "reference_range_m", 0.1, "gives the aligned array no light"),
-    ],
-)
-def test_render_refuses_a_bad_scene_in_one_line(tmp_path, group, key, value, words):
-    settings = load_scene("reference").settings()
-    settings[group][key] = value
-    scene = tmp_path / "sea.yaml"
-    scene.write_text(yaml.safe_dump(settings), encoding="utf-8")
-    message = run("--scene", scene, "--output", tmp_path / "sea.png", code=2)
-    assert words in message
-    assert not (tmp_path / "sea.png").exists()
-
-
 def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
     model, peaks = ForwardModel(load_scene("night_plume")), []
     for time_s in (0.0, 30.0):
@@ -88,8 +63,3 @@ def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
         peaks.append(images[:, 0].max(axis=(-1, -2)))
         np.testing.assert_allclose(np.array(printed, float), peaks[-1], atol=0.5)
     assert np.abs(peaks[1] - peaks[0]).max() > 50
-
-
-def test_render_refuses_a_seed_that_is_none(tmp_path):
-    message = run("--seed", -1, "--output", tmp_path / "x.png", code=2)
-    assert "--seed: -1 is out of bounds" in message

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.hydrodynamics import Body, advance, coriolis
 from uuv_optical_array.control.sea import STILL_SEA, Sea
 from uuv_optical_array.control.vehicles import Vehicle, VehicleLimits
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import FLU_FRD, Array
 
 BLUEROV2 = Body(
     inertia=np.array([13.5, 13.5, 13.5, 0.26, 0.23, 0.37]),
@@ -53,12 +53,10 @@ LIMITS = VehicleLimits(speed=(0.7, 0.55, 0.6, 0.25, 0.25))  # what the thrusters
 STEP_S = 0.05  # longest step of integration and period of the autopilot
 LEVELLING_PER_S = 1.0  # roll rate per roll
 RATE_GAIN_PER_S, RATE_INTEGRAL_PER_S2 = 10.0, 25.0  # both poles of the rates at -5/s
-# Half a turn about x takes REP 103's axes (forward, left, up) to Fossen's (FRD), and back.
-FLU_FRD = np.array([1.0, -1.0, -1.0])
 
 
 def flu_to_frd(vectors: Array) -> Array:
-    """Turn one or two vectors from x, left, up to x, right, down; it is its own inverse."""
+    """Turn vectors, ``(3,)`` or ``(6,)``, from REP 103's axes to Fossen's; its own inverse."""
     turned: Array = (vectors.reshape(-1, 3) * FLU_FRD).reshape(vectors.shape)
     return turned
 

@@ -32,18 +32,9 @@ class Vehicle:
     """A body that obeys its twist command within limits; its roll stays zero.
 
     The command is a velocity through the water, as of a vehicle that cannot see the ground: the sea
-    carries it along.
-
-    Parameters
-    ----------
-    position
-        Of ``base_link`` in the world, m, shape ``(3,)``.
-    pitch, yaw
-        Attitude, rad; positive lowers the bow, turns it to port.
-    limits
-        What the vehicle can do; the default is a small hovering vehicle.
-    sea
-        Where it swims; it may change at any time.
+    carries it along. The position is that of ``base_link`` in the world, m; a positive pitch, rad,
+    lowers the bow, a positive yaw turns it to port. The default limits are those of a small
+    hovering vehicle; its sea may change at any time.
     """
 
     def __init__(

@@ -22,6 +22,8 @@ DOF_UNITS = ("m", "m", "m", "deg", "deg")
 
 Array = NDArray[np.float64]
 IN_DEGREES: Array = np.array([1.0, 1.0, 1.0, *np.degrees([1.0, 1.0])])
+# Half a turn about x: from forward, left, up to forward, right, down, and back.
+FLU_FRD: Array = np.array([1.0, -1.0, -1.0])
 
 
 @law
@@ -176,23 +178,10 @@ def body_twist(
 ) -> tuple[Array, Array]:
     """Return the twist in the follower's frame of a pose that changes at a rate.
 
-    An error of the roll changes nothing: follower and velocity turn about the beam together.
-
-    Parameters
-    ----------
-    pose, rate
-        ``(x, y, z, pitch, yaw)``, m and rad, and its rate, m/s and rad/s, shape ``(5,)`` each.
-    covariance
-        Of pose and rate, shape ``(10, 10)``.
-    roll
-        Of the follower, rad, taken as constant.
-
-    Returns
-    -------
-    twist : Array
-        Linear and angular velocity along and about x, y and z, m/s and rad/s, shape ``(6,)``.
-    covariance : Array
-        Shape ``(6, 6)``; the variance of the roll rate is that of the faster turn.
+    An error of the roll, which is taken as constant, changes nothing: follower and velocity turn
+    about the beam together. The covariance is of pose and rate, shape ``(10, 10)``. That of the
+    twist, linear and angular velocity along and about x, y and z, has shape ``(6, 6)``; the
+    variance of the roll rate is that of the faster turn.
     """
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
     rate = np.asarray(rate, dtype=float)

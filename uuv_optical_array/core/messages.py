@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import FLU_FRD, Array
 
 BEACON_FRAME, FOLLOWER_FRAME = "leader/beacon", "base_link_by_light"
 ROLL_STD_RAD = 0.02
@@ -56,24 +56,10 @@ def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
 
 
 def image_from_message(message: Any, array: Readout) -> Array:
-    """Unpack a mono16 image of counts, whatever its padding and byte order.
+    """Unpack a mono16 ``sensor_msgs/Image`` of counts, whatever its padding and byte order.
 
-    Parameters
-    ----------
-    message
-        A ``sensor_msgs/Image``.
-    array
-        The array that sends it.
-
-    Returns
-    -------
-    Array
-        Shape ``(side, side)``, each reading at the place of its detector.
-
-    Raises
-    ------
-    Refused
-        For another encoding or size, or a truncated message.
+    Each reading of the result is at the place of its detector, shape ``(side, side)``. Refused for
+    another encoding or size, or a truncated message.
     """
     side = array.detectors_per_side
     if message.encoding not in ("mono16", "16UC1"):
@@ -124,15 +110,15 @@ def odometry_pose(message: Any, axes: str = "flu") -> tuple[Array, Array]:
     position, quaternion = checked_pose(message.pose.pose)
     if axes == "frd":
         # Half a turn about x, of the world and of the body.
-        position = position * [1, -1, -1]
-        quaternion = quaternion * [1, -1, -1, 1]
+        position = position * FLU_FRD
+        quaternion = quaternion * [*FLU_FRD, 1]
     return position, quaternion
 
 
 def signs(frame: str) -> Array:
     """Return the signs of a linear and an angular vector in the axes of a frame, shape ``(6,)``."""
     down = frame.endswith((NED, FRD))
-    return np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0]) if down else np.ones(6)
+    return np.tile(FLU_FRD, 2) if down else np.ones(6)
 
 
 def twist_from_message(message: Any) -> tuple[Array, Array]:

@@ -95,7 +95,7 @@ class RecorderNode(Node):
         self.add(self.record.estimates, message.header, pose_from_message(message))
 
 
-def refuse_company(spaces: Sequence[str]) -> None:
+def refuse_other_runs(spaces: Sequence[str]) -> None:
     """Raise ValueError where another run is on the network, before a node of ours publishes.
 
     `spaces` are the namespaces of the followers.
@@ -177,26 +177,24 @@ def follow(
     start(["--ros-args", *ros_args])
     executor = SingleThreadedExecutor()
     try:
-        refuse_company([follower.namespace for follower in fleet] or [""])
+        refuse_other_runs([follower.namespace for follower in fleet] or [""])
         leader = "/leader/odometry" if fleet else "leader/odometry"
         options = [options_of(follower) for follower in fleet] or [{}]
         recorders = []
-        for of_one in options:
-            recorder, nodes = follower_nodes(leader, of_one)
+        for follower_options in options:
+            recorder, nodes = follower_nodes(leader, follower_options)
             recorders.append(recorder)
             if bag is not None:
-                nodes.append(BagRecorderNode(bag, **of_one))
+                nodes.append(BagRecorderNode(bag, **follower_options))
             for node in nodes:
                 executor.add_node(node)
         light_timeout_s = nodes[0].get_parameter("light_timeout_s").value
         if fleet:
-            alone = {"vehicles": "leader", "followers": len(fleet)}
-            options.append(
-                {"parameter_overrides": [Parameter(name, value=alone[name]) for name in alone]}
-            )
+            alone = Parameter("vehicles", value="leader"), Parameter("followers", value=len(fleet))
+            options.append({"parameter_overrides": list(alone)})
         # Vehicles come last, so that none moves before the nodes are there.
-        for of_one in options:
-            executor.add_node(VehiclesNode(**of_one))
+        for vehicle_options in options:
+            executor.add_node(VehiclesNode(**vehicle_options))
         first, records = recorders[0], [recorder.record for recorder in recorders]
         clock = first.get_clock()
         ready_ns = clock.now().nanoseconds
@@ -204,7 +202,7 @@ def follow(
         def elapsed_s(since_ns: int | None) -> float:
             return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
 
-        def goes_on() -> bool:
+        def wanted() -> bool:
             if first.started_ns is None:
                 return elapsed_s(ready_ns) < START_S
             return elapsed_s(first.started_ns) < duration_s
@@ -218,7 +216,7 @@ def follow(
             on_tick(first.record, elapsed_s(first.started_ns))
 
         first.create_timer(0.2, tick)
-        interrupted = spin(executor, goes_on)
+        interrupted = spin(executor, wanted)
         return records, light_timeout_s, interrupted
     except ParameterException as error:
         raise ValueError(str(error)) from None

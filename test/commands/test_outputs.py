@@ -20,13 +20,12 @@ from uuv_optical_array.forward.model import ForwardModel
 FILES = [
     (("render",), "--output", ".png"),
     (("limits",), "--output", ".pdf"),
-    (("study", "accuracy", "--known"), "--output", ".svg"),
+    (("study", "accuracy"), "--known", ".svg"),
     (("study", "robustness"), "--output", ".png"),
     (("study", "approach"), "--output", ".png"),
     (("study", "paper"), "--output", ".png"),
     (("follow",), "--output", ".png"),
-    (("study", "design"), "--csv", ".csv"),
-    (("study", "design"), "--picture", ".png"),
+    (("study", "design"), "--output", ".png"),
     (("calibrate", "no_bag"), "--output", ".yaml"),
     (("calibrate", "no_bag"), "--picture", ".png"),
     (("commission",), "--output", ".yml"),
@@ -115,7 +114,7 @@ def test_a_device_is_no_file_to_replace(tmp_path):
     with socket.socket(socket.AF_UNIX) as made:
         made.bind("x.csv")
         with pytest.raises(ValueError, match=r"x\.csv: it is a device"):
-            outputs.file_to_write("x.csv", "--csv", outputs.CSV)
+            outputs.file_to_write("x.csv", "--csv", (".csv",))
 
 
 def test_what_can_be_written_leaves_no_trace_of_the_look(tmp_path):

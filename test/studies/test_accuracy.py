@@ -177,7 +177,7 @@ def test_matching_five_numbers_stays_far_from_the_bound(capsys, method):
 
 
 def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
-    words = ("--scene", scene_file, "--poses", 40, "--seed", 9, "--candidates", 3)
+    words = ("--scene", scene_file, "--poses", 40, "--seed", 9)
     run(*words, "--json")
     answer = json.loads(capsys.readouterr().out)
     run(*words)
@@ -200,7 +200,7 @@ def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
 
 def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, tmp_path):
     picture = tmp_path / "known.png"
-    words = ("--scene", scene_file, "--known", "--poses", 60, "--output", picture)
+    words = ("--scene", scene_file, "--known", picture, "--poses", 60)
     run(*words, "--json")
     answer = json.loads(capsys.readouterr().out)
     assert (answer["scene"], answer["poses"], answer["picture"]) == ("small", 60, str(picture))
@@ -261,7 +261,6 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
     ("words", "named"),
     [
         (("--poses", 0), ("--poses", "0", "from 1")),
-        (("--candidates", 65), ("--candidates", "65", "to 64")),
         (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
         (("--known", "--moving"), ("--known", "--moving", "leave one")),

@@ -97,8 +97,8 @@ def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
 run = functools.partial(command_line.run, "study", "design")
 
 
-LISTS = ["--detectors-per-side", 3, 5, "--width-m", 0.2, 0.4, "--radius-m", 0.2, 0.32]
-LISTS += ["--beam-sigma-deg", 6, 8]
+LISTS = ["--sweep", "detectors_per_side=3,5", "width_m=0.2,0.4", "radius_m=0.2,0.32"]
+LISTS += ["beam_sigma_deg=6,8"]
 
 
 def scored(path, study):
@@ -227,12 +227,16 @@ def test_the_command_is_interrupted_goes_on_and_tells(
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (["--width-m", "0.4", "0.4"], "width_m: 0.4 is given twice"),
-        (["--detectors-per-side", "1"], "--detectors-per-side: 1 is out of bounds.* from 2 to 501"),
-        (["--shape", "curved", "--radius-m", "0.05"], "radius_m: no design is left"),
+        (["--sweep", "width_m=0.4,0.4"], "width_m: 0.4 is given twice"),
+        (["--sweep", "width_m=0.4", "width_m=0.3"], "width_m: given twice"),
+        (["--sweep", "detectors_per_side=1"], "detectors_per_side: 1 is out of bounds.* 2 to 501"),
+        (["--sweep", "detectors_per_side=3.5"], "detectors_per_side=3.5: give numbers"),
+        (["--sweep", "shape=round"], "shape: .*round"),
+        (["--sweep", "span_m=1"], "span_m=1: give NAME=VALUE,... with NAME one of shape, "),
+        (["--sweep", "shape=curved", "radius_m=0.05"], "radius_m: no design is left"),
         (["--poses", "0"], "--poses: 0 is out of bounds"),
-        (["--csv", "deep/d.csv", "--poses", "1"], "--csv deep/d.csv: no folder deep"),
-        (["--picture", "deep/d.png", "--poses", "1"], "--picture deep/d.png: no folder deep"),
+        (["--output", "deep/d.png", "--poses", "1"], "--output deep/d.png: no folder deep"),
+        (["--output", "d.csv", "--poses", "1"], "--output d.csv: its name must end in .png"),
     ],
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):

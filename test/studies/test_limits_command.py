@@ -32,7 +32,7 @@ def printed(text):
 
 def test_the_command_prints_the_bound_of_one_pose_and_writes_a_picture(tmp_path, capsys):
     output = tmp_path / "limits.png"
-    words = ("--x", -7, "--y", 0.5, "--z", -0.2, "--pitch-deg", 3, "--yaw-deg", -10)
+    words = ("--pose", -7, 0.5, -0.2, 3, -10)
     run(*words, "--shape", "planar", "--output", output)
     out = "".join(capsys.readouterr())
     model = ForwardModel(load_scene("follow").with_shape("planar"))
@@ -122,9 +122,13 @@ def test_another_shape_keeps_the_rest_of_the_scene():
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (["--x", "-2000"], "--x: -2000.0 is out of bounds; it must be from -1000 to 1000 m"),
-        (["--pitch-deg", "95"], "--pitch-deg: 95.0 is out of bounds"),
-        (["--y", "nan"], "--y: nan is out of bounds"),
+        (
+            ["--pose", -2000, 0, 0, 0, 0],
+            "--pose X: -2000.0 is out of bounds; it must be",
+        ),
+        (["--pose", -6, 0, 0, 95, 0], "--pose PITCH_DEG: 95.0 is out of bounds"),
+        (["--pose", -6, "nan", 0, 0, 0], "--pose Y: nan is out of bounds"),
+        (["--pose", -6], "--pose: expected 5 arguments"),
         (["--scene", "lagoon"], "lagoon"),
     ],
 )

@@ -192,7 +192,7 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypat
     result = json.loads(capsys.readouterr().out)
     assert result["complete"] is True
     assert (result["scene"], result["mode"], result["frames"]) == ("reference", "quick", 5)
-    assert result["pictures"] == [str(folder / "tradeoff.png")]
+    assert result["pictures"] == [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
     lines = list(csv.DictReader(whole.splitlines()))
     assert [line["method"] for line in lines] == [*METHODS, *METHODS, "moments", "look_up"]
     for line, setting in zip(lines, result["settings"], strict=True):
@@ -201,9 +201,9 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypat
     assert set(result["fronts"]) == {"position", "angle"}
 
     third = counted(monkeypatch)
-    run("--output", folder, "--pictures", ".svg")
+    run("--output", folder)
     assert third == []
-    assert (folder / "tradeoff.svg").read_bytes().startswith(b"<?xml")
+    assert (folder / "tradeoff.pdf").read_bytes().startswith(b"%PDF")
     assert (folder / "tradeoff.csv").read_text() == whole
 
 

@@ -1,9 +1,8 @@
 """Options of the commands, made from the settings that they set."""
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias, get_args
 
 from uuv_optical_array.core.settings import Quantity, Setting, check, declared
@@ -72,7 +71,7 @@ def add_settings(parser: Any, owner: Callable[..., Any], *names: str) -> None:
             add_setting(parser, name, setting)
 
 
-def add_setting(parser: Any, name: str, setting: Setting, nargs: str | None = None) -> None:
+def add_setting(parser: Any, name: str, setting: Setting) -> None:
     """Add the option of one setting; a value out of bounds is an error of the command line."""
     option, text = f"--{name.replace('_', '-')}", setting.quantity.text
     if setting.kind is bool:
@@ -84,7 +83,7 @@ def add_setting(parser: Any, name: str, setting: Setting, nargs: str | None = No
     words: dict[str, Any] = {"choices": setting.choices}
     if not setting.choices:
         words = {"type": reader(setting), "metavar": setting.quantity.unit.upper() or "N"}
-    parser.add_argument(option, default=default, nargs=nargs, help=text.replace("%", "%%"), **words)
+    parser.add_argument(option, default=default, help=text.replace("%", "%%"), **words)
 
 
 def reader(setting: Setting) -> Callable[[str], Any]:
@@ -121,6 +120,16 @@ def scene_of(args: argparse.Namespace) -> Scene:
     return scene
 
 
+def add_number(parser: Any, name: str, quantity: Quantity, default: float) -> None:
+    """Add the option of a number, a whole one where its default is an ``int``."""
+    add_setting(parser, name, Setting(type(default), quantity, default, optional=False))
+
+
+def add_seed(parser: Any) -> None:
+    """Add the option of the seed of a study."""
+    add_number(parser, "seed", SEED, 1)
+
+
 def add_method(parser: argparse.ArgumentParser) -> None:
     """Add the option that names the estimator's method."""
     add_settings(parser, EstimatorSettings, "method")
@@ -136,23 +145,3 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the option for programs that read the answer."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number that an option sets: its quantity and its default, an ``int`` for a whole number."""
-
-    quantity: Quantity
-    default: float
-
-
-def add_numbers(parser: Any, numbers: Mapping[str, Number]) -> None:
-    """Add an option for each number, by its name."""
-    for name, number in numbers.items():
-        kind = type(number.default)
-        add_setting(parser, name, Setting(kind, number.quantity, number.default, optional=False))
-
-
-def numbers_of(args: argparse.Namespace, numbers: Mapping[str, Number]) -> list[Any]:
-    """Return the values of such options, in order."""
-    return [vars(args)[name.replace("-", "_")] for name in numbers]

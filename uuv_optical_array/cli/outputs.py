@@ -11,7 +11,6 @@ from uuv_optical_array.plots import KINDS
 
 PICTURE = tuple(KINDS)
 SCENE = (".yaml", ".yml")
-CSV = (".csv",)
 
 
 def add_picture(

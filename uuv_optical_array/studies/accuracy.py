@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
@@ -10,9 +11,9 @@ from scipy.special import gammaincinv
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
-from uuv_optical_array.core.settings import Quantity, declared
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.effects import MOVING
@@ -52,13 +53,7 @@ examples:
   uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
-CANDIDATES = declared(EstimatorSettings)["candidates"]
-NUMBERS = {
-    "poses": options.Number(Quantity("random poses; 4000 with --known", "", 1, 1e7), 20_000),
-    "seed": options.Number(options.SEED, 1),
-    "candidates": options.Number(CANDIDATES.quantity, CANDIDATES.default),
-}
-KNOWN_POSES = 4_000
+POSES, KNOWN_POSES = 20_000, 4_000
 BAND = 0.95
 COLOURS = {"exactly": "#1f6fb4", "calibrated": "#2c9c5a", "as_bought": "#e08a00"}
 BAR = 0.26
@@ -138,7 +133,7 @@ def exposed(
 
 
 def compare_known(
-    scene: Scene, count: int, seed: int, candidates: int, progress: Progress = iter
+    scene: Scene, count: int, seed: int, progress: Progress = iter
 ) -> Iterator[dict[str, Any]]:
     """Yield the `figures` of a scene in seas drawn from each of `PRIORS`, as ``known``.
 
@@ -149,7 +144,7 @@ def compare_known(
         believed = dataclasses.replace(scene, prior=PriorSettings(known, **PRIORS[known]))
         noise = np.random.default_rng((seed, 2))
         images = exposed(ForwardModel(believed), poses, seed, True, False, noise)
-        estimator = Estimator(believed, "least_squares", candidates=candidates).wait()
+        estimator = Estimator(believed, "least_squares").wait()
         result = measure(estimator, poses, images, progress)
         yield {"known": known, **result}
         if result["poses"] < count:
@@ -239,12 +234,19 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_scene(parser, "reference")
     options.add_shape(parser)
     options.add_method(parser)
-    options.add_numbers(parser, NUMBERS)
+    poses = Quantity(f"random poses; {KNOWN_POSES} with --known", "", 1, 1e7)
+    options.add_number(parser, "poses", poses, POSES)
     parser.set_defaults(poses=None)
+    options.add_seed(parser)
     parser.add_argument(
-        "--known", action="store_true", help="compare the priors of a sea known well and less well"
+        "--known",
+        type=Path,
+        nargs="?",
+        const=Path("known.png"),
+        metavar="FILE",
+        help="compare the priors of a sea known well and less well, and draw the errors into FILE "
+        "(default: %(const)s)",
     )
-    outputs.add_picture(parser, "known.png", about="picture, with --known")
     parser.add_argument(
         "--drawn", action="store_true", help="draw the sea of each image from the scene's prior"
     )
@@ -271,16 +273,16 @@ def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
     if args.poses is None:
-        args.poses = KNOWN_POSES if args.known else NUMBERS["poses"].default
-    count, seed, candidates = options.numbers_of(args, NUMBERS)
+        args.poses = KNOWN_POSES if args.known else POSES
+    count, seed = args.poses, args.seed
     scene = options.scene_of(args)
     scene = scene.with_shape(args.shape or scene.array.shape)
     with options.checking_options():
         _check_truth(args, scene)
     result: dict[str, Any]
     if args.known:
-        picture = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-        cases = compare_known(scene, count, seed, candidates, progress.over)
+        picture = outputs.file_to_write(args.known, "--known", outputs.PICTURE)
+        cases = compare_known(scene, count, seed, progress.over)
         rows = until_interrupted(cases)
         result = {"poses": count, "known": rows, "picture": str(picture)}
         text = f"{comparison(rows)}\n\npicture: {picture}"
@@ -288,7 +290,7 @@ def run(args: argparse.Namespace) -> int:
 
         save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
     else:
-        estimator = Estimator(scene, args.method, candidates=candidates).wait()
+        estimator = Estimator(scene, args.method).wait()
         rng, model = np.random.default_rng(seed), ForwardModel(scene)
         poses = lit_poses(model, count, rng)
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)

@@ -48,11 +48,12 @@ Ctrl-C while it measures keeps the results so far; the next call goes on."""
 
 # The fields of `Need`.
 NEEDS = {
-    "rate": options.Number(Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
-    "position": options.Number(
-        Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), float(SPECIFICATION[X])
+    "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
+    "position": (
+        Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3),
+        float(SPECIFICATION[X]),
     ),
-    "angle": options.Number(
+    "angle": (
         Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
         float(SPECIFICATION[YAW]),
     ),
@@ -172,7 +173,8 @@ def add_parser(subparsers: options.Subparsers) -> None:
         EPILOG,
     )
     options.add_scene(parser, "reference")
-    options.add_numbers(parser, NEEDS)
+    for name, (quantity, default) in NEEDS.items():
+        options.add_number(parser, name, quantity, default)
     options.add_json(parser)
     parser.add_argument(
         "--output",
@@ -206,7 +208,7 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin | None, list[Mea
 
 def run(args: argparse.Namespace) -> int:
     """Read the measurements or make them, and choose."""
-    need = Need(*options.numbers_of(args, NEEDS))
+    need = Need(args.rate, args.position, args.angle)
     scene = options.scene_of(args)
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
     folder, origin, rows, complete = _measured(scene, given)

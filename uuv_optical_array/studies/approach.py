@@ -2,7 +2,7 @@
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
@@ -55,15 +55,11 @@ EPILOG = """\
 examples:
   uuv_array study approach                      100 runs of each case: about a minute
   uuv_array study approach --runs 2000          as many as the paper: about 20 minutes
-  uuv_array study approach --noise gaussian     1 % as a standard deviation
+  uuv_array study approach --choices gaussian   1 % as a standard deviation
   uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the complete runs."""
 
-NUMBERS = {
-    "runs": options.Number(Quantity("runs of each case", "", 1, 1e6), 100),
-    "seed": options.Number(options.SEED, 1),
-}
-OFFSETS = {"whole": 1.0, "half": 0.5}
+HALF = 0.5
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.
 DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
@@ -207,6 +203,14 @@ def by_docking(smoother: DockingSmoother, images: Array, first: Array) -> Array:
     return poses
 
 
+def choices_named(names: Sequence[str]) -> Choices:
+    """Return the choices of names, a kind of `Noise` and ``half``; ValueError for two kinds."""
+    kinds = [name for name in get_args(Noise) if name in names] or [Choices.noise]
+    if len(kinds) > 1:
+        raise ValueError(f"--choices: {' and '.join(kinds)} exclude each other; leave one out")
+    return Choices(kinds[0], HALF if "half" in names else 1.0)
+
+
 def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
     """Return the choices that are compared where the paper leaves one open, by name."""
     wide = dataclasses.replace(
@@ -216,7 +220,7 @@ def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
         "as by default": (scene, Choices()),
         "noise gaussian": (scene, Choices("gaussian")),
         "noise averaged": (scene, Choices("averaged")),
-        "offsets half": (scene, Choices(offset_share=0.5)),
+        "offsets half": (scene, Choices(offset_share=HALF)),
         f"beam {WIDE_BEAM_DEG:g} deg": (wide, Choices()),
     }
 
@@ -404,23 +408,16 @@ def add_parser(subparsers: options.Subparsers) -> None:
         EPILOG,
     )
     options.add_scene(parser, "eren2017_tank")
-    options.add_numbers(parser, NUMBERS)
+    options.add_number(parser, "runs", Quantity("runs of each case", "", 1, 1e6), 100)
+    options.add_seed(parser)
     parser.add_argument(
-        "--noise",
-        choices=get_args(Noise),
-        default=Choices.noise,
-        help="what 1 %% of noise is: uniform from 0 to 1 %%, Gaussian with that standard "
-        "deviation, or the mean of 10 uniform readings (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--offsets",
-        choices=OFFSETS,
-        default="whole",
-        help="standard deviation of temperature and attenuation: 3 C and 0.015 /m, or half of "
-        "that (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--choices", action="store_true", help="compare what the paper leaves open, at the end"
+        "--choices",
+        nargs="*",
+        choices=(*get_args(Noise), "half"),
+        help="what the paper leaves open. The noise of 1 %%: uniform from 0 to 1 %% (default), "
+        "Gaussian with that standard deviation, or averaged over 10 uniform readings; half: "
+        "standard deviations of temperature and attenuation half of 3 C and 0.015 /m; nothing "
+        "named: compare all of them at the end of a run",
     )
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
@@ -428,18 +425,19 @@ def add_parser(subparsers: options.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs, seed = options.numbers_of(args, NUMBERS)
+    runs, seed = args.runs, args.seed
+    with options.checking_options():
+        choices = choices_named(args.choices or ())
     scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     origin: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
-    if args.choices:
+    if args.choices == []:
         rows = compare(scene, runs, seed)
         if not rows:
             print("interrupted: nothing measured")
             return options.INTERRUPTED
         print(json_text({**origin, "rows": rows}) if args.json else comparison(rows))
         return 0
-    choices = Choices(args.noise, OFFSETS[args.offsets])
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
         results = dict(all_cases(scene, choices, runs, seed, bar.update))
     if not results:
@@ -448,10 +446,11 @@ def run(args: argparse.Namespace) -> int:
     from uuv_optical_array.plots.style import save
 
     cases = {name: as_object(CASES[name], result) for name, result in results.items()}
-    about = f"noise {args.noise}, offsets {args.offsets}, seed {seed}"
+    offsets = "half" if choices.offset_share == HALF else "whole"
+    about = f"noise {choices.noise}, offsets {offsets}, seed {seed}"
     save(draw(results, about), output)
     if args.json:
-        origin |= {"noise": args.noise, "offsets": args.offsets, "cases": cases}
+        origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases}
         print(json_text({**origin, "picture": str(output)}))
     else:
         print(f"scene {scene.name}; {about}\n")

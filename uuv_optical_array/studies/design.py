@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Annotated
 
 from uuv_optical_array.cli import options, outputs, progress
@@ -10,21 +9,27 @@ from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene, scene_from_settings
 from uuv_optical_array.studies.design_score import CLEAR_SIGMAS, Choice, DesignStudy, ScoredDesign
-from uuv_optical_array.studies.design_sweep import SWEPT, Sweep, default_lists, designed
+from uuv_optical_array.studies.design_sweep import (
+    SWEPT,
+    Sweep,
+    default_lists,
+    designed,
+    lists_named,
+)
 from uuv_optical_array.studies.results import Results
 
 DESCRIPTION = """\
 Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and
 score each design: by the criteria of Eren et al. (2016), whether the signature tells 0.2 m and
 10 deg apart 4 to 8 m behind the lamp and how many detectors that takes, and by the Cramer-Rao bound
-over the working volume. The scores go into a CSV and a picture beside it; the Pareto-optimal
+over the working volume. The scores go into a picture and a CSV beside it; the Pareto-optimal
 designs are printed. A design that has a score in the CSV is not scored again, so the same command
 resumes an interrupted sweep."""
 
 EPILOG = """\
 examples:
   uuv_array study design                             the default scene, into follow.design.csv
-  uuv_array study design --width-m 0.3 0.4 --detectors-per-side 5 7    some of it
+  uuv_array study design --sweep width_m=0.3,0.4 detectors_per_side=5,7    some of it
   uuv_array study design --take 2                    all of it, and design 2 as a scene file
 fronts: `fits` is of arrays no wider than the scene's, `resolved` of those of them that meet the
 criterion at 4 m, `any` of all. A design is left out if another one has no more detectors and bounds
@@ -75,19 +80,18 @@ def add_parser(subparsers: options.Subparsers) -> None:
         EPILOG,
     )
     options.add_scene(parser, "follow")
-    swept = parser.add_argument_group("what is swept (default: a grid about the scene's own)")
-    for name, setting in SWEPT.items():
-        options.add_setting(swept, name, setting, nargs="+")
+    parser.add_argument(
+        "--sweep",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE,...",
+        help=f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)",
+    )
     scored = parser.add_argument_group("how it is scored")
     options.add_settings(scored, DesignStudy, "power", "mount", "poses", "seed")
     written = parser.add_argument_group("what is written")
-    written.add_argument(
-        "--csv",
-        type=Path,
-        metavar="FILE",
-        help="every design, a line each (default: SCENE.design.csv here)",
-    )
-    outputs.add_picture(written, None, "--picture", "picture, else beside the CSV")
+    about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
+    outputs.add_picture(written, None, about=about)
     written.add_argument(
         "--take",
         type=options.whole_number,
@@ -101,14 +105,12 @@ def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
     scene = options.scene_of(args)
     with options.checking_options():
-        lists = {name: values for name in SWEPT if (values := vars(args)[name]) is not None}
-        sweep = Sweep(**{**default_lists(scene), **lists})
+        sweep = Sweep(**{**default_lists(scene), **lists_named(args.sweep)})
     values = options.settings_of(args, DesignStudy, "power", "mount", "poses", "seed")
     study = DesignStudy(scene, sweep, **values)
-    csv = outputs.file_to_write(args.csv or f"{scene.name}.design.csv", "--csv", outputs.CSV)
-    picture = outputs.file_to_write(
-        args.picture or csv.with_suffix(".png"), "--picture", outputs.PICTURE
-    )
+    picture = args.output or f"{scene.name}.design.png"
+    picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
+    csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
     results = Results(csv, ScoredDesign, study.origin)
 
     def tell(text: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
-from uuv_optical_array.core.settings import Quantity, Setting, check, declared
+from uuv_optical_array.core.settings import Setting, check, declared
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
@@ -20,13 +20,8 @@ Mount: TypeAlias = Literal["front", "centre"]
 
 # What a sweep has lists of.
 SWEPT: dict[str, Setting] = {
-    "shape": Setting(Shape, Quantity("shapes of the array"), None, False),
-    **{
-        name: (declared(ArraySettings) | declared(LampSettings))[name]._replace(
-            default=None, optional=False
-        )
-        for name in ("detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
-    },
+    name: (declared(ArraySettings) | declared(LampSettings))[name]
+    for name in ("shape", "detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
 }
 # Radii of 0.8 widths are as curved as the paper's.
 DEFAULTS: dict[str, tuple[Any, ...]] = {
@@ -131,6 +126,23 @@ class Sweep:
                 self.detectors_per_side,
             )
         ]
+
+
+def lists_named(words: Sequence[str]) -> dict[str, list[Any]]:
+    """Read lists of a sweep, each ``NAME=VALUE,VALUE``; ValueError for what is none."""
+    lists: dict[str, list[Any]] = {}
+    for word in words:
+        name, _, values = word.partition("=")
+        if name not in SWEPT:
+            raise ValueError(f"{word}: give NAME=VALUE,... with NAME one of {', '.join(SWEPT)}")
+        if name in lists:
+            raise ValueError(f"{name}: given twice; give its values once")
+        kind = SWEPT[name].kind
+        try:
+            lists[name] = [kind(v) if kind in (int, float) else v for v in values.split(",")]
+        except ValueError:
+            raise ValueError(f"{word}: give numbers with commas between them") from None
+    return lists
 
 
 def default_lists(scene: Scene) -> dict[str, tuple[Any, ...]]:

@@ -36,12 +36,6 @@ examples:
   uuv_array study drives --rate 20 --seconds 30
 Ctrl-C ends the study early and reports the drives it has."""
 
-NUMBERS = {
-    "drives": options.Number(Quantity("how many drives", "", 1, 1e5), 50),
-    "seconds": options.Number(Quantity("duration of a drive", "s", 10, 3600), 60.0),
-    "rate": options.Number(Quantity("rate of the images", "Hz", 0.5, 1000), 10.0),
-    "seed": options.Number(options.SEED, 1),
-}
 SWAY = 0.4  # of the working volume's half width, across and in angle
 SWAY_RAD_PER_S = (0.1, 0.25)
 LAST_S = 10.0  # at the end of a drive, when most was learnt
@@ -157,13 +151,16 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    options.add_numbers(parser, NUMBERS)
+    options.add_number(parser, "drives", Quantity("how many drives", "", 1, 1e5), 50)
+    options.add_number(parser, "seconds", Quantity("duration of a drive", "s", 10, 3600), 60.0)
+    options.add_number(parser, "rate", Quantity("rate of the images", "Hz", 0.5, 1000), 10.0)
+    options.add_seed(parser)
     options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
-    count, seconds, rate, seed = options.numbers_of(args, NUMBERS)
+    count, seconds, rate, seed = args.drives, args.seconds, args.rate, args.seed
     scene = options.scene_of(args)
     if not scene.prior.nuisance_std():
         raise options.OptionError(

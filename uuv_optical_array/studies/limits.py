@@ -2,13 +2,13 @@
 
 import argparse
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X, Y
-from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
@@ -27,7 +27,7 @@ such as the lamp's power, is estimated along with the pose and raises the bound.
 EPILOG = """\
 examples:
   uuv_array limits                           6 m behind the lamp, in the default scene
-  uuv_array limits --x -8 --y 0.5 --yaw-deg 10
+  uuv_array limits --pose -8 0.5 0 0 10      8 m behind and 0.5 m to port, bow 10 deg to port
   uuv_array limits --shape planar            the same scene with a planar array
   uuv_array limits --scene sea.yaml --output sea.png
 
@@ -36,11 +36,11 @@ better than another: the planar array can hardly tell a lateral offset from a tu
 bound exceeds 180 deg is unknown. Averaging n independent images divides a bound by sqrt(n)."""
 
 POSE = {
-    "x": options.Number(Quantity("ahead of the lamp; negative: behind", "m", -1000, 1000), -6.0),
-    "y": options.Number(Quantity("to port", "m", -1000, 1000), 0.0),
-    "z": options.Number(Quantity("up", "m", -1000, 1000), 0.0),
-    "pitch-deg": options.Number(Quantity("bow down", "deg", -90, 90), 0.0),
-    "yaw-deg": options.Number(Quantity("bow to port", "deg", -180, 180), 0.0),
+    "X": Quantity("ahead of the lamp", "m", -1000, 1000),
+    "Y": Quantity("to port", "m", -1000, 1000),
+    "Z": Quantity("up", "m", -1000, 1000),
+    "PITCH_DEG": Quantity("bow down", "deg", -90, 90),
+    "YAW_DEG": Quantity("bow to port", "deg", -180, 180),
 }
 BEHIND_M: Array = np.linspace(RANGES_M[0], RANGES_M[-1], 81, dtype=float)
 ASIDE_M: Array = np.linspace(-1, 1, 81, dtype=float)
@@ -219,14 +219,28 @@ def add_parser(subparsers: options.Subparsers) -> None:
         EPILOG,
     )
     options.add_scene(parser, "follow")
-    options.add_numbers(parser, POSE)
+    parser.add_argument(
+        "--pose",
+        type=float,
+        nargs=5,
+        default=[-6.0, 0.0, 0.0, 0.0, 0.0],
+        metavar=tuple(POSE),
+        help=", ".join(f"{quantity.text} ({quantity.unit})" for quantity in POSE.values())
+        + " (default: -6 0 0 0 0)",
+    )
     options.add_shape(parser)
     outputs.add_picture(parser, "limits.png")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
-    pose = np.array(options.numbers_of(args, POSE))
+    with options.checking_options():
+        pose = np.array(
+            [
+                check(Annotated[float, quantity], value, f"--pose {name}")
+                for (name, quantity), value in zip(POSE.items(), args.pose, strict=True)
+            ]
+        )
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))

@@ -54,7 +54,6 @@ examples:
   uuv_array study paper --scene sea.yaml       your own lamp, water and sphere
 Ctrl-C ends it early and reports what is complete. docs/results/paper.md explains every figure."""
 
-NUMBERS = {"seed": options.Number(options.SEED, 1)}
 NOISE_RANGES_M = (4.0, 8.0)
 
 
@@ -320,19 +319,18 @@ def add_parser(subparsers: options.Subparsers) -> None:
         EPILOG,
     )
     options.add_scene(parser, "eren2016")
-    options.add_numbers(parser, NUMBERS)
+    options.add_seed(parser)
     outputs.add_picture(parser, "paper.png")
     options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
-    (seed,) = options.numbers_of(args, NUMBERS)
     scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     result = Reproduction()
     try:
-        result.compute(scene, seed, progress.over)
+        result.compute(scene, args.seed, progress.over)
     except KeyboardInterrupt:
         if not result.points:
             print("interrupted: nothing computed")
@@ -344,7 +342,7 @@ def run(args: argparse.Namespace) -> int:
         picture = str(output)
         save(draw(result.curves, scene.name), output)
     if args.json:
-        origin = {"scene": scene.name, "seed": seed, "picture": picture}
+        origin = {"scene": scene.name, "seed": args.seed, "picture": picture}
         print(json_text({**origin, **as_object(result)}))
     else:
         print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n")

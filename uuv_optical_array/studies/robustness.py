@@ -38,10 +38,6 @@ examples:
   uuv_array study robustness --scene night_plume --kinds nothing,moving
 Ctrl-C ends it early and reports the kinds it has."""
 
-NUMBERS = {
-    "poses": options.Number(Quantity("how many random poses of each kind", "", 1, 1e7), 300),
-    "seed": options.Number(options.SEED, 1),
-}
 FAR_M = 1.0
 # From this tail probability on, an image can be one of the scene itself.
 PLAUSIBLE = 1e-3
@@ -231,14 +227,16 @@ def add_parser(subparsers: options.Subparsers) -> None:
         metavar="NAME,...",
         help="kinds of mismatch, with commas between them (default: all that the scene can have)",
     )
-    options.add_numbers(parser, NUMBERS)
+    poses = Quantity("how many random poses of each kind", "", 1, 1e7)
+    options.add_number(parser, "poses", poses, 300)
+    options.add_seed(parser)
     options.add_json(parser)
     outputs.add_picture(parser, "robustness.png")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the study, print and draw it."""
-    count, seed = options.numbers_of(args, NUMBERS)
+    count, seed = args.poses, args.seed
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     scene = options.scene_of(args)
     with options.checking_options():

@@ -40,7 +40,6 @@ examples:
   uuv_array study tradeoff --scene sea.yaml  your own scene, into sea.tradeoff/
 Ctrl-C ends it early and draws the settings that are measured."""
 
-NUMBERS = {"seed": options.Number(options.SEED, 1)}
 ERRORS = {
     "position": ("position_m", "RMS position error (m)", 0),
     "angle": ("angle_deg", "RMS angle error (deg)", 1),
@@ -276,29 +275,22 @@ def add_parser(subparsers: options.Subparsers) -> None:
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
-    options.add_numbers(parser, NUMBERS)
+    options.add_seed(parser)
     options.add_json(parser)
     parser.add_argument(
         "--output",
         type=Path,
         metavar="DIR",
-        help="folder of CSV file and picture (default: SCENE.tradeoff here)",
-    )
-    parser.add_argument(
-        "--pictures",
-        choices=outputs.PICTURE,
-        default=".png",
-        help="suffix of the picture (default: %(default)s)",
+        help="folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure what is missing, and draw and print the results."""
-    (seed,) = options.numbers_of(args, NUMBERS)
     scene = options.scene_of(args)
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
-    measured = TradeoffRun(scene, mode, seed, folder, plan(scene, mode))
+    measured = TradeoffRun(scene, mode, args.seed, folder, plan(scene, mode))
     complete = True
     try:
         measured.measure()
@@ -316,11 +308,13 @@ def run(args: argparse.Namespace) -> int:
     )
     from uuv_optical_array.plots.style import save
 
-    picture = folder / f"tradeoff{args.pictures}"
-    save(draw(rows, about), picture)
+    figure = draw(rows, about)
+    pictures = [folder / f"tradeoff{suffix}" for suffix in (".png", ".pdf")]
+    for picture in pictures:
+        save(figure, picture)
     if args.json:
         result = {"complete": complete, **vars(origin), **as_object(rows)}
-        print(json_text({**result, "pictures": [str(picture)]}))
+        print(json_text({**result, "pictures": [*map(str, pictures)]}))
     else:
         print(f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n")
         without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
@@ -328,7 +322,7 @@ def run(args: argparse.Namespace) -> int:
         if mode == "quick":
             print(QUICK_LEAVES_OUT)
         print(f"file: {folder / SETTINGS_CSV}")
-        print(f"picture: {picture}")
+        print(f"pictures: {', '.join(map(str, pictures))}")
         if not complete:
             print(f"interrupted: {len(rows)} of {measured.count} settings; run it again to go on")
     return 0 if complete else options.INTERRUPTED

@@ -103,6 +103,8 @@ def test_the_name_of_a_study_alone_says_how_it_is_called(name):
         (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),
         (("follow", "--scene", "atlantis"), "scene atlantis: neither"),
         (("follow", "--seed", "-5"), "seed: -5 is out of bounds; it must be from -1 to"),
+        (("table", "--workers", "0"), "--workers 0: give a number of threads, at least 1, or the"),
+        (("table", "--workers", "many"), "--workers many: give a number of threads"),
     ],
 )
 def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_written(

@@ -145,7 +145,7 @@ def test_ctrl_c_stops_the_command_and_the_same_command_finishes(tmp_path):
     program = "from uuv_optical_array.programs import uuv_array; uuv_array()"
     words = [sys.executable, "-c", program, "table", "--scene", "sea.yaml"]
     run = {"cwd": tmp_path, "text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([*words, "--threads", "1"], **run) as process:
+    with subprocess.Popen([*words, "--workers", "1"], **run) as process:
         process.stderr.readline()  # the first block is there
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=PATIENCE_S)

@@ -27,7 +27,7 @@ EPILOG = """\
 examples:
   uuv_array table                              the default scene, into follow.zarr/
   uuv_array table --scene sea.yaml -o /data/t  your own scene, into a folder of your choice
-  uuv_array table --scene sea.yaml -o /shared/sea.zarr --scheduler tcp://10.0.0.1:8786
+  uuv_array table --scene sea.yaml -o /shared/sea.zarr --workers tcp://10.0.0.1:8786
                                                on a cluster, into a folder that all of it sees"""
 
 
@@ -46,22 +46,24 @@ def add_parser(subparsers: options.Subparsers) -> None:
         "-o", "--output", type=Path, help="folder to write (default: SCENE.zarr here)"
     )
     parser.add_argument(
-        "--threads", type=options.whole_number, help="threads of this machine (default: all cores)"
+        "--workers",
+        metavar="N|ADDRESS",
+        help="threads of this machine (default: all cores), or the scheduler of a Dask cluster",
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the table, or what is missing of it."""
     scene = options.scene_of(args)
-    threads, scheduler = args.threads, args.scheduler
-    if scheduler and threads is not None:
-        raise options.OptionError(
-            "threads: those of a cluster are set where its workers are started, by dask worker "
-            "--nthreads; give --threads or --scheduler"
-        )
-    if threads is not None and threads < 1:
-        raise options.OptionError(f"threads: {threads}; give at least 1")
+    scheduler = args.workers if args.workers and ":" in args.workers else None
+    threads = None
+    if args.workers is not None and not scheduler:
+        threads = int(args.workers) if args.workers.isdecimal() else 0
+        if threads < 1:
+            raise options.OptionError(
+                f"--workers {args.workers}: give a number of threads, at least 1, or the address "
+                "of a scheduler, such as tcp://10.0.0.1:8786"
+            )
     output = outputs.folder_to_write(args.output or f"{scene.name}.zarr", "--output")
     began = time.perf_counter()
     try:

@@ -92,23 +92,13 @@ class Need:
 
 
 def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[str, float]]:
-    """Choose the cheapest setting that meets a need, or the nearest to it.
+    """Choose the cheapest setting that meets a need, or the nearest to it, and what that exceeds.
 
     The cheapest has the fewest detectors, then the smallest table, then the least median time. The
-    nearest is the one whose worst value is the least multiple of its limit. Published methods are
-    not considered: the estimator's node does not have them.
-
-    Returns
-    -------
-    row : Measurement
-        The setting.
-    excess : dict
-        By how much it exceeds the limits that it does not meet; empty where it meets all.
-
-    Raises
-    ------
-    ValueError
-        Where no row is of a method that the estimator has.
+    nearest is the one whose worst value is the least multiple of its limit; the second value says
+    by how much it exceeds each limit, and is empty where it meets all. Published methods are not
+    considered, because the estimator's node does not have them; a ValueError says that nothing else
+    was measured.
     """
     choices = [row for row in rows if row.method in METHODS]
     if not choices:

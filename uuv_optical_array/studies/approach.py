@@ -72,14 +72,9 @@ WIDE_BEAM_DEG = 15.0
 class ApproachErrors:
     """The errors in n runs of a case, m and rad.
 
-    Parameters
-    ----------
-    errors
-        By method, estimate less truth, shape ``(n, FRAMES, 5)``; nan without a pose.
-    bound
-        Cramer-Rao bound of a single frame with the prior of lamp and water, shape ``(FRAMES, 5)``.
-    run_bound
-        The same from all frames so far and the motion of `DOCKING`.
+    `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
+    the Cramer-Rao bound of a single frame with the prior of lamp and water, `run_bound` that of all
+    frames so far and the motion of `DOCKING`, both ``(FRAMES, 5)``.
     """
 
     errors: Mapping[str, Array]
@@ -120,27 +115,10 @@ def simulate(
     done: Callable[[int], object] = lambda runs: None,
     batch: int = BATCH,
 ) -> ApproachErrors:
-    """Run a case by every method; an interrupt ends it with the complete batches.
+    """Run a case by every method, `batch` runs at a time.
 
-    Parameters
-    ----------
-    scene
-        The tank.
-    case, choices
-        What to run.
-    runs
-        How many, >= 1.
-    rng
-        Source of calibration, offsets and noise.
-    done
-        Called with the number of runs after every batch.
-    batch
-        Runs that are simulated together, >= 1.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Before the first batch was complete.
+    `rng` is the source of calibration, offsets and noise; `done` is called with the number of runs
+    after every batch. Ctrl-C ends it with the complete batches, and is raised before the first.
     """
     model = ForwardModel(assumed_scene(scene, case, choices))
     moments = calibrate(model, rng)

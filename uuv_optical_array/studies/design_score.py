@@ -59,26 +59,17 @@ BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
 class Score:
     """What a design is worth.
 
-    Parameters
-    ----------
-    reference_counts
-        Largest reading of the lamp by the aligned array at the scene's reference range.
-    shift_near_deg, yaw_near_deg
-        Spectral angle of the paper's signature for 0.2 m across and for 10 deg of yaw, the smaller
-        of both signs, 4 m behind the lamp, deg; nan where the aligned image is flat.
-    shift_deg, yaw_deg
-        The least of these at 4, 5, 6, 7 and 8 m.
-    shift_near_sigmas, yaw_near_sigmas, shift_sigmas, yaw_sigmas
-        The same angles over the root mean square angle by which noise moves the signature of the
-        aligned array there; inf where noise moves nothing.
-    position_m, angle_deg
-        Root mean square bound over the working volume of a pose that is known to lie in it, as
-        `working_volume.known_volume_std`.
-    lit
-        Share of the volume where the image peaks above `working_volume.MIN_PEAK_COUNTS`.
-    lit_position_m, lit_angle_deg
-        Root mean square Cramer-Rao bound of the image alone over that share; nan where it is
-        empty, inf where a pose in it is unobservable.
+    Spectral angles of the paper's signature are the smaller of both signs, for 0.2 m across
+    (``shift``) and for 10 deg of yaw; ``near`` is 4 m behind the lamp, the others are the least at
+    4, 5, 6, 7 and 8 m; nan where the aligned image is flat. In ``sigmas`` they are divided by the
+    root mean square angle by which noise moves the signature of the aligned array there; inf where
+    it moves nothing.
+
+    `reference_counts` is the largest reading of the aligned array at the scene's reference range.
+    `position_m` and `angle_deg` are root mean square bounds over the volume of a pose known to lie
+    in it, as `known_volume_std`; `lit` is the share of the volume where the image peaks above
+    `MIN_PEAK_COUNTS`, and ``lit_`` bounds are those of the image alone there: nan where there is
+    none, inf where a pose is unobservable.
     """
 
     reference_counts: float
@@ -185,15 +176,10 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
 
 
 def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, Array]:
-    """Bound the errors at poses ``(n, 5)``.
+    """Return the bounds at poses ``(n, 5)``, and where there is light.
 
-    Returns
-    -------
-    known, alone : Array
-        Least standard deviations, m and rad, shape ``(n, 5)``: of an image whose pose is known to
-        lie in the volume, and of the image alone, the Cramer-Rao bound.
-    lit : ndarray of bool
-        Whether there is light, shape ``(n,)``.
+    Least standard deviations, m and rad, ``(n, 5)``: of an image whose pose is known to lie in the
+    volume, and of the image alone (the Cramer-Rao bound); then whether there is light, ``(n,)``.
     """
     known, alone, lit = np.empty_like(poses), np.empty_like(poses), np.empty(len(poses), bool)
     step = _block(model)

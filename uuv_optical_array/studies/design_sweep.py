@@ -69,17 +69,10 @@ class Design:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A grid of designs, without those that cannot be built.
+    """A grid of designs, without those that cannot be built; a radius is for curved arrays alone.
 
-    Parameters
-    ----------
-    shape, detectors_per_side, width_m, radius_m, beam_sigma_deg
-        Values of each, all different; a radius is for curved arrays alone.
-
-    Raises
-    ------
-    ValueError
-        For an empty list, a value that is given twice or out of bounds, or where nothing is left.
+    A ValueError names an empty list, a value that is given twice or out of bounds, or says that
+    nothing is left.
     """
 
     shape: Sequence[Shape]
@@ -165,29 +158,17 @@ def _fault(design: Design) -> str | None:
 
 
 def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount = "front") -> Scene:
-    """Return a scene with another array and lamp, and the lamp's power set.
+    """Return a scene with the array and the lamp of a design, and the lamp's power set.
 
-    Parameters
-    ----------
-    scene
-        The scene, whose own array and lamp are the reference.
-    design
-        What takes their place.
-    power
-        ``flux``: the lamp emits as much light as the scene's, into a beam of another width; what
-        is brighter than the electronics can read saturates. ``flux_in_range``: the same light,
-        but where the aligned array would read more of it at the reference range than the scene's
-        does, the gain of the electronics is turned down until it reads the same; noise behind the
-        gain stays as it is in counts. ``counts``: the lamp is as strong as it takes for the same
-        reading.
-    mount
-        ``front``: the foremost point of the array stays where the scene's is. ``centre``: the
-        frame of the array does, which is the centre of a sphere, as Eren et al. (2016) have it.
+    By a power of ``flux`` the lamp emits as much light as the scene's, into a beam of another
+    width; what is brighter than the electronics can read saturates. ``flux_in_range`` is the same
+    light, but where the aligned array would read more of it at the reference range than the scene's
+    does, the gain is turned down until it reads the same; noise behind the gain stays as it is in
+    counts. By ``counts`` the lamp is as strong as it takes for the same reading.
 
-    Raises
-    ------
-    ValueError
-        For an array that cannot be built, or that gets no light at the reference range.
+    By a mount of ``front`` the foremost point of the array stays where the scene's is; by
+    ``centre`` the frame of the array does, the centre of a sphere, as Eren et al. (2016) have it. A
+    ValueError says that the array cannot be built, or gets no light at the reference range.
     """
     bow_m = scene.array.bow_m
     if mount == "front":

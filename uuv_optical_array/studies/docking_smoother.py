@@ -31,14 +31,9 @@ CONVERGED = 5e-3  # decrement of the negative log-posterior below which a step i
 class DockingSettings:
     """How the vehicle moves.
 
-    Parameters
-    ----------
-    speed_std_m_per_s, turn_std_deg_per_s
-        Standard deviations of the speed ahead and of each turn rate at the start, about 0.
-    speed_walk_m_per_s, turn_walk_deg_per_s
-        Random change of speed and turn rates in 1 s.
-    slip_m
-        Random drift off the heading in 1 s, m.
+    The standard deviations of the speed ahead and of each turn rate at the start, about 0; the
+    random change of speed and turn rates in 1 s (``walk``), and the random drift off the heading in
+    1 s.
     """
 
     speed_std_m_per_s: float = 1.0
@@ -101,17 +96,10 @@ class PathProblem(NamedTuple):
 
 
 class PathState(NamedTuple):
-    """The posterior at one path of each approach; `minimiser` wants their axis last.
+    """The posterior at the path of each of n approaches; `minimiser` wants their axis last.
 
-    Parameters
-    ----------
-    cost
-        Negative log-posterior, without constants, shape ``(n,)``.
-    path
-        m numbers, shape ``(m, n)``.
-    gradient, information
-        Slope of the log-posterior, shape ``(m, n)``, and its information by Gauss-Newton, shape
-        ``(m, m, n)``.
+    The negative log-posterior without constants ``(n,)``, the m numbers of a path ``(m, n)``, the
+    slope of the log-posterior ``(m, n)`` and its information by Gauss-Newton ``(m, m, n)``.
     """
 
     cost: Array
@@ -178,24 +166,11 @@ refine = minimiser(evaluate, propose, CONVERGED, MAX_STEPS)
 
 
 class DockingSmoother:
-    """Estimate the poses of n approaches, image after image.
+    """Estimate the poses of n approaches, image after image, `step_s` apart.
 
     The state of a frame is the pose, the speed ahead and the rates of pitch and yaw; the offsets of
-    the scene's uncertain settings (its `prior`) are the same in all frames.
-
-    Parameters
-    ----------
-    model
-        Forward model of the scene.
-    step_s
-        Time between frames, s, > 0.
-    settings
-        How the vehicle moves.
-
-    Attributes
-    ----------
-    path
-        The most probable paths, shape ``(n, m)``: 8 numbers for each frame, and the offsets.
+    the scene's uncertain settings (its `prior`) are the same in all frames. `path` is the most
+    probable paths, ``(n, m)``: 8 numbers for each frame, and the offsets.
     """
 
     def __init__(
@@ -206,27 +181,10 @@ class DockingSmoother:
         self.path: Array = np.empty((0, 0))
 
     def update(self, images: ArrayLike, guess: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Take the next image of each approach.
+        """Take the next images, counts, ``(n, side, side)``; return their poses and covariances.
 
-        Parameters
-        ----------
-        images
-            Readings in counts, finite, shape ``(n, side, side)``.
-        guess
-            Poses near those of the first images, such as an `Estimator` finds, m and rad, shape
-            ``(n, 5)``; needed at the start only.
-
-        Returns
-        -------
-        poses : Array
-            Of these images, m and rad, shape ``(n, 5)``.
-        covariances : Array
-            Shape ``(n, 5, 5)``.
-
-        Raises
-        ------
-        ValueError
-            At the start, without a guess.
+        They are in m and rad, ``(n, 5)`` and ``(n, 5, 5)``. At the start poses near the first ones,
+        such as an `Estimator` finds, are needed as a `guess` ``(n, 5)``; else ValueError.
         """
         images = np.asarray(images, dtype=float)
         runs, motion = len(images), self._problem.motion
@@ -249,19 +207,10 @@ class DockingSmoother:
         return self.path[:, newest].copy(), _covariance(state, newest)
 
     def bound(self, poses: ArrayLike) -> Array:
-        """Bound the errors from all images up to each frame and the motion.
+        """Bound the errors, m and rad, ``(frames, 5)``, by all images up to each and the motion.
 
-        The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along a path.
-
-        Parameters
-        ----------
-        poses
-            True poses, m and rad, shape ``(frames, 5)``, frames >= 2.
-
-        Returns
-        -------
-        Array
-            Least standard deviation of each frame's pose, m and rad, shape ``(frames, 5)``.
+        The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along the true poses
+        ``(frames, 5)``, two at least.
         """
         model, motion, _ = self._problem
         states = states_along(np.asarray(poses, dtype=float), motion.step_s)

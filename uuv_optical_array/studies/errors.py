@@ -44,18 +44,12 @@ def by_column(values: Iterable[float]) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class FrameErrors:
-    """Errors of an estimator on n frames.
+    """Errors of an estimator on n frames, m and rad.
 
-    Parameters
-    ----------
-    errors
-        Estimate less truth, m and rad, shape ``(n, 5)``; nan where there was no pose.
-    covariances
-        The estimates' own, shape ``(n, 5, 5)``; nan where there is none.
-    frame_s
-        Time from each image to its estimate, s, shape ``(n,)``.
-    model_s
-        Times of one forward model with Jacobian for `MODEL_POSES` poses, s, shape ``(k,)``.
+    `errors` are estimate less truth, ``(n, 5)``, nan without a pose; `covariances` are the
+    estimates' own, ``(n, 5, 5)``; `frame_s` is the time from each image to its estimate, s,
+    ``(n,)``; `model_s` are times of one forward model with Jacobian for `MODEL_POSES` poses, s,
+    ``(k,)``.
     """
 
     errors: Array
@@ -118,20 +112,9 @@ def frame_errors(
 ) -> dict[str, FrameErrors]:
     """Estimate frame after frame by each method, which take turns, so that load is shared evenly.
 
-    Ctrl-C ends it with the frames that every method has answered; before the first it is raised.
-
-    Parameters
-    ----------
-    answers
-        By the method's name.
-    yardstick
-        The model whose time is taken between frames, to tell how fast the machine is just then.
-    poses
-        True poses, m and rad, shape ``(n, 5)``, n >= 1.
-    images
-        Readings of the array there, counts, shape ``(n, side, side)``.
-    progress
-        Wraps the loop over frames, such as ``tqdm.tqdm``.
+    `images` are counts, ``(n, side, side)``, at true `poses`, m and rad, ``(n, 5)``. The time of
+    the `yardstick` is taken between frames, to tell how fast the machine is just then. Ctrl-C ends
+    it with the frames that every method has answered; before the first it is raised.
     """
     count, names = len(poses), list(answers)
     errors = {name: np.full((count, 5), np.nan) for name in names}

@@ -228,20 +228,11 @@ def needs_motion(scene: Scene) -> str:
 class Kind:
     """A kind of mismatch.
 
-    Parameters
-    ----------
-    name
-        As ``uuv_array study robustness --kinds`` takes it.
-    what, cure
-        What differs from the scene, and what a user does about it, a sentence each.
-    light
-        What arrives at the detectors.
-    off_by
-        By how much of which of `SHIPPED`; empty for what no prior is about.
-    draw
-        How poses are drawn, as `working_volume.uniform_poses`.
-    missing
-        What a scene needs to differ like this; empty where it has it.
+    `name` is that of ``uuv_array study robustness --kinds``; `what` differs from the scene, and
+    `cure` is what a user does about it, a sentence each. `light` arrives at the detectors, `off_by`
+    says by how much of which of `SHIPPED` it is off (empty for what no prior is about), `draw`
+    draws the poses, and `missing` says what a scene needs to differ like this, empty where it has
+    it.
     """
 
     name: str
@@ -429,19 +420,10 @@ KINDS = (
 
 
 def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
-    """Choose kinds, in the order of `KINDS`.
+    """Choose kinds by their names with commas between them; None: all that the scene can have.
 
-    Parameters
-    ----------
-    names
-        Names with commas between them; None: all that the scene can differ by.
-    scene
-        The scene.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a kind that the scene cannot differ by.
+    They are in the order of `KINDS`. A ValueError names an unknown one, or one that the scene
+    cannot have.
     """
     if names is None:
         return tuple(kind for kind in KINDS if not kind.missing(scene))

@@ -76,18 +76,9 @@ def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
 class Reproduction:
     """The results so far.
 
-    Parameters
-    ----------
-    points
-        Our number of each of `STATEMENTS`, deg.
-    sizes
-        A `size_row` for each of `SIDES`.
-    curves
-        Panel, conditions and angles in deg at `STEPS`.
-    choices
-        Name of each choice, and its numbers of `STATEMENTS`, deg.
-    has_all_curves, complete
-        Whether no curve, and whether nothing, is missing.
+    Our number of each of `STATEMENTS`, deg; a `size_row` for each of `SIDES`; panel, conditions and
+    angles in deg at `STEPS` of each curve; each choice with its numbers of `STATEMENTS`, deg;
+    whether no curve, and whether nothing, is missing.
     """
 
     points: list[float] = field(default_factory=list)

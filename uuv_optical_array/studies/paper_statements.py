@@ -27,21 +27,10 @@ Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
 class Statement:
     """A statement of the paper's text about a figure, and the same number of ours.
 
-    Parameters
-    ----------
-    figure
-        Number and panel, such as ``4b``.
-    text
-        What is compared, a few words.
-    conditions
-        The same as plain values.
-    paper
-        The stated number, deg; ``None`` where the paper has words only.
-    relation
-        Whether the paper's number ``is`` the angle, or the angle lies ``above`` or ``below`` it; or
-        the paper's words.
-    ours
-        Computes our number, deg.
+    The number and panel of the figure, such as ``4b``; what is compared, in words and as plain
+    values; the stated number, deg, ``None`` where the paper has words only; whether that ``is`` the
+    angle, or the angle lies ``above`` or ``below`` it, or the paper's words; and what computes our
+    number, deg.
     """
 
     figure: str

@@ -96,23 +96,10 @@ class LookUp:
         return np.stack([parameters[..., 3], parameters[..., 4], angles], axis=-1)
 
     def pose(self, image: ArrayLike) -> Array:
-        """Look up the pose of an image.
+        """Look up the pose of an image ``(side, side)`` of counts, finite and >= 0.
 
-        Parameters
-        ----------
-        image
-            Readings in counts, finite and >= 0, shape ``(side, side)``.
-
-        Returns
-        -------
-        Array
-            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``: a
-            row of the table, the first of equally good ones.
-
-        Raises
-        ------
-        NoPose
-            For an image of another shape, without light, or whose peak no pose of the table has.
+        The pose, m and rad, ``(5,)``, is a row of the table, the first of equally good ones. NoPose
+        for an image of another shape, without light, or whose peak no pose of the table has.
         """
         image = np.asarray(image, dtype=float)
         if image.shape != (self._side, self._side) or not np.isfinite(image).all():
@@ -133,14 +120,8 @@ class LookUp:
 class Moments:
     """What the moments method measures in n images, each of shape ``(n,)``.
 
-    Parameters
-    ----------
-    peak
-        Brightest reading, counts.
-    m21, m12
-        First moments about the peak along y and z, m.
-    yaw_ratio, pitch_ratio
-        M23 / M33 and M32 / M33, 1/m; nan where M33 is 0.
+    The brightest reading, counts; the first moments about the peak along y and z, m; and M23 / M33
+    and M32 / M33, 1/m, nan where M33 is 0.
     """
 
     peak: Array
@@ -154,18 +135,9 @@ class Moments:
 def image_moments(images: ArrayLike, spacing_m: float) -> Array:
     """Compute ``M_pq = sum (y - y0)^(p-1) (z - z0)^(q-1) I / sum I``, p and q from 1 to 3.
 
-    Parameters
-    ----------
-    images
-        Readings, counts, shape ``(..., side, side)``; each with some light.
-    spacing_m
-        Distance between detectors, m.
-
-    Returns
-    -------
-    Array
-        M_pq at ``[..., p - 1, q - 1]``, m^(p + q - 2), shape ``(..., 3, 3)``; y and z run to port
-        and up, y0 and z0 are the peak's, between detectors by a parabola through its neighbours.
+    M_pq is at ``[..., p - 1, q - 1]``, m^(p + q - 2), of images ``(..., side, side)`` that have
+    some light; y and z run to port and up, y0 and z0 are the peak's, between detectors by a
+    parabola through its neighbours.
     """
     images = np.asarray(images, dtype=float)
     side = images.shape[-1]
@@ -197,16 +169,8 @@ def measure_moments(images: ArrayLike, spacing_m: float) -> Moments:
 class MomentCalibration:
     """The moments method, calibrated: each pair of coefficients is for ``a + b value``.
 
-    Parameters
-    ----------
-    spacing_m
-        Of the array that was calibrated.
-    log_range
-        ``range = a + b log(peak)``: the paper's ``-log(peak / a1) / b1``.
-    pitch, yaw
-        rad, by the ratios.
-    y, z
-        m, by M21 and M12.
+    ``range = a + b log(peak)`` is the paper's ``-log(peak / a1) / b1``; pitch and yaw, rad, are by
+    the ratios, y and z, m, by M21 and M12.
     """
 
     spacing_m: float

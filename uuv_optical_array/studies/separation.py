@@ -58,21 +58,12 @@ def scene_signature(images: Array, on_axis_counts: float, scene: Scene) -> Array
 
 @dataclass(frozen=True)
 class Choice:
-    """One way to fill in what the paper leaves open.
+    """One way to fill in what the paper leaves open, and its `text` in a few words.
 
-    Parameters
-    ----------
-    text
-        What is chosen, a few words.
-    scene
-        Changes the scene, whose array has its shape and size already.
-    poses
-        Changes poses in ``beacon``, shape ``(n, 5)``; the second argument is the scene.
-    images
-        Takes model and poses to images, shape ``(..., n, side, side)``; the mean spectral angle
-        over the leading axes counts.
-    signature
-        Takes images, the on-axis reading and the scene to vectors, shape ``(..., 5)``.
+    `scene` changes the scene, whose array has its shape and size already, `poses` changes poses in
+    ``beacon`` ``(n, 5)``. `images` takes model and poses to images ``(..., n, side, side)``; the
+    mean spectral angle over the leading axes counts. `signature` takes images, the on-axis reading
+    and the scene to vectors ``(..., 5)``.
     """
 
     text: str
@@ -107,29 +98,12 @@ class Conditions:
 def angles_deg(
     scene: Scene, conditions: Conditions, steps: ArrayLike, choice: Choice = RECONSTRUCTION
 ) -> Array:
-    """Spectral angles between the aligned array and the moved one.
+    """Return spectral angles between the aligned array and the moved one, deg, ``(n,)``.
 
-    Parameters
-    ----------
-    scene
-        Lamp, water and array, of which shape and size are replaced.
-    conditions
-        The array, its range (of ``base_link`` behind the lamp) and the motion.
-    steps
-        Shifts to starboard in m, or turns of the bow to starboard in deg, shape ``(n,)``.
-    choice
-        What the paper leaves open.
-
-    Returns
-    -------
-    Array
-        Degrees in [0, 180], shape ``(n,)``; nan where the aligned image is flat, so that
-        rounding alone decides where its peak is.
-
-    Raises
-    ------
-    ValueError
-        Where a signature has no direction, or the scene cannot have such an array.
+    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg; the
+    scene's array gets the shape and size of the conditions. nan where the aligned image is flat, so
+    that rounding alone decides where its peak is; a ValueError says that a signature has no
+    direction, or that the scene cannot have such an array.
     """
     array = dataclasses.replace(
         scene.array.with_shape(conditions.shape), detectors_per_side=conditions.side, wiring=None

@@ -139,34 +139,18 @@ class Origin:
 
 @dataclass(frozen=True)
 class Measurement(Flat):
-    """The measured error and time of one setting.
+    """The measured error and time of one setting, which is as in `Group`.
 
-    Parameters
-    ----------
-    method, shape, detectors_per_side, steps
-        The setting, as in `Group`.
-    table_rows
-        Poses in the table that was used.
-    without_pose
-        Share of frames without a pose.
-    position_m, angle_deg
-        Root mean square of the distance between estimate and truth, and of the angle: pitch and
-        yaw errors as a root sum of squares; nan where no frame got a pose.
-    bound_position_m, bound_angle_deg
-        The same of the Cramer-Rao bound of the image alone; inf where a pose is unobservable.
-    floor_position_m, floor_angle_deg
-        The same with the volume known: a Gaussian prior of its variance.
-    median_ms, p99_ms
-        From image to pose.
-    model_ms
-        One forward model with Jacobian of `errors.MODEL_POSES` poses, of the scene's own array,
-        timed between the frames, median.
-    models
-        `median_ms` over `model_ms`: a time that hardly depends on how busy the machine is.
-    build_s
-        Building table or calibration.
-    load_average
-        Of the machine over a minute, when it was measured.
+    `table_rows` are the poses of the table that was used, `without_pose` is the share of frames
+    without a pose. Errors and bounds are root mean square distances, and angles of pitch and yaw
+    together; ``bound`` is the Cramer-Rao bound of the image alone, ``floor`` the same with the
+    volume known, a Gaussian prior of its variance. nan where no frame got a pose, inf where a pose
+    is unobservable.
+
+    Times are from image to pose. `model_ms` is that of one forward model with Jacobian of
+    `errors.MODEL_POSES` poses, of the scene's own array, timed between the frames, median; `models`
+    is `median_ms` over it, which hardly depends on how busy the machine is. `build_s` is for table
+    or calibration, `load_average` that of the machine over a minute.
     """
 
     method: str

@@ -219,17 +219,25 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, t
         assert error.startswith(row["known"])
 
 
-def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(capsys, tmp_path):
-    settings = load_scene("reference").settings()
-    settings["effects"]["lamp_drift"] = {"std": 0.1, "time_scale_s": 60.0, "seed": 1}
-    path = tmp_path / "fading.yaml"
-    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-    words = ("--scene", path, "--poses", 100, "--json")
-    answers = []
-    for more in ((), ("--moving",)):
-        run(*words, *more)
-        answers.append(json.loads(capsys.readouterr().out))
-    still, moving = answers
+@pytest.fixture
+def answers_of(capsys, tmp_path):
+    """What the study answers in another reference scene, without an option and with it."""
+
+    def answers(group, values, count, option):
+        settings = load_scene("reference").settings()
+        settings[group] |= values
+        path = tmp_path / "other.yaml"
+        path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        for words in ((), (option,)):
+            run("--scene", path, "--poses", count, "--json", *words)
+            yield json.loads(capsys.readouterr().out)
+
+    return answers
+
+
+def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(answers_of, capsys):
+    drift = {"lamp_drift": {"std": 0.1, "time_scale_s": 60.0, "seed": 1}}
+    still, moving = answers_of("effects", drift, 100, "--moving")
     run("--poses", 100, "--json")
     plain = json.loads(capsys.readouterr().out)
     assert still["ratio_to_bound"] == plain["ratio_to_bound"]  # the same poses and noise
@@ -239,17 +247,8 @@ def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(cap
     assert moving["nees_mean"] > 3 * still["nees_mean"]
 
 
-def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp_path):
-    settings = load_scene("reference").settings()
-    settings["prior"] = {"lamp_power_std": 0.1}
-    path = tmp_path / "dim.yaml"
-    path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-    words = ("--scene", path, "--poses", 300, "--json")
-    answers = []
-    for more in ((), ("--drawn",)):
-        run(*words, *more)
-        answers.append(json.loads(capsys.readouterr().out))
-    mean, drawn = answers
+def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(answers_of):
+    mean, drawn = answers_of("prior", {"lamp_power_std": 0.1}, 300, "--drawn")
     # A lamp at its mean is better known than the prior says, most of all in range.
     assert mean["nees_mean"] < 4.5
     assert mean["ratio_to_bound"]["x"] < 0.88
@@ -260,8 +259,6 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(capsys, tmp
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--poses", 0), ("--poses", "0", "from 1")),
-        (("--scene", "atlantis"), ("atlantis", "follow", "reference")),
         (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
         (("--known", "--moving"), ("--known", "--moving", "leave one")),
         (("--known", "--drawn"), ("--known", "--drawn", "leave one")),

@@ -278,6 +278,23 @@ def test_an_interrupt_before_the_first_runs_measures_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_choices_are_those_that_are_named(tank_file, tmp_path, capsys, monkeypatch):
+    simulated = []
+
+    def simulate(tank, case, choices, *_):
+        simulated.append(choices)
+        return planted(1)
+
+    monkeypatch.setattr(approach, "simulate", simulate)
+    words = ("--scene", tank_file, "--runs", 1, "--output", tmp_path / "a.png", "--json")
+    run(*words, "--choices", "gaussian", "half")
+    result = json.loads(capsys.readouterr().out)
+    assert (result["noise"], result["offsets"]) == ("gaussian", "half")
+    assert simulated == [Choices("gaussian", 0.5)] * 3
+    error = run(*words, "--choices", "gaussian", "averaged", code=2)
+    assert "--choices: gaussian and averaged exclude each other; leave one out" in error
+
+
 def test_choices_are_compared(tank_file, capsys, monkeypatch):
     simulated = []
 

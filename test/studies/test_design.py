@@ -234,9 +234,6 @@ def test_the_command_is_interrupted_goes_on_and_tells(
         (["--sweep", "shape=round"], "shape: .*round"),
         (["--sweep", "span_m=1"], "span_m=1: give NAME=VALUE,... with NAME one of shape, "),
         (["--sweep", "shape=curved", "radius_m=0.05"], "radius_m: no design is left"),
-        (["--poses", "0"], "--poses: 0 is out of bounds"),
-        (["--output", "deep/d.png", "--poses", "1"], "--output deep/d.png: no folder deep"),
-        (["--output", "d.csv", "--poses", "1"], "--output d.csv: its name must end in .png"),
     ],
 )
 def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):

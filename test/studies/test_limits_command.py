@@ -129,7 +129,6 @@ def test_another_shape_keeps_the_rest_of_the_scene():
         (["--pose", -6, 0, 0, 95, 0], "--pose PITCH_DEG: 95.0 is out of bounds"),
         (["--pose", -6, "nan", 0, 0, 0], "--pose Y: nan is out of bounds"),
         (["--pose", -6], "--pose: expected 5 arguments"),
-        (["--scene", "lagoon"], "lagoon"),
     ],
 )
 def test_a_bad_value_ends_in_one_line(words, error):

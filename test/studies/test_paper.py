@@ -380,20 +380,3 @@ def test_an_interrupt_keeps_the_results_before_it(scene):
     assert "as reconstructed" not in text
     result.choices.append(("as reconstructed", result.points))
     assert re.search(r"^as reconstructed .* 6 +1\.0$", report(result), re.M)
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (("--seed", "-1"), ("--seed", "-1", "from 0")),
-        (("--scene", "atlantis"), ("atlantis", "eren2016")),
-        (("--output", "deep/p.png"), ("--output", "no folder deep")),
-    ],
-)
-def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, named):
-    monkeypatch.chdir(tmp_path)
-    error = run(*words, code=2)
-    assert error.startswith("uuv_array study paper: ")
-    for word in named:
-        assert word in error
-    assert not list(tmp_path.iterdir())

@@ -21,7 +21,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
 from uuv_optical_array.studies import tradeoff, tradeoff_measurement
-from uuv_optical_array.studies.results import Results
 from uuv_optical_array.studies.tradeoff import fronts, numbered
 from uuv_optical_array.studies.tradeoff_measurement import (
     ALL_METHODS,
@@ -29,8 +28,6 @@ from uuv_optical_array.studies.tradeoff_measurement import (
     PUBLISHED,
     SHAPES,
     Group,
-    Measurement,
-    Origin,
     at_one_speed,
     measure,
     plan,
@@ -205,19 +202,6 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypat
     assert third == []
     assert (folder / "tradeoff.pdf").read_bytes().startswith(b"%PDF")
     assert (folder / "tradeoff.csv").read_text() == whole
-
-
-@pytest.mark.usefixtures("small")
-def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path, monkeypatch):
-    other = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
-    Results(tmp_path / "tradeoff.csv", Measurement, other).append([row()])
-    before = (tmp_path / "tradeoff.csv").read_bytes()
-    groups = counted(monkeypatch)
-    error = run("--output", tmp_path, code=1)
-    assert error.startswith(f"uuv_array study tradeoff: {tmp_path}/tradeoff.csv: ")
-    assert "\n" not in error
-    assert groups == []
-    assert (tmp_path / "tradeoff.csv").read_bytes() == before
 
 
 @pytest.mark.usefixtures("small")

@@ -76,12 +76,7 @@ class CalibrationLikelihood:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        images: Array,
-        poses: Array,
-        rolls: Array,
-        pose_std: Array | None,
+        self, scene: Scene, images: Array, poses: Array, rolls: Array, pose_std: Array | None
     ) -> None:
         settings = scene.settings()
         effects = settings["effects"]

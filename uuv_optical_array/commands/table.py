@@ -34,12 +34,7 @@ examples:
 def add_parser(subparsers: options.Subparsers) -> None:
     """Add the subcommand."""
     parser = options.add_command(
-        subparsers,
-        "table",
-        run,
-        "write the signature table of a scene",
-        DESCRIPTION,
-        EPILOG,
+        subparsers, "table", run, "write the signature table of a scene", DESCRIPTION, EPILOG
     )
     options.add_scene(parser, "follow")
     parser.add_argument(

@@ -28,7 +28,7 @@ def replay(
     processes: int | None = None,
     commands: Sequence[tuple[int, Array, Array]] = (),
 ) -> Generator[Answer, None, None]:
-    """Estimate images in order; those behind each other only where a track is wanted.
+    """Yield the answer to each image in order; they are estimated one by one only for a track.
 
     Parameters
     ----------
@@ -45,11 +45,6 @@ def replay(
         How many at a time, >= 1; ``None``: one a core.
     commands
         As of a `Recording`, for the track.
-
-    Yields
-    ------
-    Answer
-        One for each image, as soon as it is there.
     """
     pipeline = Pipeline(estimator, tracking)
     if tracking is not None:
@@ -68,7 +63,7 @@ def replay(
             return str(reason)
         return ""
 
-    reasons = list(map(refused, images))  # in order, as frozen frames show only so
+    reasons = list(map(refused, images))  # in order: a frozen frame repeats the one before
 
     def answer(i: int) -> Answer:
         estimate, reason = None, reasons[i]

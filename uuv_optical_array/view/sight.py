@@ -13,24 +13,11 @@ WINDOW_S = 60.0  # that the charts show
 
 @dataclass(frozen=True)
 class Sight:
-    """One instant; ``None``: not known.
+    """One instant, by its time since the start; ``None``: not known.
 
-    Parameters
-    ----------
-    t_s
-        Time since the start, s.
-    image
-        What the array reads, counts, shape ``(side, side)``.
-    true_pose
-        Of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    pose, covariance
-        As estimated, shapes ``(5,)`` and ``(5, 5)``.
-    note
-        Why there is no pose, or another remark.
-    leader
-        Position, m, shape ``(3,)``, and rotation, shape ``(3, 3)``, of the lamp in the world.
-    station_m
-        Commanded position of the follower in ``beacon``, m.
+    Poses are those of the follower in ``beacon``, m and rad, true and as estimated; the note says
+    why there is none. The leader is the lamp's position and rotation matrix in the world; the
+    station is the follower's commanded position in ``beacon``.
     """
 
     t_s: float

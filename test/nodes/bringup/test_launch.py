@@ -16,6 +16,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_testing.actions import ReadyToTest
 from launch_testing_ros import WaitForTopics
 from nav_msgs.msg import Odometry
+from node_processes import Probe
 from sensor_msgs.msg import Image, PointCloud2
 
 
@@ -34,6 +35,10 @@ def generate_test_description():
         }.items(),
     )
     return LaunchDescription([follow, ReadyToTest()])
+
+
+def names_of_nodes(node):
+    return [f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces()]
 
 
 class TestGraph(unittest.TestCase):
@@ -55,20 +60,12 @@ class TestGraph(unittest.TestCase):
     def test_nodes_are_in_the_namespace(self):
         rclpy.init()
         try:
-            node = rclpy.create_node("onlooker")
+            probe = Probe("onlooker")
             wanted = {
                 f"/chaser/{name}_node"
                 for name in ("simulator", "feature", "estimator", "formation", "vehicles")
             }
-            for _ in range(1200):
-                names = {
-                    f"{space.rstrip('/')}/{name}"
-                    for name, space in node.get_node_names_and_namespaces()
-                }
-                if wanted <= names:
-                    break
-                rclpy.spin_once(node, timeout_sec=0.1)
-            self.assertLessEqual(wanted, names)
+            probe.wait_for(lambda: wanted <= set(names_of_nodes(probe.node)), "all nodes")
         finally:
             rclpy.try_shutdown()
 

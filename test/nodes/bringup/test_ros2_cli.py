@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +16,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from conftest import PATIENCE_S
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from node_processes import Probe
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_sensor_data
@@ -55,11 +55,11 @@ def begin_launch(folder, *words):
 
 @contextlib.contextmanager
 def launched(folder, *arguments, file="follow.launch.py"):
-    """Launch the file and yield a node beside it; end both, and require that nothing is left."""
+    """Launch the file and yield a probe beside it; end both, and require that nothing is left."""
     process = begin_launch(folder, file, *arguments)
     rclpy.init(args=["--ros-args", "--enclave", "/onlooker"])
     try:
-        yield rclpy.create_node("onlooker")
+        yield Probe("onlooker")
     finally:
         rclpy.try_shutdown()
         # A terminal sends Ctrl-C to the whole group.
@@ -73,28 +73,21 @@ def launched(folder, *arguments, file="follow.launch.py"):
         os.killpg(process.pid, 0)
 
 
-def spin_until(node, condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        rclpy.spin_once(node, timeout_sec=0.2)
-
-
-def poses_of(node):
+def poses_of(probe):
     """Return a list that grows by every pose that is published."""
     poses = []
-    node.create_subscription(
+    probe.node.create_subscription(
         PoseWithCovarianceStamped, "relative_pose", poses.append, qos_profile_sensor_data
     )
     return poses
 
 
-def parameters_of(node, name, wanted):
+def parameters_of(probe, name, wanted):
     """Return the present values of another node's parameters."""
-    client = node.create_client(GetParameters, f"{name}/get_parameters")
-    spin_until(node, client.service_is_ready)
+    client = probe.node.create_client(GetParameters, f"{name}/get_parameters")
+    probe.wait_for(client.service_is_ready, "the service of parameters")
     answer = client.call_async(GetParameters.Request(names=list(wanted)))
-    spin_until(node, answer.done)
+    probe.wait_for(answer.done, "the parameters")
     return dict(zip(wanted, map(parameter_value_to_python, answer.result().values), strict=True))
 
 
@@ -105,13 +98,13 @@ def started(folder, node):
 
 
 def test_a_killed_node_is_started_again_and_ctrl_c_leaves_no_process(tmp_path):
-    with launched(tmp_path, "scene:=reference", "use_respawn:=true") as node:
-        poses = poses_of(node)
-        spin_until(node, lambda: poses)
+    with launched(tmp_path, "scene:=reference", "use_respawn:=true") as probe:
+        poses = poses_of(probe)
+        probe.wait_for(lambda: poses, "a pose")
         os.kill(started(tmp_path, "estimator_node")[0], signal.SIGKILL)
-        spin_until(node, lambda: len(started(tmp_path, "estimator_node")) == 2)
+        probe.wait_for(lambda: len(started(tmp_path, "estimator_node")) == 2, "a second start")
         poses.clear()
-        spin_until(node, lambda: poses)
+        probe.wait_for(lambda: poses, "a pose")
         variables = Path(f"/proc/{started(tmp_path, 'estimator_node')[1]}/environ").read_text()
     # Others forget a killed node before its successor comes.
     (profile,) = set(re.findall(r"FAST\w+_DEFAULT_PROFILES_FILE=([^\0]+)", variables))
@@ -146,15 +139,15 @@ def test_a_secured_launch_runs_each_node_in_an_enclave_of_the_policy(tmp_path, m
     tried = subprocess.run(words, capture_output=True, text=True, check=False)
     if tried.returncode:
         pytest.skip(f"ROS is without its security plugins: {tried.stderr.splitlines()[-1]}")
-    with launched(tmp_path, "scene:=reference") as node:
-        poses, names = poses_of(node), set()
-        node.create_subscription(
+    with launched(tmp_path, "scene:=reference") as probe:
+        poses, names = poses_of(probe), set()
+        probe.node.create_subscription(
             DiagnosticArray,
             "/diagnostics",
             lambda array: names.update(status.name for status in array.status),
             10,
         )
-        spin_until(node, lambda: poses and len(names) == 5)
+        probe.wait_for(lambda: poses and len(names) == 5, "a pose and five nodes")
         variables = {
             **os.environ,
             "ROS_SECURITY_ENCLAVE_OVERRIDE": "/uuv_optical_array/feature_node",
@@ -174,10 +167,10 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
         get_package_prefix("rosbag2_storage_mcap")
     except PackageNotFoundError:
         pytest.skip("rosbag2_storage_mcap is not installed: no launch was recorded")
-    with launched(tmp_path, "scene:=reference", "record:=true") as node:
-        heard = poses_of(node)
+    with launched(tmp_path, "scene:=reference", "record:=true") as probe:
+        heard = poses_of(probe)
         # DDS announces each 3 s: by then the recorder hears all topics, and for 2 s more.
-        spin_until(node, lambda: len(heard) > 80)
+        probe.wait_for(lambda: len(heard) > 80, "81 poses")
         # A recorder whose power fails has left it.
         (growing,) = tmp_path.glob("rosbag2_*/*.mcap")
         assert growing.stat().st_size > 2**15
@@ -197,32 +190,32 @@ def test_a_recorded_launch_leaves_a_bag_with_what_was_said(tmp_path):
 def test_a_params_file_with_one_value_changes_nothing_else(tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**:\n  ros__parameters:\n    scene: reference\n")
-    with launched(tmp_path, f"params_file:={mine}", "demo:=false") as node:
+    with launched(tmp_path, f"params_file:={mine}", "demo:=false") as probe:
         for module in (simulator_node, feature_node, estimator_node, formation_node):
             expected = {key: parameter.default for key, parameter in module.PARAMETERS.items()}
             if "scene" in expected:
                 expected["scene"] = "reference"
             name = module.__name__.rpartition(".")[2]
-            assert parameters_of(node, name, expected) == expected
+            assert parameters_of(probe, name, expected) == expected
 
 
 def test_followers_of_a_formation_see_the_lamp_ahead_and_share_no_topic(tmp_path):
-    with launched(tmp_path, "followers:=2", file="formation.launch.py") as node:
+    with launched(tmp_path, "followers:=2", file="formation.launch.py") as probe:
         posed = set()
         for follower in ("follower_1", "follower_2"):
-            node.create_subscription(
+            probe.node.create_subscription(
                 PoseWithCovarianceStamped,
                 f"{follower}/relative_pose",
                 lambda message, follower=follower: posed.add(follower),
                 qos_profile_sensor_data,
             )
-        spin_until(node, lambda: len(posed) == 2)
+        probe.wait_for(lambda: len(posed) == 2, "poses of both followers")
         topics = [
             topic
-            for topic, (kind, *_) in node.get_topic_names_and_types()
+            for topic, (kind, *_) in probe.node.get_topic_names_and_types()
             if kind.startswith(("nav_msgs", "geometry_msgs", "sensor_msgs"))
         ]
-        counts = {topic: node.count_publishers(topic) for topic in topics}
+        counts = {topic: probe.node.count_publishers(topic) for topic in topics}
         assert counts["/leader/odometry"] == 1
         assert max(counts.values()) == 1, counts
         assert not {topic for topic in counts if topic.endswith("follower_1/leader/odometry")}

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 import second_forward
-from calibrated_seas import HIGHEST, LOWEST, drive, sea, truth_of
+from calibrated_seas import HIGHEST, LOWEST, drive, recorded, sea, truth_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
@@ -48,9 +48,7 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     scene = dataclasses.replace(scene, effects=effects)
     bare = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": effects["sensor_noise"]}
     start = dataclasses.replace(load_scene("reference"), effects=bare)
-    rng = np.random.default_rng(2)
-    poses, rolls = drive(rng, 60)
-    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(scene, 60, seed=2)
     found = calibrate(start, images, poses, rolls)
 
     readings = images.reshape(60, 25)
@@ -195,18 +193,14 @@ def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spr
             scene_from_settings({**some.settings(), "array": array}, "planar")
             for some in (start, scene)
         )
-    rng = np.random.default_rng(seed)
-    poses, rolls = drive(rng, 60)
-    found = calibrate(start, ForwardModel(scene).expose(poses, rng, rolls), poses, rolls)
+    found = calibrate(start, *recorded(scene, 60, seed))
     assert np.abs(normalised(found, scene)).max() < 5.5
     assert found.misfit == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_written_scene_reads_back_and_gives_the_light_of_the_fit(tmp_path):
-    rng = np.random.default_rng(5)
-    poses, rolls = drive(rng, 50)
     start = sea("coastal", gains=(0.02, 1), lamp__reference_counts=800.0)  # a water type, a spread
-    images = ForwardModel(sea("coastal")).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(sea("coastal"), 50, seed=5)
     found = calibrate(start, images, poses, rolls)
     save_scene(found.scene, tmp_path / "found.yaml", "Found.")
     again = load_scene(tmp_path / "found.yaml")
@@ -324,10 +318,8 @@ def test_no_light_at_all_is_an_error_that_says_what_to_do():
     ],
 )
 def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, reference, k, count):
-    rng = np.random.default_rng(16)
-    poses, rolls = drive(rng, count)
     scene = sea()
-    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(scene, count, seed=16)
     start = sea(
         gains=None,
         lamp__reference_counts=reference,
@@ -340,10 +332,8 @@ def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, referenc
 
 
 def test_bad_frames_are_left_out_counted_and_named_and_do_no_harm():
-    rng = np.random.default_rng(17)
-    poses, rolls = drive(rng, 120)
     scene = sea()
-    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(scene, 120, seed=17)
     images[10] = 0.0  # the lamp was off
     images[30] = images[31]  # a frame that came again with another stamp
     images[77] = 1023.0  # somebody's torch
@@ -360,10 +350,8 @@ def test_bad_frames_are_left_out_counted_and_named_and_do_no_harm():
 
 
 def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
-    rng = np.random.default_rng(18)
-    poses, rolls = drive(rng, 60)
     scene = sea()
-    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(scene, 60, seed=18)
     images[:, 1, 4], images[:, 3, 0] = 0.0, 512.0
     found = calibrate(load_scene("reference"), images, poses, rolls)
     bad: np.ndarray = np.zeros((5, 5), dtype=bool)
@@ -401,10 +389,8 @@ def test_a_background_that_would_be_negative_is_at_its_bound():
 
 @pytest.mark.parametrize(("true", "started"), [(2.0, 0.5), (0.4, 3.0), (1.0, 0.0)])
 def test_noise_is_found_from_the_residuals(true, started):
-    rng = np.random.default_rng(20)
-    poses, rolls = drive(rng, 200)
     scene = sea(sensor_noise__sigma_counts=true)
-    images = ForwardModel(scene).expose(poses, rng, rolls)
+    images, poses, rolls = recorded(scene, 200, seed=20)
     start = sea(gains=None, sensor_noise__sigma_counts=started)
     found = calibrate(start, images, poses, rolls, fit_noise=True)
     noise = found.parameters[-1]
@@ -445,10 +431,8 @@ def test_bad_input_is_refused_by_name(change, words):
 
 @pytest.mark.parametrize("held", [(NAMES[0], NAMES[2]), (NAMES[1], NAMES[3], "gains")])
 def test_what_is_held_stays(held):
-    rng = np.random.default_rng(22)
-    poses, rolls = drive(rng, 40)
     start = sea(gains=(0.03, 2), lamp__reference_counts=620.0)
-    found = calibrate(start, ForwardModel(sea()).expose(poses, rng, rolls), poses, rolls, held)
+    found = calibrate(start, *recorded(sea(), 40, seed=22), held)
     lamp, gains = truth_of(start)
     assert np.isnan(found.gain_std).all() == ("gains" in held)
     assert np.allclose(found.gains, gains) == ("gains" in held)

@@ -33,6 +33,13 @@ def drive(rng, count, low=LOWEST, high=HIGHEST):
     return rng.uniform(low, high, (count, 5)), rng.uniform(-0.1, 0.1, count)
 
 
+def recorded(scene, count, seed):
+    """Return images, poses and rolls of a drive through a sea."""
+    rng = np.random.default_rng(seed)
+    poses, rolls = drive(rng, count)
+    return ForwardModel(scene).expose(poses, rng, rolls), poses, rolls
+
+
 def truth_of(scene):
     """Return power, sigma, K and background in the gauge of the fit, and the gains."""
     model = ForwardModel(scene)

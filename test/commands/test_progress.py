@@ -63,14 +63,16 @@ def test_an_interrupt_tells_how_far_it_came(capsys):
     assert capsys.readouterr().err.splitlines()[-1] == "4/9 step [00:00<?]"
 
 
-def test_a_terminal_gets_a_bar(monkeypatch):
+def test_a_terminal_gets_a_bar():
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
-    with os.fdopen(theirs, "w") as terminal:
-        monkeypatch.setattr("sys.stderr", terminal)
-        with progress.counter(100, "%", expected_s=3600) as shown:
-            shown.update(50)
-            shown.set_description("moments")
+    with (
+        os.fdopen(theirs, "w") as terminal,
+        contextlib.redirect_stderr(terminal),
+        progress.counter(100, "%", expected_s=3600) as shown,
+    ):
+        shown.update(50)
+        shown.set_description("moments")
     text = b""
     with contextlib.suppress(OSError):  # the end, once the other side is closed
         while part := os.read(ours, 65536):

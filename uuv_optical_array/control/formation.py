@@ -132,11 +132,20 @@ class FormationController:
     def update(
         self, stamp_s: float, pose: ArrayLike, covariance: ArrayLike, rate: ArrayLike
     ) -> None:
-        """Take a relative pose, its covariance, and its rate with the follower's own motion.
+        """Take a relative pose and its rate.
 
-        The stamp is that of the image. One farther from the last than ``light_timeout_s``, on
-        either side, begins anew: the light was lost, or the clock was reset. Where poses were
-        refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
+        Parameters
+        ----------
+        stamp_s
+            When its image was taken, s. One farther from the last than ``light_timeout_s``, on
+            either side, begins anew: the light was lost, or the clock was reset. Where poses
+            were refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
+        pose
+            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+        covariance
+            Of `pose`, shape ``(5, 5)``, positive definite.
+        rate
+            Of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
 
         Raises
         ------

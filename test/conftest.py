@@ -377,6 +377,15 @@ def strict_arithmetic():
 
 
 @pytest.fixture
+def strict_but_for_zeros():
+    """Raise on every floating-point accident except underflow, which is a correct zero."""
+    import numpy as np
+
+    with np.errstate(over="raise", divide="raise", invalid="raise"):
+        yield
+
+
+@pytest.fixture
 def lab():
     lab = Lab()
     yield lab

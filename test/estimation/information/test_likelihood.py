@@ -99,15 +99,8 @@ def test_a_censored_reading_is_exact_far_into_both_tails(reading, u, std):
         assert curvature * std**2 == pytest.approx(hazard * (hazard + u), rel=1e-6, abs=1e-200)
 
 
-@pytest.mark.parametrize(
-    ("reading", "light"),
-    [
-        (reading, sign * light)
-        for reading in (0.0, 1023.0)
-        for light in (1e6, 1e12)
-        for sign in (1, -1)
-    ],
-)
+@pytest.mark.parametrize("reading", [0.0, 1023.0])
+@pytest.mark.parametrize("light", [1e6, -1e6, 1e12, -1e12])
 def test_a_light_beyond_all_reason_leaves_a_finite_likelihood(reading, light):
     value, score, curvature = one(reading, light, 1e-6)
     assert value <= 0

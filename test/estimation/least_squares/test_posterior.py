@@ -7,7 +7,14 @@ from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
-from uuv_optical_array.estimation.least_squares.problem import AT, INFORMATION, MOST_STEPS, refine
+from uuv_optical_array.estimation.least_squares.problem import (
+    AT,
+    INFORMATION,
+    MOST_STEPS,
+    PosePrior,
+    problem_of,
+    refine,
+)
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table, grid_axes
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
@@ -55,14 +62,17 @@ def scene(changes=(), effects=(), array=()):
 
 def chain_moments(estimator, readings, roll, steps):
     """Mean and covariance of the pose under its prior, by brute force."""
-    table, problem = estimator.table, estimator._fit._kinds[0].problem
-    frame = problem.frame
-    model = ForwardModel(table.scene)
-    one = problem._replace(readings=readings, roll=roll, optics=model.optics())
+    table, model = estimator.table, ForwardModel(estimator.scene)
+    axes = grid_axes(table.scene.table)
+    middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
+    wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
+    problem = problem_of(model, PosePrior(middle, wide, {}), False)
+    frame, one = problem.frame, problem._replace(readings=readings, roll=roll)
+    vectors = table.vectors(signature(table.scene, readings.reshape(5, 5)))
     with np.errstate(all="ignore"):
         fits = [
             refine(one, from_pose(frame, pose, roll), MOST_STEPS)
-            for pose in table.poses[estimator_rows(estimator, readings)]
+            for pose in table.poses[table.index.nearest(vectors, 4)[1]]
         ]
     best = min(fits, key=lambda fit: fit.cost)
     factor = np.linalg.cholesky(np.linalg.inv(best.parts[INFORMATION:]))
@@ -70,10 +80,6 @@ def chain_moments(estimator, readings, roll, steps):
 
     def poses_at(coordinates):
         return np.stack(to_lamp(frame, np.moveaxis(coordinates, -1, 0), roll)[1], axis=-1)
-
-    axes = grid_axes(table.scene.table)
-    middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
-    wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
 
     def log_density(coordinates):
         poses = poses_at(coordinates)
@@ -89,11 +95,6 @@ def chain_moments(estimator, readings, roll, steps):
         samples = chains(log_density, start, steps, 2)
         poses = poses_at(samples)
     return poses.mean(axis=0), np.cov(poses.T)
-
-
-def estimator_rows(estimator, readings):
-    parameters = signature(estimator.scene, readings.reshape(5, 5))
-    return estimator.table.index.nearest(estimator.table.vectors(parameters), 4)[1]
 
 
 def signature(scene, images):
@@ -118,7 +119,7 @@ PLAIN, BENT = (0.12, 0.1, 300), (0.35, 0.3, 900)
 @pytest.mark.parametrize("frame", FRAMES)
 def test_mean_and_covariance_are_those_of_long_chains(frame):
     pose, changes, array, roll = FRAMES[frame]
-    estimator = Estimator(build_table(scene(changes, array=array)), "least_squares")
+    estimator = Estimator(build_table(scene(changes, array=array))).wait()
     model = ForwardModel(estimator.scene)
     image = model.expose(pose, np.random.default_rng(20), roll)
     answer = estimator.estimate(image, signature(estimator.scene, image), roll)
@@ -147,7 +148,7 @@ def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
     values["lamp"]["beam_sigma_deg"] = 90.0
     values["table"].update(y_m=[-0.2, 0.2, 7], z_m=[-0.2, 0.2, 7])
     sea = scene_from_settings(values, "flood light")
-    estimator = Estimator(build_table(sea), "least_squares")
+    estimator = Estimator(build_table(sea)).wait()
     pose = np.array([-6.0, 0.1, 0.1, 0.05, 0.05])
     image = ForwardModel(sea).expose(pose, np.random.default_rng(21))
     answer = estimator.estimate(image, signature(sea, image))
@@ -178,7 +179,7 @@ def normalised_errors(estimator, count, seed):
 def test_ten_thousand_errors_are_as_large_as_their_covariances_say():
     sea = load_scene("reference")
     assert len(grid_axes(sea.table)[0]) == 13
-    errors = normalised_errors(Estimator(build_table(sea), "least_squares"), 10_000, 3)
+    errors = normalised_errors(Estimator(build_table(sea)).wait(), 10_000, 3)
     print(f"mean NEES {errors.mean():.3f} of {len(errors)} frames, largest {errors.max():.1f}")
     assert len(errors) > 9_950
     low, high = chi2.interval(0.95, 5 * len(errors)) / np.array(len(errors))

@@ -37,10 +37,13 @@ def survivors(model, prior, roll, count=300_000):
     return poses[(images == 1023).all(axis=(1, 2))]
 
 
-@pytest.mark.parametrize("reference_counts", [5e4, 1e6], ids=["bright", "glaring"])
-@pytest.mark.parametrize("roll", [0.0, 0.4], ids=["level", "rolled"])
-@pytest.mark.parametrize("nuisances", [{}, POWER], ids=["known scene", "nuisances"])
-@pytest.mark.parametrize("shape", ["planar", "curved"])
+@pytest.mark.parametrize(
+    ("shape", "nuisances", "roll", "reference_counts"),
+    [
+        *(("planar", {}, 0.0, 5e4), ("planar", POWER, 0.4, 1e6), ("curved", {}, 0.4, 5e4)),
+        *(("curved", POWER, 0.0, 1e6), ("planar", POWER, 0.0, 5e4), ("curved", {}, 0.0, 1e6)),
+    ],
+)
 def test_mean_and_covariance_are_those_of_the_poses_that_saturate_it(
     shape, nuisances, roll, reference_counts
 ):
@@ -58,14 +61,13 @@ def test_mean_and_covariance_are_those_of_the_poses_that_saturate_it(
 
 
 def test_a_lamp_too_dim_to_saturate_any_reading_is_no_pose():
-    model = model_of(reference_counts=30.0)
-    table = build_table(model.scene)
+    table = build_table(model_of(reference_counts=30.0).scene)
     with pytest.raises(NoPose, match="not of this scene"):
-        Estimator(table, compiled=False).estimate(np.full((3, 3), 1023.0))
+        Estimator(table).wait().estimate(np.full((3, 3), 1023.0))
 
 
 def test_an_estimate_of_such_an_image_is_wide_and_the_same_every_time():
-    estimator = Estimator(build_table(model_of().scene), compiled=False)
+    estimator = Estimator(build_table(model_of().scene)).wait()
     one, other = (estimator.estimate(np.full((3, 3), 1023.0)) for _ in range(2))
     np.testing.assert_array_equal(one.pose, other.pose)
     assert one.covariance[0, 0] > 1

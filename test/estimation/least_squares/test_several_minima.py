@@ -25,7 +25,7 @@ def table():
 def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many(table):
     model, rng = ForwardModel(table.scene), np.random.default_rng(4)
     images = model.expose(lit_poses(model, 12, rng), rng)
-    estimators = [Estimator(table, candidates=count) for count in (1, 32)]
+    estimators = [Estimator(table, candidates=count).wait() for count in (1, 32)]
     several = 0
     for readings in images.reshape(len(images), -1):
         one, many = (each._fit(readings).result for each in estimators)

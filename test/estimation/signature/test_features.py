@@ -21,17 +21,13 @@ from uuv_optical_array.estimation.signature.features import (
 )
 from uuv_optical_array.forward.scene import SignatureSettings
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_but_for_zeros"),
+]
 
 FULL_SCALE = 1023.0
 PEAKS = ("detector", "subdetector")
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident except underflow, which is a correct zero."""
-    with np.errstate(over="raise", divide="raise", invalid="raise"):
-        yield
 
 
 @st.composite
@@ -187,14 +183,9 @@ def test_brightness_scales_the_peak_and_nothing_else(image, exponent, peak):
     before = key_parameters(image, FULL_SCALE, peak)
     after = key_parameters(image * scale, FULL_SCALE, peak)
     assert after[0] == pytest.approx(before[0] * scale, rel=1e-12)
+    assert np.isfinite(after).all()
     # The curvature at the peak is at least one count in a thousand, so rounding stays small.
     np.testing.assert_allclose(after[1:], before[1:], atol=1e-9)
-
-
-@pytest.mark.parametrize("scale", [1e-300, 1e300])
-def test_the_faintest_and_the_strongest_images_stay_finite(scale):
-    images = np.random.default_rng(5).random((200, 5, 5)) * scale
-    assert np.isfinite(key_parameters(images, 1.0, "subdetector")).all()
 
 
 @pytest.mark.parametrize("shape", [(5,), (5, 4), (1, 1), (3, 4, 5), ()])
@@ -213,6 +204,7 @@ def test_images_that_are_not_finite_are_refused(bad):
 
 @pytest.mark.parametrize("peak", PEAKS)
 def test_a_batch_answers_as_its_images_one_by_one_and_is_left_untouched(peak):
+    assert key_parameters(np.empty((3, 0, 5, 5)), FULL_SCALE, peak).shape == (3, 0, 5)
     images = np.random.default_rng(3).integers(0, 6, (2, 3, 4, 5, 5)).astype(float)
     images[1, 2] = 0.0
     kept = images.copy()
@@ -253,11 +245,6 @@ def test_compiled_parameters_are_those_of_numpy(side, peak):
     compilation.compiled(write_parameters)(readings, side, FULL_SCALE, peak == "subdetector", found)
     expected = key_parameters(images, FULL_SCALE, peak)
     np.testing.assert_allclose(found.T, expected, rtol=1e-12, atol=1e-13)
-
-
-@pytest.mark.parametrize("shape", [(0,), (3, 0)])
-def test_a_batch_of_no_images_has_no_parameters(shape):
-    assert key_parameters(np.empty((*shape, 5, 5)), FULL_SCALE, "detector").shape == (*shape, 5)
 
 
 def test_the_matched_vector_weighs_each_parameter_and_ends_with_the_lift():

@@ -18,14 +18,10 @@ from uuv_optical_array.estimation.signature.spectral_angle import (
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
-pytestmark = pytest.mark.filterwarnings("error")
-
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic():
-    """Raise on every floating-point accident except underflow, which is a correct zero."""
-    with np.errstate(over="raise", divide="raise", invalid="raise"):
-        yield
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.usefixtures("strict_but_for_zeros"),
+]
 
 
 def exact_angle(u, v):
@@ -47,17 +43,6 @@ def test_an_angle_is_right_to_twelve_digits_near_zero_and_near_pi(angle):
     u, v = np.array([5.0, 0.0, 0.0]), np.array([3 * cos, 0.0, 3 * sin])
     assert spectral_angle(u, v) == pytest.approx(angle, rel=1e-12, abs=0)
     assert spectral_angle(u, -v) == pytest.approx(math.pi - angle, rel=1e-15, abs=0)
-
-
-@pytest.mark.parametrize("angle", [1e-12, 1e-9])
-def test_the_arccos_of_the_paper_loses_small_angles_which_the_stable_form_keeps(angle):
-    u, v = np.array([1.0, 0.0]), np.array([math.cos(angle), math.sin(angle)])
-    assert arccos_angle(u, v) == 0.0
-    assert math.pi - arccos_angle(u, -v) == 0.0
-    assert spectral_angle(u, v) == pytest.approx(angle, rel=1e-12)
-    assert math.pi - spectral_angle(u, -v) == pytest.approx(angle, abs=5e-16)
-    # The control: at one radian both are right.
-    assert arccos_angle(u, [math.cos(1), math.sin(1)]) == pytest.approx(1.0, rel=1e-15)
 
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-6, 0.1, 1.0, 2.0, math.pi - 1e-9])
@@ -223,12 +208,11 @@ def test_a_batch_comes_in_the_order_of_exact_fractions(monkeypatch, k, candidate
 
 @pytest.mark.parametrize("length", [2, 6, 7, 8, 25, 441])
 def test_a_single_vector_is_scaled_as_one_of_many_to_the_last_bit(length):
-    rows = np.random.default_rng(length).standard_normal((300, length))
-    angles = [SpectralIndex(rows).nearest(row)[0][0] for row in rows[::10]]
-    assert angles == [0.0] * 30
-    rows *= 10.0 ** np.random.default_rng(length).integers(-140, 140, (300, 1))
-    rows[::7] *= 10.0 ** np.random.default_rng(length).integers(-150, 1, (43, length))
-    np.testing.assert_array_equal([sam._unit_vector(row) for row in rows], unit_vectors(rows))
+    rng = np.random.default_rng(length)
+    rows = rng.standard_normal((300, length))
+    small = np.where(np.arange(300)[:, None] % 7 == 0, rng.integers(-150, 1, (300, length)), 0)
+    for table in (rows, rows * 10.0 ** (rng.integers(-140, 140, (300, 1)) + small)):
+        assert [SpectralIndex(table).nearest(row)[0][0] for row in table[::10]] == [0.0] * 30
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (5, 2), (1, 2, 3), (3, 0)])
@@ -252,12 +236,6 @@ def test_a_single_query_almost_opposite_to_every_row_has_an_exact_angle():
     angles, found = SpectralIndex(rows).nearest([2.0, 0.0, 0.0], 2)
     np.testing.assert_array_equal(found, [1, 0])
     np.testing.assert_allclose(angles, math.pi - np.array([1e-3, 1e-4]), rtol=0, atol=1e-15)
-
-
-def test_more_neighbours_than_rows_gives_every_row_once():
-    angles, found = SpectralIndex(np.eye(3)).nearest([3.0, 2.0, 1.0], 99)
-    np.testing.assert_array_equal(found, [0, 1, 2])
-    np.testing.assert_allclose(np.cos(angles), np.array([3, 2, 1]) / math.sqrt(14), rtol=1e-14)
 
 
 def test_the_directions_of_rows_are_asked_by_their_numbers():
@@ -284,12 +262,8 @@ def test_single_precision_rows_are_matched_in_double_precision():
 def test_plain_sam_cannot_tell_4_m_from_8_m_when_aligned_and_the_lift_can():
     lifted_scene = load_scene("reference")
     values = lifted_scene.settings()
-    values["signature"] = {
-        "peak_weight": 1.0,
-        "position_weight": 1.0,
-        "skewness_weight": 1.0,
-        "lift": 0.0,
-    }
+    ones = dict.fromkeys(("peak_weight", "position_weight", "skewness_weight"), 1.0)
+    values["signature"] = {**ones, "lift": 0.0}
     plain_scene = scene_from_settings(values, "plain")
     images = ForwardModel(plain_scene).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
     near, far = key_parameters(images, plain_scene.full_scale_counts, "subdetector")

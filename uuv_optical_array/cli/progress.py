@@ -61,7 +61,7 @@ class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
             self.display()
 
 
-def counter(total: float | None, unit: str, expected_s: float | None = None) -> Any:
+def counter(total: float | None, unit: str, expected_s: float | None = None, what: str = "") -> Any:
     """Return a display of progress: a context with ``update(n)`` and ``set_description(text)``.
 
     The number of rounds and the expected duration, s, may be ``None``: not known.
@@ -74,6 +74,7 @@ def counter(total: float | None, unit: str, expected_s: float | None = None) -> 
     return _Progress(
         expected_s,
         terminal,
+        desc=f"{what}: " if what else None,
         total=total,
         unit=unit,
         bar_format=form,
@@ -82,11 +83,16 @@ def counter(total: float | None, unit: str, expected_s: float | None = None) -> 
     )
 
 
-def over(rounds: Iterable[T], unit: str = "frame", total: int | None = None) -> Iterator[T]:
-    """Go through rounds and show progress; their number is their length unless it is given."""
+def over(
+    rounds: Iterable[T], unit: str = "frame", total: int | None = None, what: str = ""
+) -> Iterator[T]:
+    """Go through rounds of a named work and show progress.
+
+    Their number is their length unless it is given.
+    """
     if total is None and isinstance(rounds, Sized):
         total = len(rounds)
-    with counter(total, unit) as bar:
+    with counter(total, unit, what=what) as bar:
         for item in rounds:
             yield item
             bar.update()

@@ -15,8 +15,7 @@ from conftest import PATIENCE_S
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -97,17 +96,16 @@ def test_without_numba_the_fit_as_it_stands_answers(monkeypatch, scene, images):
 @NUMBA
 def test_the_first_frame_of_a_track_takes_one_fit_as_any_other(monkeypatch):
     fit, fits = ImageFit.__call__, []
-    estimator = Estimator(load_scene("follow")).wait()
+    pipeline = Pipeline(Estimator(load_scene("follow")).wait())
 
     def counted(*given):
         fits.append(given)
         return fit(*given)
 
     monkeypatch.setattr(ImageFit, "__call__", counted)
-    images = ForwardModel(estimator.scene).expose(POSES, np.random.default_rng(9))
-    expected = Tracker(TrackerSettings(), constants=estimator.constants).expected(0)
+    images = ForwardModel(load_scene("follow")).expose(POSES, np.random.default_rng(9))
     for count, image in enumerate(images, 1):
-        assert estimator.estimate(image, expected=expected).readings is not None
+        assert pipeline.estimate(count * 10**10, image).readings is not None
         assert len(fits) == count
 
 

@@ -179,7 +179,7 @@ class Estimator:
         self._model = ForwardModel(scene)
         self.constants = constants_of(self._model)
         # Made now, so that the first frame takes no longer than the next.
-        _ = self.linear if method == "least_squares" else self.table.index
+        _ = self._fit if method == "least_squares" else self.table.index
 
     @cached_property
     def table(self) -> SignatureTable:

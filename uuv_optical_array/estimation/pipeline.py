@@ -56,7 +56,7 @@ class Pipeline:
     Attributes
     ----------
     estimator : Estimator
-        May be replaced by another one of the same scene.
+        The one in use.
     tracker : Tracker or None
         Takes every frame that has a pose.
     """
@@ -67,15 +67,22 @@ class Pipeline:
         tracking: TrackerSettings | None = DEFAULT_TRACKING,
         min_peak_counts: float = FeatureSettings.min_peak_counts,
     ) -> None:
-        self.estimator = estimator
         self._scene, self._min_peak_counts = estimator.scene, min_peak_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
+        self.estimator = estimator
         self.track_with(tracking)
+
+    def use(self, estimator: Estimator) -> None:
+        """Answer by another estimator of the same scene from the next image on."""
+        self.estimator = estimator
+        if self.tracker is not None:
+            _ = estimator.linear  # now, as it takes several fits
 
     def track_with(self, tracking: TrackerSettings | None) -> None:
         """Begin a new track with these settings, or do without one."""
         constants = self.estimator.constants
         self.tracker = None if tracking is None else Tracker(tracking, constants=constants)
+        self.use(self.estimator)
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
         """Tell the tracker how the follower is commanded to move from a stamp on.

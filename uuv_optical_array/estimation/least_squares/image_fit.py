@@ -269,7 +269,9 @@ class ImageFit:
             with suppress(NoPose):
                 result = self(readings).result
                 bent += result.nodes > BENT_NODES or not np.isnan(result.runner_up_score)
-        return bent < LOOKS / 3
+            if bent >= LOOKS / 3:
+                return False
+        return True
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def saturated(self, roll: float) -> SaturatedPosterior:

@@ -120,7 +120,7 @@ def main() -> None:
     print(f"{'':26}{'median':>10}{'99 %':>10}{'median':>12}{'99 %':>10}  no pose")
     print(f"{'':26}{'us':>10}{'us':>10}{'yardsticks':>12}")
     for name, (scene, method) in cases.items():
-        estimator = Estimator(build_table(scene), method)
+        estimator = Estimator(build_table(scene), method).wait()
         model = ForwardModel(scene)
         frames = model.expose(lit_poses(model, FRAMES, rng), rng)
         full_scale, alone = scene.full_scale_counts, name.endswith("alone")

@@ -115,7 +115,7 @@ class ImageFit:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
         self._pose_precision = np.diag(1 / np.square(prior_std))
-        poses, parameters = self._starts(middle, half)
+        poses, parameters = self._starts(axes)
         side = model.array.side
         vectors = lifted(parameters, scene.signature, side)
         self.guide = Guide(
@@ -151,10 +151,11 @@ class ImageFit:
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
         self.compiled = compiled
 
-    def _starts(self, middle: Array, half: Array) -> tuple[Array, Array]:
+    def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
         """Return poses that fits may start from, and their key parameters."""
         rng = np.random.default_rng(0)  # the same in every run: an image has one answer
-        poses = rng.uniform(middle - half, middle + half, (STARTS, 5))
+        # Points of the grid: from its edges fits find minima that they miss from within.
+        poses = np.stack([rng.choice(axis, STARTS) for axis in axes], axis=-1)
         # Nearer than that the array saturates, and from afar no fit leads there.
         near = poses[:NEAR_STARTS].copy()
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))

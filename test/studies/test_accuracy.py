@@ -248,7 +248,7 @@ def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(ans
 
 
 def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(answers_of):
-    mean, drawn = answers_of("prior", {"lamp_power_std": 0.1}, 300, "--drawn")
+    mean, drawn = answers_of("prior", {"lamp_power_std": 0.1}, 600, "--drawn")
     # A lamp at its mean is better known than the prior says, most of all in range.
     assert mean["nees_mean"] < 4.5
     assert mean["ratio_to_bound"]["x"] < 0.88

@@ -2,7 +2,7 @@
 
 - ``sam``: the nearest entry of the table by spectral angle, the paper's idea;
 - ``sam_interpolated``: the mean of the nearest entries;
-- ``least_squares``: the nearest entries, each refined on the whole image, and the best kept.
+- ``least_squares``: poses of like signature, each refined on the whole image.
 """
 
 import logging

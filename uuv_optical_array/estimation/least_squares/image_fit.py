@@ -36,7 +36,7 @@ from uuv_optical_array.estimation.least_squares.saturated import (
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
-from uuv_optical_array.estimation.signature_table import grid_axes, no_light
+from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
 from uuv_optical_array.forward.model import ForwardModel
@@ -53,7 +53,6 @@ LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to.
 NEAR_STARTS, NEAREST = 512, 0.2
-LEAST_COUNTS = 1.0  # of its brightest reading, below which no fit starts from a pose
 # Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
 SURELY_CLEAR = 0.994
 
@@ -161,10 +160,10 @@ class ImageFit:
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
         poses = np.concatenate([poses, near])
         images = self._model.converted(self._model.light(poses))
-        lit = images.max(axis=(1, 2)) >= LEAST_COUNTS
+        lit = images.max(axis=(1, 2)) >= MIN_PEAK_COUNTS
         scene = self._model.scene
         if not lit.any():
-            raise no_light(scene, LEAST_COUNTS)
+            raise no_light(scene)
         return poses[lit], key_parameters(
             images[lit], scene.full_scale_counts, scene.signature.peak
         )

@@ -392,7 +392,7 @@ def scene() -> list[str]:
         "([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)). A `null` that takes nothing away "
         "is refused.",
         "An editor with a YAML language server completes and checks scenes by the JSON schema "
-        "`config/scene.schema.json`, which `uuv_array scenes --schema` prints, if a line says "
+        "`config/scene.schema.json`, which `uuv_array scenes schema` prints, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     for group, owner in GROUPS.items():

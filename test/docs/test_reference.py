@@ -21,7 +21,7 @@ def test_every_page_is_what_the_generator_writes():
 
 def test_the_schema_of_scenes_is_what_the_command_prints(capsys):
     with pytest.raises(SystemExit) as ended:
-        main(["scenes", "--schema"])
+        main(["scenes", "schema"])
     assert ended.value.code == 0
     text = reference.SCHEMA.read_text(encoding="utf-8")
     assert text == capsys.readouterr().out, "run docs/generate_reference.py"

@@ -229,6 +229,6 @@ def test_ctrl_c_keeps_what_is_there(bag, scene_file, tmp_path, monkeypatch, caps
 
     monkeypatch.setattr(estimate.progress, "over", cut_short)
     words = ("--scene", scene_file, "--method", METHOD, "-o", tmp_path / "out")
-    run("estimate", bag, *words, "--processes", "2", code=130)
+    run("estimate", bag, *words, code=130)
     assert f"interrupted after 70 of {IMAGES} images" in capsys.readouterr().out
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 71

@@ -121,7 +121,7 @@ def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_onc
 @pytest.mark.usefixtures("compiled_fit")
 def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
     pytest.importorskip("viser", reason="the view needs the extra view")
-    words = ["view", "--scene", scene_file, "--port", "18200"]
+    words = ["view", "--scene", scene_file, "--address", ":18200"]
     code = "from uuv_optical_array.programs import uuv_array; uuv_array()"
     with subprocess.Popen(
         [sys.executable, "-c", code, *words],
@@ -139,7 +139,7 @@ def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
 @pytest.mark.parametrize(
     ("words", "named", "code"),
     [
-        (["--port", "0"], "--port", 2),
+        (["--address", ":0"], "--address: 0 is out of bounds", 2),
         (["--screenshot", "/nowhere/view.png"], "make it first", 2),
         (["--scene", "nosuch"], "neither a .yaml file nor a ready scene", 2),
         (["/nowhere/bag"], "no such file or folder", 1),

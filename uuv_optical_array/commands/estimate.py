@@ -11,7 +11,6 @@ import numpy as np
 
 from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, wrapped
-from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Answer
@@ -22,11 +21,11 @@ from uuv_optical_array.recording.results import write_results
 
 DESCRIPTION = """\
 Estimate every image of a recorded bag as feature and estimator node would, with any scene and
-method, on all cores. Writes a folder: frames.csv (a line for each image), bag (MCAP, with
-relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum. With --track
-the frames are also filtered, in their order and with the follower's commands if the bag has any
-(relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read by its
-files, and a truncated file as far as it is whole."""
+method, on all cores (`taskset` allows fewer). Writes a folder: frames.csv (a line for each image),
+bag (MCAP, with relative_pose), relative_pose.tum and, where the bag has both odometries, truth.tum.
+With --track the frames are also filtered, in their order and with the follower's commands if the
+bag has any (relative_odometry). The roll is assumed to be 0. A folder without metadata.yaml is read
+by its files, and a truncated file as far as it is whole."""
 
 EPILOG = """\
 examples:
@@ -36,8 +35,6 @@ examples:
   evo_ape tum sea_estimates/truth.tum sea_estimates/relative_pose.tum
 Ctrl-C ends it early and writes what there is. Needs the extra `bags` (pip install
 'uuv_optical_array[bags]'), but no ROS."""
-
-PROCESSES = Quantity("number of processes; 0: one for each core", "", 0, 1024)
 
 
 def add_parser(subparsers: options.Subparsers) -> None:
@@ -58,7 +55,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
         metavar="DIR",
         help="folder to make (default: that of the bag with _estimates)",
     )
-    options.add_setting(parser, "processes", Setting(int, PROCESSES, 0, optional=False))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     frames: list[Answer] = []
     started, exit_code = time.monotonic(), 0
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
-    answers = replay(images, stamps_ns, estimator, tracking, args.processes or None, commands)
+    answers = replay(images, stamps_ns, estimator, tracking, commands=commands)
     with closing(answers):
         try:
             for frame in progress.over(answers, total=len(recording.images)):

@@ -35,7 +35,7 @@ examples:
   uuv_array scenes coastal > sea.yaml     all its settings
   uuv_array scenes plume                  an effect; lamp: a group; seed: all keys of that name
   uuv_array scenes effects                every effect in a line
-  uuv_array scenes --schema > scene.schema.json
+  uuv_array scenes schema > scene.schema.json
 An editor with a YAML language server completes and checks a scene by the schema, if a line of it
 says: # yaml-language-server: $schema=scene.schema.json
 The reach is the span of ranges, within 0.5 to 25 m, at which the Cramer-Rao bound of one image of
@@ -53,9 +53,11 @@ def add_parser(subparsers: options.Subparsers) -> None:
         subparsers, "scenes", run, "list ready scenes, or explain one or a key", DESCRIPTION, EPILOG
     )
     parser.add_argument(
-        "name", nargs="?", help="of a scene, a group, an effect or a key (default: list all scenes)"
+        "name",
+        nargs="?",
+        help="of a scene, a group, an effect or a key; schema: the JSON schema of scenes "
+        "(default: list all scenes)",
     )
-    parser.add_argument("--schema", action="store_true", help="print the JSON schema of all scenes")
 
 
 def schema_text() -> str:
@@ -157,7 +159,7 @@ def unknown_name(name: str) -> options.OptionError:
 def run(args: argparse.Namespace) -> int:
     """Print the list, the schema or an explanation."""
     name = args.name
-    if args.schema:
+    if name == "schema":
         print(schema_text(), end="")
     elif name is None:
         print(list_text())

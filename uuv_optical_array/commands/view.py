@@ -22,14 +22,14 @@ examples:
   uuv_array view                            open http://127.0.0.1:8080
   uuv_array view --scene night_plume        in another sea
   uuv_array view sea --scene sea.yaml       a recorded bag; needs the extra `bags`
-  uuv_array view --host 0.0.0.0             for browsers on other machines, too
+  uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
   uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
 Ctrl-C ends it with exit code 130. Needs the extra `view` (pip install 'uuv_optical_array[view]'),
 but no ROS. Whoever can open the page can operate it: beyond 127.0.0.1 that is everyone on the
 network."""
 
 SEED = Quantity("seed of the noise (default: a new one)", "", 0, options.SEED.high)
-FREE_PORT = Quantity("port of the page, or the next one that is free", "", 1, 65535)
+PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)
 SCREENSHOT_S = 45.0  # time of the simulation or the bag that --screenshot shows
 
 
@@ -43,15 +43,25 @@ def add_parser(subparsers: options.Subparsers) -> None:
     options.add_method(parser)
     options.add_setting(parser, "seed", Setting(int, SEED, None, optional=True))
     parser.add_argument(
-        "--host", default=LOOPBACK, help="address of the page (default: %(default)s, this machine)"
+        "--address",
+        type=address,
+        default=(LOOPBACK, PORT),
+        metavar="HOST:PORT",
+        help=f"where the page is served, or at the next port that is free (default: "
+        f"{LOOPBACK}:{PORT}, this machine alone)",
     )
-    options.add_setting(parser, "port", Setting(int, FREE_PORT, PORT, optional=False))
     parser.add_argument(
         "--screenshot",
         type=Path,
         metavar="PNG",
         help=f"write a picture after {SCREENSHOT_S:g} s, and end",
     )
+
+
+def address(text: str) -> tuple[str, int]:
+    """Read a host, a colon and a port; each may be left out."""
+    host, _, port = text.partition(":")
+    return host or LOOPBACK, options.reader(PORTS)(port or str(PORT))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     recording = bag.read_bag(args, scene, poses_needed=False) if args.bag else None
     with ExitStack() as stack:
         title = args.bag.name if args.bag else f"simulation of {scene.name}"
-        page = Page(scene, f"uuv_optical_array: {title}", args.host, args.port)
+        page = Page(scene, f"uuv_optical_array: {title}", *args.address)
         stack.callback(page.close)
         print(f"open {page.url} in a browser; Ctrl-C ends it", flush=True)
         browser = stack.enter_context(Browser(page.url)) if picture else None

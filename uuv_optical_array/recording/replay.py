@@ -42,7 +42,7 @@ def replay(
         Settings of a tracker, which takes each frame and knows the constants better for the next,
         so that one comes after the other; ``None``: no track, and images are spread over processes.
     processes
-        How many at a time, >= 1; ``None``: one a core.
+        How many at a time, >= 1; ``None``: one for each core that this process may use.
     commands
         As of a `Recording`, for the track.
     """
@@ -91,9 +91,15 @@ def _do(i: int) -> Answer:
     return _work[0](i)
 
 
+def _cores() -> int:
+    """Return how many cores this process may use; not every system limits them."""
+    allowed = getattr(os, "sched_getaffinity", lambda process: range(os.cpu_count() or 1))
+    return len(allowed(0))
+
+
 def _spread(work: Work, count: int, processes: int | None) -> Iterator[Answer]:
     """Yield the answer to each of `count` images, in order, from several processes if it pays."""
-    processes = min(processes or os.cpu_count() or 1, math.ceil(count / CHUNK_FRAMES))
+    processes = min(processes or _cores(), math.ceil(count / CHUNK_FRAMES))
     if processes <= 1:
         yield from map(work, range(count))
         return

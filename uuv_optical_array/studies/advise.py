@@ -20,6 +20,7 @@ from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.studies.results import read
 from uuv_optical_array.studies.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
+    SEED,
     SETTINGS_CSV,
     Group,
     Measurement,
@@ -58,7 +59,6 @@ NEEDS = {
         float(SPECIFICATION[YAW]),
     ),
 }
-SEED = 1
 UNITS = {
     "position_m": ("position", "m"),
     "angle_deg": ("angle", "deg"),

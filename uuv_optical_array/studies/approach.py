@@ -59,7 +59,7 @@ examples:
   uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the complete runs."""
 
-HALF = 0.5
+HALF, SEED = 0.5, 1
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.
 DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
@@ -387,7 +387,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     )
     options.add_scene(parser, "eren2017_tank")
     options.add_number(parser, "runs", Quantity("runs of each case", "", 1, 1e6), 100)
-    options.add_seed(parser)
     parser.add_argument(
         "--choices",
         nargs="*",
@@ -403,21 +402,21 @@ def add_parser(subparsers: options.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs, seed = args.runs, args.seed
+    runs = args.runs
     with options.checking_options():
         choices = choices_named(args.choices or ())
     scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    origin: dict[str, Any] = {"scene": scene.name, "seed": seed, "asked_runs": runs}
+    origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
     if args.choices == []:
-        rows = compare(scene, runs, seed)
+        rows = compare(scene, runs, SEED)
         if not rows:
             print("interrupted: nothing measured")
             return options.INTERRUPTED
         print(json_text({**origin, "rows": rows}) if args.json else comparison(rows))
         return 0
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
-        results = dict(all_cases(scene, choices, runs, seed, bar.update))
+        results = dict(all_cases(scene, choices, runs, SEED, bar.update))
     if not results:
         print("interrupted: nothing measured")
         return options.INTERRUPTED
@@ -425,7 +424,7 @@ def run(args: argparse.Namespace) -> int:
 
     cases = {name: as_object(CASES[name], result) for name, result in results.items()}
     offsets = "half" if choices.offset_share == HALF else "whole"
-    about = f"noise {choices.noise}, offsets {offsets}, seed {seed}"
+    about = f"noise {choices.noise}, offsets {offsets}, seed {SEED}"
     save(draw(results, about), output)
     if args.json:
         origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases}

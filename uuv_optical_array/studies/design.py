@@ -88,7 +88,7 @@ def add_parser(subparsers: options.Subparsers) -> None:
         help=f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)",
     )
     scored = parser.add_argument_group("how it is scored")
-    options.add_settings(scored, DesignStudy, "power", "mount", "poses", "seed")
+    options.add_settings(scored, DesignStudy, "power", "mount", "poses")
     written = parser.add_argument_group("what is written")
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
     outputs.add_picture(written, None, about=about)
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     with options.checking_options():
         sweep = Sweep(**{**default_lists(scene), **lists_named(args.sweep)})
-    values = options.settings_of(args, DesignStudy, "power", "mount", "poses", "seed")
+    values = options.settings_of(args, DesignStudy, "power", "mount", "poses")
     study = DesignStudy(scene, sweep, **values)
     picture = args.output or f"{scene.name}.design.png"
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)

@@ -17,6 +17,7 @@ from uuv_optical_array.studies.pareto import STEP, pareto_front
 from uuv_optical_array.studies.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
     QUICK_LEAVES_OUT,
+    SEED,
     SETTINGS_CSV,
     Measurement,
     Mode,
@@ -275,7 +276,6 @@ def add_parser(subparsers: options.Subparsers) -> None:
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
-    options.add_seed(parser)
     options.add_json(parser)
     parser.add_argument(
         "--output",
@@ -290,7 +290,7 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
-    measured = TradeoffRun(scene, mode, args.seed, folder, plan(scene, mode))
+    measured = TradeoffRun(scene, mode, SEED, folder, plan(scene, mode))
     complete = True
     try:
         measured.measure()

@@ -33,6 +33,7 @@ from uuv_optical_array.studies.errors import Answer, answer_of, frame_errors, po
 from uuv_optical_array.studies.results import Flat, Results, differences
 
 SETTINGS_CSV = "tradeoff.csv"
+SEED = 1
 Mode = Literal["quick", "full"]
 
 # Our methods have a table of any size, the published ones that of their publication.

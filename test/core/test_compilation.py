@@ -15,7 +15,7 @@ from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import censored
 
 numba = pytest.importorskip("numba", reason="Numba is not installed")
-pytestmark = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+pytestmark = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 
 WAIT_AND_COMPILE = """
 import sys

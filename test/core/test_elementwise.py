@@ -34,7 +34,7 @@ from uuv_optical_array.forward.effects.water import beer, spread
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
-numba = pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
 Pair = namedtuple("Pair", ["value", "vector"])
 
@@ -287,12 +287,12 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on(
         "from uuv_optical_array.forward.model import ForwardModel\n"
         "from uuv_optical_array.forward.scene import load_scene\n"
         "model = ForwardModel(load_scene('reference'))\n"
-        "print(compilation.usable(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
+        "print(compilation.installed(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
         "model.optics((), compiled=True)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    usable, light = run.stdout.split()
-    assert usable == "False"
+    installed, light = run.stdout.split()
+    assert installed == "False"
     assert float(light) == pytest.approx(900.0)
     assert "ValueError: compiled: " in run.stderr
     assert "pip install -e '.[fast]'" in run.stderr

@@ -10,7 +10,7 @@ from uuv_optical_array.forward.model import ForwardModel
 FRAMES = 12
 
 
-@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 @pytest.mark.parametrize("roll", [0.0, 0.3], ids=["level", "rolled"])
 def test_compiled_a_frame_has_the_estimate_that_it_has_in_numpy(table, roll):
     plain, fast = (Estimator(table, "least_squares", compiled=way) for way in (False, True))

@@ -155,7 +155,7 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
         assert_slopes(np.array([found[:count]]), logarithm, at[:count], 1e-3)
 
 
-@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 @each_effect
 @given(data=st.data())
 @reproducible

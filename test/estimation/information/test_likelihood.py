@@ -170,7 +170,7 @@ def test_the_light_below_zero_has_the_noise_of_the_dark():
         assert score == pytest.approx((5.0 - light) / 2.0)
 
 
-@pytest.mark.skipif(not compilation.usable(), reason="Numba is not installed")
+@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 @pytest.mark.parametrize("slope", [0.0, 1 / 50])
 @pytest.mark.parametrize("limits", [ADC, FREE])
 @np.errstate(under="ignore")

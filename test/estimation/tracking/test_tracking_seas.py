@@ -30,7 +30,7 @@ MODEL = ForwardModel(
 @functools.cache
 def linearise():
     """Make the lineariser, compiled where it can be, when a test runs."""
-    return Lineariser(MODEL, NAMES, compilation.usable())
+    return Lineariser(MODEL, NAMES, compilation.installed())
 
 
 def sweep(rng):

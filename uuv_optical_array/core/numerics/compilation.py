@@ -34,16 +34,6 @@ def installed() -> bool:
 
 
 @cache
-def usable() -> bool:
-    """Say whether Numba can be imported, which a NumPy too new for it prevents."""
-    try:
-        _numba()
-    except ValueError:
-        return False
-    return True
-
-
-@cache
 def compiled(function: Callable[..., Any]) -> Any:
     """Return a function as Numba compiles it, when it is first called, and keeps it on disk.
 

@@ -103,7 +103,7 @@ def test_a_block_of_code_holds(language, block, tmp_path, monkeypatch):
     elif language == "python":
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(estimator, "build_table", coarse)
-        monkeypatch.setattr(compilation, "installed", lambda: False)  # a few images are not worth it
+        monkeypatch.setattr(compilation, "installed", lambda: False)  # not worth it here
         names = {}
         exec(block, names)
         if "pose" in names:

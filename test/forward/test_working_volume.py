@@ -17,7 +17,7 @@ from uuv_optical_array.forward.working_volume import (
     volume_spread,
     volume_table,
 )
-from uuv_optical_array.studies.errors import position_and_angle
+from uuv_optical_array.studies.shared.errors import position_and_angle
 
 
 def test_poses_fill_the_volume_where_there_is_light(scene):

@@ -19,7 +19,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots import follow, scene, style
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.approach import METHODS
-from uuv_optical_array.studies.tradeoff_measurement import ALL_METHODS
+from uuv_optical_array.studies.shared.tradeoff_measurement import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

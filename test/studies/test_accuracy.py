@@ -17,7 +17,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import accuracy
-from uuv_optical_array.studies.errors import FrameErrors
+from uuv_optical_array.studies.shared.errors import FrameErrors
 
 FRAMES = 2000
 run = functools.partial(command_line.run, "study", "accuracy")

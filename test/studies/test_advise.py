@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies import tradeoff_measurement
 from uuv_optical_array.studies.advise import Need, advise
-from uuv_optical_array.studies.results import Results
-from uuv_optical_array.studies.tradeoff_measurement import Measurement, Origin
+from uuv_optical_array.studies.shared import tradeoff_measurement
+from uuv_optical_array.studies.shared.results import Results
+from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, Origin
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 

@@ -25,7 +25,7 @@ from uuv_optical_array.studies import design_score
 from uuv_optical_array.studies.design_picture import draw
 from uuv_optical_array.studies.design_score import Choice, Score, ScoredDesign, front
 from uuv_optical_array.studies.design_sweep import Design, designed
-from uuv_optical_array.studies.results import Results
+from uuv_optical_array.studies.shared.results import Results
 
 COLUMNS = [field.name for field in dataclasses.fields(Score)]
 

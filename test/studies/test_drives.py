@@ -12,7 +12,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import drives
 from uuv_optical_array.studies.drives import LAST_S, Drive, course, drive, figures, report
-from uuv_optical_array.studies.errors import FrameErrors
+from uuv_optical_array.studies.shared.errors import FrameErrors
 
 run = functools.partial(command_line.run, "study", "drives")
 

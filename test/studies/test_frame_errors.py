@@ -9,7 +9,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import uniform_poses
-from uuv_optical_array.studies.errors import frame_errors, position_and_angle
+from uuv_optical_array.studies.shared.errors import frame_errors, position_and_angle
 
 
 @pytest.fixture(scope="module")

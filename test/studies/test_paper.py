@@ -28,7 +28,7 @@ from uuv_optical_array.studies.paper_statements import (
     least_detected,
     panels,
 )
-from uuv_optical_array.studies.separation import (
+from uuv_optical_array.studies.shared.separation import (
     Conditions,
     angles_deg,
     from_paper_axes,

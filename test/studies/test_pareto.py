@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uuv_optical_array.studies.pareto import pareto_front
+from uuv_optical_array.studies.shared.pareto import pareto_front
 
 NUMBER = st.sampled_from([0.0, 1.0, 2.0, 3.0, math.nan, math.inf, -math.inf])
 

@@ -15,7 +15,7 @@ from uuv_optical_array.estimation.signature.features import skewness
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.published import (
+from uuv_optical_array.studies.shared.published import (
     ACROSS_M,
     DOWN_M,
     GRID,

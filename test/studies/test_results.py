@@ -7,8 +7,8 @@ import math
 import pytest
 from measured import row
 
-from uuv_optical_array.studies.results import Results, read
-from uuv_optical_array.studies.tradeoff_measurement import Measurement, Origin
+from uuv_optical_array.studies.shared.results import Results, read
+from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, Origin
 
 ORIGIN = Origin("sea", "f" * 64, "a, b: 2 cores", "quick", 7, 1)
 COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]

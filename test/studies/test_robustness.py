@@ -17,9 +17,9 @@ from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import robustness
-from uuv_optical_array.studies.errors import FrameErrors
 from uuv_optical_array.studies.mismatches import KINDS, kinds_named
-from uuv_optical_array.studies.results import until_interrupted
+from uuv_optical_array.studies.shared.errors import FrameErrors
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 run = functools.partial(command_line.run, "study", "robustness")
 BY_NAME = {kind.name: kind for kind in KINDS}

@@ -20,9 +20,9 @@ from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
-from uuv_optical_array.studies import tradeoff, tradeoff_measurement
-from uuv_optical_array.studies.tradeoff import fronts, numbered
-from uuv_optical_array.studies.tradeoff_measurement import (
+from uuv_optical_array.studies import tradeoff
+from uuv_optical_array.studies.shared import tradeoff_measurement
+from uuv_optical_array.studies.shared.tradeoff_measurement import (
     ALL_METHODS,
     FRAMES,
     PUBLISHED,
@@ -32,6 +32,7 @@ from uuv_optical_array.studies.tradeoff_measurement import (
     measure,
     plan,
 )
+from uuv_optical_array.studies.tradeoff import fronts, numbered
 
 GROUPS = [
     Group("curved", 3, 3, METHODS),

@@ -14,7 +14,7 @@ from conftest import PATIENCE_S
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.recording.images import Recording
-from uuv_optical_array.studies.closed_loop import Conditions
+from uuv_optical_array.view.closed_loop import Conditions
 from uuv_optical_array.view.recorded import Player, sights_of
 from uuv_optical_array.view.simulation import chosen, simulate, sliders
 

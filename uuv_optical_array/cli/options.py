@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any, TypeAlias, get_args
+from typing import Annotated, Any, get_args
 
 from uuv_optical_array.core.settings import Quantity, Setting, check, declared
 from uuv_optical_array.estimation.estimator import EstimatorSettings
@@ -12,7 +12,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene
 from uuv_optical_array.programs import INTERRUPTED as INTERRUPTED
 
-Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SEED = Quantity("seed of all random numbers", "", 0, 2**32 - 1)
 
 
@@ -29,24 +28,21 @@ def checking_options() -> Iterator[None]:
         raise OptionError(str(error)) from error
 
 
-def add_command(
-    subparsers: Subparsers,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    summary: str,
-    description: str,
-    epilog: str,
-) -> argparse.ArgumentParser:
-    """Add a command, its texts as they are written; `run` returns the exit code."""
+def add_command(subparsers: Any, module: Any) -> None:
+    """Add the command of a module, of its name and with the sentence that begins the module.
+
+    The module has `DESCRIPTION`, `EPILOG`, ``add_options(parser)`` and ``run(args)``, which returns
+    the exit code.
+    """
     parser = subparsers.add_parser(
-        name,
-        help=summary,
-        description=description,
-        epilog=epilog,
+        module.__name__.rpartition(".")[2],
+        help=(module.__doc__ or "").partition(": ")[2].partition(".\n")[0].rstrip("."),
+        description=module.DESCRIPTION,
+        epilog=module.EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run, prog=parser.prog)
-    return parser
+    parser.set_defaults(run=module.run, prog=parser.prog)
+    module.add_options(parser)
 
 
 def whole_number(text: str) -> int:

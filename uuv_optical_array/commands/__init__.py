@@ -43,7 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:
-        command.add_parser(subparsers)
+        options.add_command(subparsers, command)
     study = subparsers.add_parser(
         "study",
         help="measure accuracy, robustness, cost, designs and published results by simulation",
@@ -51,7 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     studies = study.add_subparsers(dest="study", required=True, metavar="STUDY")
     for module in STUDIES:
-        module.add_parser(studies)
+        options.add_command(studies, module)
     return parser
 
 

@@ -1,4 +1,4 @@
-"""``uuv_array calibrate``: lamp, water, background and gains from a recorded bag."""
+"""``uuv_array calibrate``: fit lamp, water, background and gains to a recorded bag."""
 
 import argparse
 import dataclasses
@@ -42,16 +42,8 @@ LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "calibrate",
-        run,
-        "fit lamp, water, background and gains to a recorded bag",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     bag.add_bag(parser)
     options.add_scene(parser, "follow")
     outputs.add_scene_file(parser, "calibrated.yaml")

@@ -1,4 +1,4 @@
-"""``uuv_array commission``: the wiring of an array, found with a torch, written into its scene."""
+"""``uuv_array commission``: find an array's wiring with a torch."""
 
 import argparse
 import dataclasses
@@ -29,11 +29,8 @@ after the sweeps and at least 3 images for each column. An array on a serial lin
 that publishes its images. Ctrl-C writes nothing."""
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "commission", run, "find an array's wiring with a torch", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     parser.add_argument(
         "bag",

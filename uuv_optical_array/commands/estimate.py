@@ -1,4 +1,4 @@
-"""``uuv_array estimate``: poses of a recorded bag, worked out anew."""
+"""``uuv_array estimate``: estimate the poses of a recorded bag."""
 
 import argparse
 import time
@@ -37,11 +37,8 @@ Ctrl-C ends it early and writes what there is. Needs the extra `bags` (pip insta
 'uuv_optical_array[bags]'), but no ROS."""
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "estimate", run, "estimate the poses of a recorded bag", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     bag.add_bag(parser, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)

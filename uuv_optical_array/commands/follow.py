@@ -1,4 +1,4 @@
-"""``uuv_array follow``: the demonstration, from lamp to formation, in one process."""
+"""``uuv_array follow``: let a follower follow a leader by light, and draw what happened."""
 
 import argparse
 import sys
@@ -50,16 +50,8 @@ SETTINGS = {
 }
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "follow",
-        run,
-        "let a follower follow a leader by light, and draw what happened",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
     for name, setting in SETTINGS.items():
         options.add_setting(parser, name, setting)

@@ -1,4 +1,4 @@
-"""``uuv_array render``: what the array sees in a scene, as a sheet of images and profiles."""
+"""``uuv_array render``: draw what the array reads in a scene."""
 
 import argparse
 from typing import Annotated
@@ -37,11 +37,8 @@ def images_of(
     return ForwardModel(scene).expose(poses, np.random.default_rng(seed), time_s=time_s)
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "render", run, "draw what the array reads in a scene", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     options.add_settings(parser, images_of)
     outputs.add_picture(parser, "render.png")

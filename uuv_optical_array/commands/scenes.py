@@ -1,4 +1,4 @@
-"""``uuv_array scenes``: the ready scenes, what a key of a scene means, and the schema of all."""
+"""``uuv_array scenes``: list ready scenes, or explain one or a key."""
 
 import argparse
 import dataclasses
@@ -47,11 +47,8 @@ OWNERS: dict[str, Callable[..., Any]] = {
 }
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "scenes", run, "list ready scenes, or explain one or a key", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument(
         "name",
         nargs="?",

@@ -31,11 +31,8 @@ examples:
                                                on a cluster, into a folder that all of it sees"""
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "table", run, "write the signature table of a scene", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     parser.add_argument(
         "-o", "--output", type=Path, help="folder to write (default: SCENE.zarr here)"

@@ -33,11 +33,8 @@ PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)
 SCREENSHOT_S = 45.0  # time of the simulation or the bag that --screenshot shows
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers, "view", run, "watch a follow in the browser", DESCRIPTION, EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     bag.add_bag(parser, required=False, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)

@@ -1,4 +1,4 @@
-"""``uuv_array study accuracy``: errors of random frames, beside the bound and their covariances."""
+"""``uuv_array study accuracy``: measure errors of estimates beside bound and covariances."""
 
 import argparse
 import dataclasses
@@ -21,14 +21,14 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PRIORS, Known, PriorSettings
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
-from uuv_optical_array.studies.errors import (
+from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
     answer_of,
     by_column,
     frame_errors,
 )
-from uuv_optical_array.studies.results import until_interrupted
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -221,16 +221,8 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
     return figure
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "accuracy",
-        run,
-        "measure errors of estimates beside the bound and their covariances",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "reference")
     options.add_shape(parser)
     options.add_method(parser)

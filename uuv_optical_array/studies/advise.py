@@ -1,4 +1,4 @@
-"""``uuv_array advise``: the cheapest setting that meets a rate and an accuracy, as measured."""
+"""``uuv_array advise``: name the cheapest setting that meets a rate and an accuracy."""
 
 import argparse
 import dataclasses
@@ -17,8 +17,8 @@ from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
-from uuv_optical_array.studies.results import read
-from uuv_optical_array.studies.tradeoff_measurement import (
+from uuv_optical_array.studies.shared.results import read
+from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
     SEED,
     SETTINGS_CSV,
@@ -152,16 +152,8 @@ def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float])
     return "\n".join([*lines, "parameter of the estimator_node:", f"  method: {row.method}"])
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "advise",
-        run,
-        "name the cheapest setting that meets a rate and an accuracy",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "reference")
     for name, (quantity, default) in NEEDS.items():
         options.add_number(parser, name, quantity, default)

@@ -1,4 +1,4 @@
-"""``uuv_array study approach``: the Monte Carlo of Eren et al. (2017), by their method and ours."""
+"""``uuv_array study approach``: repeat the Monte Carlo of Eren et al. (2017), and by our method."""
 
 import argparse
 import dataclasses
@@ -35,8 +35,8 @@ from uuv_optical_array.studies.approach_cases import (
     expose,
 )
 from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
-from uuv_optical_array.studies.errors import by_column
-from uuv_optical_array.studies.published import (
+from uuv_optical_array.studies.shared.errors import by_column
+from uuv_optical_array.studies.shared.published import (
     MomentCalibration,
     calibrate,
     dead_reckoned,
@@ -375,16 +375,8 @@ def _draw_panel(axes: Any, published: Any, result: ApproachErrors, dofs: list[in
     axes.grid(alpha=0.4, which="both", lw=0.4)
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "approach",
-        run,
-        "repeat the published Monte Carlo of approaches, with the published and our estimators",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "eren2017_tank")
     options.add_number(parser, "runs", Quantity("runs of each case", "", 1, 1e6), 100)
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""``uuv_array study design``: which array and which lamp to build."""
+"""``uuv_array study design``: sweep array and lamp, and say which design to build."""
 
 import argparse
 import sys
@@ -16,7 +16,7 @@ from uuv_optical_array.studies.design_sweep import (
     designed,
     lists_named,
 )
-from uuv_optical_array.studies.results import Results
+from uuv_optical_array.studies.shared.results import Results
 
 DESCRIPTION = """\
 Sweep the array (shape, detectors, size, radius of curvature) and the width of the lamp's beam, and
@@ -69,16 +69,8 @@ def report(choice: Choice) -> str:
     )
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "design",
-        run,
-        "sweep array and lamp, and say which design to build",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     parser.add_argument(
         "--sweep",

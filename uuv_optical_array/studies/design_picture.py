@@ -9,7 +9,7 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.studies.design_score import Choice, DesignStudy, ScoredDesign
 from uuv_optical_array.studies.design_sweep import Design
-from uuv_optical_array.studies.separation import THRESHOLD_DEG
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

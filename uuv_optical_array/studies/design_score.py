@@ -29,10 +29,10 @@ from uuv_optical_array.forward.working_volume import (
     uniform_poses,
 )
 from uuv_optical_array.studies.design_sweep import Design, Mount, Power, Sweep, designed
-from uuv_optical_array.studies.errors import position_and_angle
-from uuv_optical_array.studies.pareto import thinned_front
-from uuv_optical_array.studies.results import Flat, Results
-from uuv_optical_array.studies.separation import (
+from uuv_optical_array.studies.shared.errors import position_and_angle
+from uuv_optical_array.studies.shared.pareto import thinned_front
+from uuv_optical_array.studies.shared.results import Flat, Results
+from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     WANTED,
     Conditions,

@@ -1,4 +1,4 @@
-"""``uuv_array study drives``: what a track learns of the sea while the vehicles move.
+"""``uuv_array study drives``: measure tracks of drives through seas drawn from the scene's prior.
 
 A single frame cannot tell a weak lamp from a far one. While the range changes a track can, and
 learns what the scene leaves uncertain.
@@ -19,8 +19,8 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import HIGH, LOW
-from uuv_optical_array.studies.errors import SIGMAS, FrameErrors
-from uuv_optical_array.studies.results import until_interrupted
+from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 DESCRIPTION = """\
 Drive from 8 to 4 m behind the lamp and back, swaying, each time through another sea: what the
@@ -139,16 +139,8 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "drives",
-        run,
-        "measure tracks of drives through seas drawn from the scene's prior",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     options.add_method(parser)
     options.add_number(parser, "drives", Quantity("how many drives", "", 1, 1e5), 50)

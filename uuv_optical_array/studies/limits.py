@@ -1,4 +1,4 @@
-"""``uuv_array limits``: how well one image can fix the pose at all, whoever estimates it."""
+"""``uuv_array limits``: print and draw how well one image can fix the pose at all."""
 
 import argparse
 from collections.abc import Iterator
@@ -208,16 +208,8 @@ def _label_places(contours: Any, behind_m: Array) -> Iterator[tuple[float, float
                 yield x, y
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "limits",
-        run,
-        "print and draw how well one image can fix the pose at all",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     parser.add_argument(
         "--pose",

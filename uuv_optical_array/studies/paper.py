@@ -1,4 +1,4 @@
-"""``uuv_array study paper``: Figs 4 to 6 of Eren et al. (2016), and what their text states of them.
+"""``uuv_array study paper``: repeat the figures of Eren et al. (2016), their numbers beside ours.
 
 What the paper leaves open is a choice: ours are the scene `eren2016` and `paper_signature`, others
 are in `paper_choices`.
@@ -29,7 +29,7 @@ from uuv_optical_array.studies.paper_statements import (
     least_detected,
     panels,
 )
-from uuv_optical_array.studies.separation import (
+from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     UNITS,
     WANTED,
@@ -300,16 +300,8 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         )
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "paper",
-        run,
-        "repeat the figures of Eren et al. (2016), their numbers beside ours",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "eren2016")
     outputs.add_picture(parser, "paper.png")
     options.add_json(parser)

@@ -12,7 +12,7 @@ from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.effects.water import hanning_blur
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.studies.separation import (
+from uuv_optical_array.studies.shared.separation import (
     RECONSTRUCTION,
     Choice,
     paper_signature,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.studies.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
+from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG, UNITS, Conditions, Motion
 
 MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
 # The steps of the paper's curves, in their units.

@@ -1,4 +1,4 @@
-"""``uuv_array study robustness``: what estimates are worth where the sea is not the scene."""
+"""``uuv_array study robustness``: say what estimates are worth where the sea is not the scene."""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,9 +16,9 @@ from uuv_optical_array.core.storage.formats import json_text, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
-from uuv_optical_array.studies.errors import SIGMAS, FrameErrors, answer_of, frame_errors
 from uuv_optical_array.studies.mismatches import Kind, kinds_named
-from uuv_optical_array.studies.results import until_interrupted
+from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -210,16 +210,8 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
     return figure
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "robustness",
-        run,
-        "measure what estimates are worth where the sea is not the scene",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "follow")
     options.add_method(parser)
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""``uuv_array study tradeoff``: what accuracy costs in time, by method, array and table."""
+"""``uuv_array study tradeoff``: measure what accuracy costs in time, by method and table."""
 
 import argparse
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
-from uuv_optical_array.studies.pareto import STEP, pareto_front
-from uuv_optical_array.studies.tradeoff_measurement import (
+from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
+from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
     QUICK_LEAVES_OUT,
     SEED,
@@ -262,16 +262,8 @@ def _draw_legend(axes: Any, rows: Sequence[Measurement]) -> None:
     axes.add_artist(first)
 
 
-def add_parser(subparsers: options.Subparsers) -> None:
-    """Add the subcommand."""
-    parser = options.add_command(
-        subparsers,
-        "tradeoff",
-        run,
-        "measure and draw what accuracy costs in time, by method, array and table",
-        DESCRIPTION,
-        EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     options.add_scene(parser, "reference")
     parser.add_argument(
         "--full", action="store_true", help="every method, array and table, and more frames"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.studies.closed_loop import ClosedLoop, Conditions, Moment
+from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions, Moment
 from uuv_optical_array.view.page import Page, Slider
 from uuv_optical_array.view.sight import Sight
 

@@ -14,7 +14,7 @@ from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies.closed_loop import ClosedLoop
+from uuv_optical_array.view.closed_loop import ClosedLoop
 
 
 @pytest.fixture(scope="module")

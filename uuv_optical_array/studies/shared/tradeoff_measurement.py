@@ -28,9 +28,14 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import known_volume_std, lit_poses, volume_table
-from uuv_optical_array.studies import published
-from uuv_optical_array.studies.errors import Answer, answer_of, frame_errors, position_and_angle
-from uuv_optical_array.studies.results import Flat, Results, differences
+from uuv_optical_array.studies.shared import published
+from uuv_optical_array.studies.shared.errors import (
+    Answer,
+    answer_of,
+    frame_errors,
+    position_and_angle,
+)
+from uuv_optical_array.studies.shared.results import Flat, Results, differences
 
 SETTINGS_CSV = "tradeoff.csv"
 SEED = 1

@@ -38,6 +38,7 @@ setup(
         (f"{share}/launch", glob("launch/*.launch.py")),
         (f"{share}/config", glob("config/*.*")),
         (f"{share}/config/scenes", glob("config/scenes/*.yaml")),
+        (f"{share}/config/flux", glob("config/flux/*.npz")),
         (f"{share}/config/examples", glob("config/examples/*.yaml")),
         (f"{share}/config/security", glob("config/security/*.xml")),
         (f"{share}/rviz", glob("rviz/*.rviz")),

@@ -18,10 +18,13 @@ from uuv_optical_array.studies.photon_transport import (
     PHASES,
     RADII_M,
     SLOPE,
+    WATERS,
     Lamp,
     Pencil,
+    PhotonSea,
     load_pencil,
     quantiles,
+    shipped_pencil,
     trace,
 )
 
@@ -167,6 +170,32 @@ def test_a_pencil_is_read_as_it_was_written(tmp_path):
     assert (again.phase, again.photons) == ("fournier_forand", 1000)
     for name in ("absorption_per_m", "scattering_per_m", "radial", "away", "squares"):
         assert getattr(again, name) == pytest.approx(getattr(pencil, name), rel=1e-6)
+
+
+@pytest.mark.parametrize("water", WATERS)
+def test_shipped_photons_are_of_petzolds_waters_and_agree_with_a_few_new_ones(water):
+    pencil = shipped_pencil(water)
+    a, b = pencil.absorption_per_m, pencil.scattering_per_m
+    assert (a, b) == WATERS[water]
+    shipped = Lamp(pencil, 0.2)
+    fresh = Lamp(trace(a, b, "fournier_forand", 4000, np.random.default_rng(8)), 0.2)
+    axis = shipped.vector(RADII_M, np.zeros(len(RADII_M)))[0] * RADII_M**2
+    assert (shipped.error[:, 0] < 2e-3 * axis).all()
+    error = np.hypot(fresh.error, shipped.error)[:, :60]
+    assert (np.abs(fresh.flux[0] - shipped.flux[0])[:, :60] < SIGMAS * error).all()
+
+
+def test_a_scene_keeps_its_reference_reading_and_its_gains_in_the_water_of_photons():
+    scene, pencil = load_scene("coastal"), shipped_pencil("coastal")
+    sea = PhotonSea(scene, pencil)
+    poses = np.array([[-scene.lamp.reference_range_m, 0, 0, 0, 0], [-6.0, 0.4, -0.3, 0.1, -0.2]])
+    light = sea.light(poses)
+    assert light[0].max() == pytest.approx(scene.lamp.reference_counts)
+    spread = scene.effects["responsivity"]["spread"]
+    bare = Lamp(pencil, np.radians(scene.lamp.beam_sigma_deg)).images(sea.model.array, poses)
+    gains = light / bare
+    assert gains[1] == pytest.approx(gains[0])
+    assert np.std(gains[0] / gains[0].mean()) == pytest.approx(spread, rel=0.5)
 
 
 def test_chance_is_as_large_as_stated():

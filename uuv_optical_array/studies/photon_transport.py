@@ -19,11 +19,16 @@ from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import detect
+from uuv_optical_array.forward.scene import Scene
 
 Phase: TypeAlias = Literal["fournier_forand", "henyey_greenstein"]
 
 INDEX, SLOPE = 1.10, 3.5835  # of Petzold's mean particles: backscatter 1.8 %
 ASYMMETRY = 0.924  # mean cosine of Henyey and Greenstein's function
+# Absorption and scattering at 514 nm, 1/m (Petzold 1972).
+WATERS = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
 RADII_M: Array = np.linspace(1, 10, 19, dtype=float)  # of the spheres about the lamp
 EDGES: Array = np.pi * np.square(np.linspace(0, 1, 161, dtype=float))  # bins off the pencil, rad
 BEYOND_M = 3.0  # from the last sphere outwards, where photons are given up
@@ -175,18 +180,24 @@ class Pencil:
 
     def save(self, path: Path) -> None:
         """Write it, whole or not at all."""
-        names = [name for name in vars(self) if name != "phase"]
-        numbers: dict[str, Any] = {name: np.float32(getattr(self, name)) for name in names}
+        values: dict[str, Any] = {
+            name: value.astype(np.float32) if isinstance(value, np.ndarray) else value
+            for name, value in vars(self).items()
+        }
         with files.whole_file(path) as scratch, scratch.open("wb") as file:
-            np.savez_compressed(file, phase=self.phase, **numbers)
+            np.savez_compressed(file, **values)
 
 
 def load_pencil(path: Path) -> Pencil:
     """Read what `Pencil.save` wrote."""
     with np.load(path) as kept:
-        values = {key: kept[key] if kept[key].ndim else kept[key].item() for key in kept.files}
-    values = {k: v.astype(float) if isinstance(v, np.ndarray) else v for k, v in values.items()}
-    return Pencil(**{**values, "photons": int(values["photons"])})
+        values = {name: kept[name] for name in kept.files}
+    return Pencil(**{k: v.astype(float) if v.ndim else v.item() for k, v in values.items()})
+
+
+def shipped_pencil(water: str, phase: Phase = "fournier_forand") -> Pencil:
+    """Return the pencil that the package has of one of `WATERS`."""
+    return load_pencil(files.shared_file(f"config/flux/{water}_{phase}.npz"))
 
 
 def trace(
@@ -263,3 +274,25 @@ class Lamp:
         flux = radial[..., None] * ray + away[..., None] * side
         light = np.maximum(-(flux * array.normals).sum(-1), 0.0)
         return light.reshape(len(light), array.side, array.side)
+
+
+class PhotonSea:
+    """A scene in the water of a pencil, where its lamp gives its reference reading.
+
+    `model` reads the light. Lamp and array are the scene's, and what acts on the array, but no
+    effect between the two.
+    """
+
+    def __init__(self, scene: Scene, pencil: Pencil) -> None:
+        self.model = ForwardModel(scene)
+        self._lamp = Lamp(pencil, np.radians(scene.lamp.beam_sigma_deg))
+        self._optics, self._power = self.model.optics(), 1.0
+        aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
+        self._power = scene.lamp.reference_counts / self.light(aligned).max()
+
+    def light(self, poses: Array) -> Array:
+        """Return the light at poses ``(m, 5)``, counts, shape ``(m, side, side)``."""
+        images = self._power * self._lamp.images(self.model.array, poses)
+        flat = images.reshape(1, len(poses), -1)
+        detect(self._optics, np.zeros((0, len(poses), 1)), flat)
+        return flat.reshape(images.shape)

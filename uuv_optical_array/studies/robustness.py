@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z
+from uuv_optical_array.core.geometry import Array, Z
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import json_text, plain
 from uuv_optical_array.estimation.estimator import Estimator
@@ -67,8 +67,7 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
 
     `plausible` says which images a frame of the scene at the answer could have shown, ``(n,)``.
     """
-    beyond, answered = frames.beyond_sigma(SIGMAS), int(frames.posed.sum())
-    mean_square = frames.rms_error**2 if answered else np.full(5, np.nan)
+    beyond = frames.beyond_sigma(SIGMAS)
     return plain(
         {
             "kind": kind.name,
@@ -76,14 +75,9 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
             "times_prior": kind.times_prior,
             "within_twice_prior": kind.within,
             "frames": len(frames.errors),
-            "answered": answered,
-            "beyond_6_sigma": int(beyond.sum()),
             "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
             "indistinguishable": int((beyond & plausible).sum()),
-            "rms_range_m": np.sqrt(mean_square[X]),
-            "rms_across_m": np.sqrt(mean_square[Y : Z + 1].mean()),
-            "rms_angle_deg": np.degrees(np.sqrt(mean_square[PITCH:].mean())),
-            "nees_mean": frames.nees.mean() if answered else None,
+            **frames.summary(),
         }
     )
 

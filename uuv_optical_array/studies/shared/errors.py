@@ -5,13 +5,13 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, PITCH, Array, X, Y, Z
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import Progress
@@ -78,6 +78,19 @@ class FrameErrors:
         """Say which frames are off by more than `limit` of their own sigmas in any DOF."""
         stds = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
         return np.asarray((np.abs(self.errors) > limit * stds).any(axis=1))
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many frames were answered, how many are false, NEES, and RMS errors."""
+        answered = int(self.posed.sum())
+        square = self.rms_error**2 if answered else np.full(5, np.nan)
+        return {
+            "answered": answered,
+            "beyond_6_sigma": int(self.beyond_sigma(SIGMAS).sum()),
+            "rms_range_m": np.sqrt(square[X]),
+            "rms_across_m": np.sqrt(square[Y : Z + 1].mean()),
+            "rms_angle_deg": np.degrees(np.sqrt(square[PITCH:].mean())),
+            "nees_mean": self.nees.mean() if answered else None,
+        }
 
     @property
     def frame_ms(self) -> tuple[float, float]:

@@ -30,6 +30,8 @@ from uuv_optical_array.studies.photon_transport import (
 
 SIGMAS = 5
 MIDDLES = (EDGES[1:] + EDGES[:-1]) / 2
+ARRAY = build_array(load_scene("reference").array)
+POSE = np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
 SPHERES = [2, 6, 10, 16]  # of 2, 4, 6 and 9 m
 
 
@@ -84,29 +86,47 @@ def test_phase_functions_are_those_of_the_sea():
     assert share(henyey_greenstein, 1e-9, np.pi, np.cos) == pytest.approx(ASYMMETRY, abs=1e-6)
 
 
-def test_water_that_does_not_scatter_leaves_a_gaussian_beam():
-    nothing = np.zeros((len(RADII_M), len(MIDDLES)))
-    lamp = Lamp(Pencil(0.3, 0.2, "henyey_greenstein", 1, nothing, nothing, nothing), 0.15)
-    array, poses = build_array(load_scene("reference").array), np.zeros((1, 5))
-    poses[0] = -5.0, 0.4, -0.3, 0.1, -0.2
-    cosine, sine = np.cos(poses[0, 3:]), np.sin(poses[0, 3:])
+def turned_detectors(pose):
+    """Return places and normals of an array in ``beacon``, shape ``(n, 3)``."""
+    cosine, sine = np.cos(pose[3:]), np.sin(pose[3:])
     pitch = np.array([[cosine[0], 0, sine[0]], [0, 1, 0], [-sine[0], 0, cosine[0]]])
     yaw = np.array([[cosine[1], -sine[1], 0], [sine[1], cosine[1], 0], [0, 0, 1]])
     turn = yaw @ pitch
-    places, normals = poses[0, :3] + array.positions @ turn.T, array.normals @ turn.T
+    return pose[:3] + ARRAY.positions @ turn.T, ARRAY.normals @ turn.T
+
+
+def test_water_that_does_not_scatter_leaves_a_gaussian_beam():
+    nothing = np.zeros((len(RADII_M), len(MIDDLES)))
+    lamp = Lamp(Pencil(0.3, 0.2, "henyey_greenstein", 1, nothing, nothing, nothing), 0.15)
+    places, normals = turned_detectors(POSE)
     r = np.linalg.norm(places, axis=1)
     eta = np.arccos(-places[:, 0] / r)
     facing = np.maximum(-(places * normals).sum(axis=1) / r, 0)
     light = np.exp(-(eta**2) / (2 * 0.15**2) - 0.5 * r) / r**2 * facing
-    assert lamp.images(array, poses).ravel() == pytest.approx(light, rel=1e-9)
+    assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
 
 
-@pytest.mark.parametrize("phase", PHASES)
-def test_without_absorption_all_energy_crosses_every_sphere(phase):
-    pencil = trace(0.0, 0.8, phase, 100_000, np.random.default_rng(1))
+def test_a_detector_reads_the_flux_through_its_face():
+    lamp = Lamp(shipped_pencil("harbour"), 0.15)
+    places, normals = turned_detectors(POSE)
+    r = np.linalg.norm(places, axis=1)
+    eta, turn = np.arccos(-places[:, 0] / r), np.arctan2(places[:, 2], places[:, 1])
+    off = [np.sin(eta), np.cos(eta) * np.cos(turn), np.cos(eta) * np.sin(turn)]
+    radial, away = lamp.vector(r, eta)
+    flux = radial[:, None] * places / r[:, None] + away[:, None] * np.transpose(off)
+    light = np.maximum(-(flux * normals).sum(axis=1), 0)
+    assert (away > 0.01 * radial).all()
+    assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
+
+
+@pytest.mark.parametrize("phase", [*PHASES, "isotropic"])
+def test_without_absorption_all_energy_crosses_every_sphere(phase, monkeypatch):
+    monkeypatch.setitem(PHASES, "isotropic", lambda half: half)
+    pencil = trace(0.0, 0.8, phase, 20_000, np.random.default_rng(1))
     total = np.exp(-0.8 * RADII_M) + pencil.radial.sum(axis=1)
+    # As if the crossings of a photon, outwards and back, were independent of one another.
     error = np.sqrt(pencil.squares.sum(axis=1) / pencil.photons)
-    assert error.max() < 0.004
+    assert error.max() < 0.04
     assert (np.abs(total - 1) < SIGMAS * error).all()
 
 
@@ -120,14 +140,14 @@ def test_light_scattered_once_agrees_with_a_quadrature(sigma):
     a, b = 0.4, 1e-4
     pencil = trace(a, b, "henyey_greenstein", 1_000_000, np.random.default_rng(2))
     lamp = Lamp(pencil, sigma)
-    x, wx = leggauss(400)
+    x, wx = leggauss(240)
     root, wx = (x + 1) / 2, wx / 2
     theta, w_theta = np.pi * root**3, 3 * np.pi * root**2 * wx  # dense at small angles
-    y, wy = leggauss(60)
-    turns = (np.arange(48) + 0.5) * np.pi / 48
+    y, wy = leggauss(30)
+    turns = (np.arange(24) + 0.5) * np.pi / 24
     t, f, turn = np.meshgrid(theta, (y + 1) / 2, turns, indexing="ij")
     g, h = t * f, t * (1 - f)
-    weight = (w_theta * theta)[:, None, None] * (wy / 2)[:, None] * (2 * np.pi / 48)
+    weight = (w_theta * theta)[:, None, None] * (wy / 2)[:, None] * (2 * np.pi / 24)
     for i in SPHERES:
         r = RADII_M[i]
         path = r * (np.sin(g) + np.sin(h)) / np.sin(t)
@@ -199,18 +219,17 @@ def test_a_scene_keeps_its_reference_reading_and_its_gains_in_the_water_of_photo
 
 
 def test_chance_is_as_large_as_stated():
-    seeds = [np.random.default_rng((6, i)) for i in range(40)]
+    seeds = [np.random.default_rng((6, i)) for i in range(24)]
     lamps = [Lamp(trace(0.2, 0.5, "fournier_forand", 2000, rng), 0.2) for rng in seeds]
     found = np.std([lamp.flux[0][:, :60] for lamp in lamps], axis=0, ddof=1)
     stated = np.mean([lamp.error[:, :60] for lamp in lamps], axis=0)
-    assert np.median(found / stated) == pytest.approx(1, abs=0.15)
+    assert np.median(found / stated) == pytest.approx(1, abs=0.2)
 
 
 def test_places_beyond_the_spheres_and_a_missing_compiler_are_refused(monkeypatch):
     lamp = Lamp(trace(0.1, 0.1, "henyey_greenstein", 10, np.random.default_rng(7)), 0.1)
-    array = build_array(load_scene("reference").array)
     with pytest.raises(ValueError, match=r"photons are known from 1 to 10 m and up to 60 deg"):
-        lamp.images(array, np.array([[-12.0, 0, 0, 0, 0]]))
+        lamp.images(ARRAY, np.array([[-12.0, 0, 0, 0, 0]]))
     photon_transport._compiled.cache_clear()
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(ValueError, match=r"photons needs the extra: pip install .*\[fast\]"):

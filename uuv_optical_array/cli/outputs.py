@@ -7,7 +7,7 @@ from typing import Any
 
 from uuv_optical_array.cli.options import OptionError
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.plots import KINDS
+from uuv_optical_array.plots.style import KINDS
 
 PICTURE = tuple(KINDS)
 SCENE = (".yaml", ".yml")

@@ -16,6 +16,8 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
+from uuv_optical_array.plots.calibration import draw_calibration
+from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
@@ -206,9 +208,6 @@ def run(args: argparse.Namespace) -> int:
         if written:
             print(f"scene: {output}")
     if picture is not None:
-        from uuv_optical_array.plots.calibration import draw_calibration
-        from uuv_optical_array.plots.style import save
-
         count = int(result.uncensored.sum())
         title = f"Calibration from {path.name}: residuals of {count} readings"
         save(draw_calibration(result, recording, title), picture)

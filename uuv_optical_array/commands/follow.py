@@ -15,6 +15,8 @@ from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.plots.follow import draw_follow
+from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
 
 DESCRIPTION = """\
@@ -135,9 +137,6 @@ def run(args: argparse.Namespace) -> int:
         if least_m < MIN_SEPARATION_M:
             lost.append(f"two vehicles came nearer than {MIN_SEPARATION_M:g} m")
     if all(record.estimates for record in records):
-        from uuv_optical_array.plots.follow import draw_follow
-        from uuv_optical_array.plots.style import save
-
         save(draw_follow(records), picture)
         print(f"picture: {picture}")
     print(f"lost the leader: {'; '.join(lost)}" if lost else "followed the leader to the end")

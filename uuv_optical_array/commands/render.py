@@ -11,6 +11,8 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
+from uuv_optical_array.plots.scene import draw_scene, sheet_poses
+from uuv_optical_array.plots.style import save
 
 DESCRIPTION = """\
 Draw what the array reads in a scene: images from 4 to 8 m behind the lamp, aligned, shifted to
@@ -48,8 +50,6 @@ def run(args: argparse.Namespace) -> int:
     """Draw the scene, and print its effects and the range of each aligned image."""
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    from uuv_optical_array.plots.scene import draw_scene, sheet_poses  # matplotlib takes a second
-    from uuv_optical_array.plots.style import save
 
     images = images_of(scene, sheet_poses(), **options.settings_of(args, images_of))
     save(draw_scene(scene, images), output)

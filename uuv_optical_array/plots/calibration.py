@@ -1,15 +1,15 @@
 """The picture of a calibration: residuals and gains."""
 
+from typing import Any
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from uuv_optical_array.calibration.calibrate import Calibration
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.plots.style import array_image, signed
+from uuv_optical_array.plots.style import array_image, new_figure, signed
 from uuv_optical_array.recording.images import Recording
 
 DOTS = 1500  # readings that are drawn; the means are those of all
@@ -20,7 +20,7 @@ DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 
 
 def _draw_residuals(
-    axes: Axes, across: Array, result: Calibration, label: str, log: bool = False
+    axes: Any, across: Array, result: Calibration, label: str, log: bool = False
 ) -> None:
     """Draw residuals against another quantity, and the mean of each bin with its standard error."""
     uncensored, residuals = result.uncensored, result.residuals
@@ -52,7 +52,7 @@ def _draw_residuals(
     axes.grid(alpha=0.3)
 
 
-def _draw_histogram(axes: Axes, result: Calibration) -> None:
+def _draw_histogram(axes: Any, result: Calibration) -> None:
     """Draw the distribution of the residuals beside the normal one."""
     residuals = result.residuals[result.uncensored]
     edges = np.linspace(-EDGE, EDGE, 61).tolist()
@@ -69,7 +69,7 @@ def _draw_histogram(axes: Axes, result: Calibration) -> None:
     axes.grid(alpha=0.3)
 
 
-def _draw_gains(figure: Figure, axes: Axes, result: Calibration) -> None:
+def _draw_gains(figure: Any, axes: Any, result: Calibration) -> None:
     """Draw the gains, in per cent of the mean, with their standard errors."""
     off = 100 * (result.gains - 1)
     known = np.isfinite(result.gain_std)
@@ -89,13 +89,13 @@ def _draw_gains(figure: Figure, axes: Axes, result: Calibration) -> None:
     axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{note}")
 
 
-def draw_calibration(result: Calibration, recording: Recording, title: str) -> Figure:
+def draw_calibration(result: Calibration, recording: Recording, title: str) -> Any:
     """Draw residuals against counts, range, angle and time, their distribution, and the gains."""
     rays = ForwardModel(result.scene).rays(recording.poses, recording.rolls)
     since_start = recording.seconds - recording.seconds.min()
     times = np.broadcast_to(since_start[:, None], result.mean.shape)
     off_axis = np.degrees(np.sqrt(2 * rays[HALF_SQUARE]))
-    figure = Figure(figsize=(16, 9), layout="constrained")
+    figure = new_figure(16, 9)
     grid = figure.subplots(2, 3)
     counts = np.maximum(result.mean, 0.1)
     _draw_residuals(grid[0, 0], counts, result, "expected reading (counts)", log=True)

@@ -4,19 +4,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from uuv_optical_array.control.follow_record import FollowRecord, position_at
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES
 from uuv_optical_array.forward.working_volume import SPECIFICATION
-from uuv_optical_array.plots.style import SPECIFIED, array_image, signed
+from uuv_optical_array.plots.style import SPECIFIED, array_image, new_figure, signed
 
 LEADER = "#e08a00"
 FOLLOWERS = ("#1f6fb4", "#2f9e61", "#b03a8c", "#7a5230", "#5b6bd6")
 MOMENTS = 6
 
 
-def _draw_paths(figure: Figure, records: Sequence[FollowRecord], moments: list[float]) -> None:
+def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[float]) -> None:
     """Draw the paths of all vehicles from above and from the side."""
     paths = [records[0].leader_path, *(record.follower_path for record in records)]
     stamps = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
@@ -48,7 +47,7 @@ def _draw_paths(figure: Figure, records: Sequence[FollowRecord], moments: list[f
     side.set_ylim(min(low, -2.5), max(high, 2.5))
 
 
-def _draw_errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
+def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
     """Draw the errors of the estimates and of the station over time."""
     for i, axes in enumerate(figure.subplots(1, 5)):
         axes.axhspan(
@@ -75,7 +74,7 @@ def _draw_errors(figure: Figure, records: Sequence[FollowRecord]) -> None:
     figure.legend(handles[:3], labels[:3], fontsize=9, markerscale=3, **place)
 
 
-def _draw_images(figure: Figure, record: FollowRecord, moments: list[float]) -> None:
+def _draw_images(figure: Any, record: FollowRecord, moments: list[float]) -> None:
     """Draw what the array reads at some moments."""
     grid = figure.subplots(1, MOMENTS)
     brightest = max(float(record.images[moment].max()) for moment in moments)
@@ -95,7 +94,7 @@ def _draw_images(figure: Figure, record: FollowRecord, moments: list[float]) -> 
         axes.set_visible(False)
 
 
-def draw_follow(records: Sequence[FollowRecord]) -> Figure:
+def draw_follow(records: Sequence[FollowRecord]) -> Any:
     """Draw a run: the paths, the five errors over time, the first array's image at some moments.
 
     ValueError for a follower without a pose: there is nothing to draw.
@@ -106,7 +105,7 @@ def draw_follow(records: Sequence[FollowRecord]) -> Figure:
         raise ValueError("picture: no pose in this run, so nothing to draw")
     picks = np.unique(np.linspace(0, len(stamps) - 1, MOMENTS).round().astype(int))
     moments = [stamps[pick] for pick in picks]
-    figure = Figure(figsize=(15, 11), layout="constrained")
+    figure = new_figure(15, 11)
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 3.4, 3.2])
     _draw_paths(parts[0], records, moments)
     _draw_errors(parts[1], records)

@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.figure import Figure
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.plots.style import array_image, detector_ticks
+from uuv_optical_array.plots.style import array_image, detector_ticks, new_figure, shades
 
 COLUMNS = (  # title, degree of freedom, m or deg
     ("aligned", "x", 0.0),
@@ -55,7 +53,7 @@ def _draw_images(figure: Any, images: Array) -> None:
 def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
     """Draw the profiles through the peak of some columns of the sheet, and their gradients."""
     side = images.shape[-1]
-    colours = colormaps["viridis"](np.linspace(0, 0.85, len(RANGES_M)))
+    colours = shades("viridis", 0, 0.85, len(RANGES_M))
     grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
     detectors = np.arange(side)
     peaks = key_parameters(images, full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
@@ -85,9 +83,9 @@ def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None
     figure.legend(handles, labels, loc="outside right center", fontsize=10, title="behind the lamp")
 
 
-def draw_scene(scene: Scene, images: Array) -> Figure:
+def draw_scene(scene: Scene, images: Array) -> Any:
     """Draw a scene's images at `sheet_poses`, ``(ranges, columns, side, side)``, and profiles."""
-    figure = Figure(figsize=(13, 15), layout="constrained")
+    figure = new_figure(13, 15)
     sheet, profiles = figure.subfigures(2, 1, height_ratios=[2.3, 1])
     _draw_images(sheet, images)
     _draw_profiles(profiles, images, scene.full_scale_counts)

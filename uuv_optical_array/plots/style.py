@@ -1,22 +1,31 @@
-"""What the pictures have in common: colours, marks, axes, images, and how one is written."""
+"""What the pictures have in common: colours, marks, axes, images, and how one is written.
+
+Matplotlib takes a second to import, so it is imported when something is drawn.
+"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.array import Shape
-from uuv_optical_array.plots import KINDS
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+# What a picture's name may end in, with what keeps the file the same from one run to the next.
+KINDS: dict[str, dict[str, Any]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
 SHAPE_COLOURS: dict[Shape, str] = {"planar": "#c8401e", "curved": "#1f6fb4"}
 # One colour a method, in every picture.
 METHOD_COLOURS = {
@@ -34,20 +43,36 @@ MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
 DPI = 90
 
 
+def new_figure(width: float, height: float) -> "Figure":
+    """Return an empty figure of a size in inches, which lays itself out."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def shades(cmap: str, first: float, last: float, count: int) -> Any:
+    """Return colours of a colour map, evenly from one place in it to another, shape ``(n, 4)``."""
+    from matplotlib import colormaps
+
+    return colormaps[cmap](np.linspace(first, last, count))
+
+
 def signed(value: float, digits: int) -> str:
     """Return a number with its sign and so many decimals; what rounds to zero has no sign."""
     rounded = round(float(value), digits) + 0.0
     return f"{rounded:+.{digits}f}" if rounded else f"{0.0:.{digits}f}"
 
 
-def detector_ticks(*axes: Axis, most: int = 6) -> None:
+def detector_ticks(*axes: "Axis", most: int = 6) -> None:
     """Mark whole rows or columns, from 0."""
+    from matplotlib.ticker import MaxNLocator
+
     for axis in axes:
         axis.set_major_locator(MaxNLocator(most, integer=True, min_n_ticks=1))
         axis.set_major_formatter("{x:.0f}")
 
 
-def array_image(axes: Axes, image: Array, cmap: str = IMAGES, **style: Any) -> Any:
+def array_image(axes: "Axes", image: Array, cmap: str = IMAGES, **style: Any) -> Any:
     """Draw an image of an array, rows from the top and columns from port, as vectors.
 
     Parameters
@@ -72,7 +97,7 @@ def array_image(axes: Axes, image: Array, cmap: str = IMAGES, **style: Any) -> A
     return mesh
 
 
-def drop_overlapping(figure: Figure, labels: Iterable[Text]) -> None:
+def drop_overlapping(figure: "Figure", labels: Iterable["Text"]) -> None:
     """Remove each label whose box overlaps that of one before it, once the figure is laid out."""
     figure.draw_without_rendering()
     kept: list[Any] = []
@@ -84,8 +109,10 @@ def drop_overlapping(figure: Figure, labels: Iterable[Text]) -> None:
             kept.append(box)
 
 
-def plain_log_ticks(axis: Axis) -> None:
+def plain_log_ticks(axis: "Axis") -> None:
     """Mark 1, 2 and 5 of each decade as it is shown now, of many decades 1, as plain numbers."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     low, high = axis.get_view_interval()
     few = high <= low * 10.0**MOST_DECADES
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
@@ -93,8 +120,10 @@ def plain_log_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def mark(label: str, marker: str = "o", **style: Any) -> Line2D:
+def mark(label: str, marker: str = "o", **style: Any) -> "Line2D":
     """Return a mark for a legend, without a line where none is asked for."""
+    from matplotlib.lines import Line2D
+
     return Line2D([], [], **{"color": "0.4", "lw": 0, "marker": marker, "label": label, **style})
 
 
@@ -113,7 +142,7 @@ def apart(heights: Sequence[float], gap: float) -> list[float]:
 
 
 def number_label(
-    axes: Axes,
+    axes: "Axes",
     number: int,
     point: tuple[float, float],
     place: tuple[float, float],
@@ -135,7 +164,7 @@ def number_label(
     )
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: "Figure", path: Path) -> None:
     """Write a figure, whole or not at all; ValueError where the name ends in none of `KINDS`."""
     kind = path.suffix.lower()
     if kind not in KINDS:

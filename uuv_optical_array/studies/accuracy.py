@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -21,6 +21,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PRIORS, Known, PriorSettings
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
+from uuv_optical_array.plots.style import mark, new_figure, save
 from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
@@ -29,9 +30,6 @@ from uuv_optical_array.studies.shared.errors import (
     frame_errors,
 )
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
@@ -192,13 +190,9 @@ def comparison(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
+def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the RMS errors of `compare_known` as bars, and each bound as a line across its bar."""
-    from matplotlib.figure import Figure
-
-    from uuv_optical_array.plots.style import mark
-
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = new_figure(9, 4.2)
     grid = figure.subplots(1, 2, width_ratios=(3, 2))
     for axes, dofs, unit in zip(grid, (slice(0, 3), slice(3, 5)), ("m", "deg"), strict=True):
         names = DOF_NAMES[dofs]
@@ -278,7 +272,6 @@ def run(args: argparse.Namespace) -> int:
         rows = until_interrupted(cases)
         result = {"poses": count, "known": rows, "picture": str(picture)}
         text = f"{comparison(rows)}\n\npicture: {picture}"
-        from uuv_optical_array.plots.style import save  # matplotlib takes a second
 
         save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
     else:

@@ -21,6 +21,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
 from uuv_optical_array.studies.approach_cases import (
     CASES,
     FRAMES,
@@ -328,9 +329,7 @@ ROWS = {
 
 def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
     """Draw 95 % errors against range, a column a case; return the figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(max(9.2, 4.6 * len(results)), 10.5), layout="constrained")
+    figure = new_figure(max(9.2, 4.6 * len(results)), 10.5)
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)
     for column, (name, result) in enumerate(results.items()):
         for axes, (title, dofs) in zip(grid[:, column], ROWS.items(), strict=True):
@@ -346,7 +345,6 @@ def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
 
 
 def _draw_panel(axes: Any, published: Any, result: ApproachErrors, dofs: list[int]) -> None:
-    from uuv_optical_array.plots.style import METHOD_COLOURS
 
     def worst(values: Array) -> Array:
         return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
@@ -412,7 +410,6 @@ def run(args: argparse.Namespace) -> int:
     if not results:
         print("interrupted: nothing measured")
         return options.INTERRUPTED
-    from uuv_optical_array.plots.style import save
 
     cases = {name: as_object(CASES[name], result) for name, result in results.items()}
     offsets = "half" if choices.offset_share == HALF else "whole"

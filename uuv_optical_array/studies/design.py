@@ -8,6 +8,8 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene, scene_from_settings
+from uuv_optical_array.plots.style import save
+from uuv_optical_array.studies.design_picture import draw
 from uuv_optical_array.studies.design_score import CLEAR_SIGMAS, Choice, DesignStudy, ScoredDesign
 from uuv_optical_array.studies.design_sweep import (
     SWEPT,
@@ -119,9 +121,6 @@ def run(args: argparse.Namespace) -> int:
             raise
     choice = Choice(study, study.swept(results))
     done, count = len(choice.rows), len(sweep.designs())
-    # matplotlib takes a second
-    from uuv_optical_array.plots.style import save
-    from uuv_optical_array.studies.design_picture import draw
 
     save(draw(choice), picture)
     written = [csv, picture]

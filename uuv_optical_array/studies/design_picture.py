@@ -1,18 +1,25 @@
 """The picture of a design study: bounds against detectors, lamp, size and radius."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.plots.style import (
+    SHAPE_COLOURS,
+    SPECIFIED,
+    apart,
+    mark,
+    new_figure,
+    number_label,
+    plain_log_ticks,
+    shades,
+)
 from uuv_optical_array.studies.design_score import Choice, DesignStudy, ScoredDesign
 from uuv_optical_array.studies.design_sweep import Design
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Score, axis label, and the specification.
 BOUNDS = {
@@ -28,17 +35,15 @@ LABEL_GAP = 0.045  # between labels, of the height of the axes
 CLOSE_UP_SIDE = 5
 
 
-def draw(choice: Choice) -> "Figure":
+def draw(choice: Choice) -> Any:
     """Draw bounds against detectors, lamp, size and radius, and list the designs that fit."""
-    from matplotlib.figure import Figure
-
     study, rows = choice.study, choice.rows
     named = {
         number: row
         for number, row in enumerate(choice.numbered, start=1)
         if row in choice.fronts["fits"] or row in choice.papers
     }
-    figure = Figure(figsize=(14, 13), layout="constrained")
+    figure = new_figure(14, 13)
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.4])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
         _all_designs(axes, choice, named, name)
@@ -64,8 +69,6 @@ def draw(choice: Choice) -> "Figure":
 
 def _levels(axes: Any, name: str) -> None:
     """Draw the specification and what is known without light, and set up the axis of bounds."""
-    from uuv_optical_array.plots.style import SPECIFIED, plain_log_ticks
-
     label, wanted = BOUNDS[name]
     free = volume_spread()[list(BOUNDS).index(name)]
     axes.axhline(wanted, color=SPECIFIED, ls="--", lw=1.4, zorder=1)
@@ -77,8 +80,6 @@ def _levels(axes: Any, name: str) -> None:
 
 def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
     """Draw designs as pale dots, coloured by their shape."""
-    from uuv_optical_array.plots.style import SHAPE_COLOURS
-
     colours = [SHAPE_COLOURS[row.design.shape] for row in rows]
     y = [getattr(row.score, name) for row in rows]
     axes.scatter(x, y, s=9, c=colours, alpha=0.3, lw=0, zorder=2)
@@ -86,8 +87,6 @@ def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str
 
 def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
     """Draw every design by its number of detectors, the fronts, and the numbers of the named."""
-    from uuv_optical_array.plots.style import SHAPE_COLOURS, apart, number_label
-
     rows = choice.rows
     sides = sorted({row.design.detectors_per_side for row in rows})
     widths = sorted({row.design.width_m for row in rows})
@@ -153,17 +152,14 @@ def _close_up(
 
 
 def _lines(
-    axes: Any, rows: Sequence[ScoredDesign], x_name: str, group_name: str, label: str, shades: str
+    axes: Any, rows: Sequence[ScoredDesign], x_name: str, group_name: str, label: str, cmap: str
 ) -> None:
     """Draw the bound on the position against a setting, a line for each value of another one."""
-    import matplotlib
     from matplotlib.ticker import NullLocator
-
-    from uuv_optical_array.plots.style import SHAPE_COLOURS
 
     groups = {getattr(row.design, group_name) for row in rows}
     values = sorted(groups - {None})
-    palette = matplotlib.colormaps[shades](np.linspace(0, 0.88, len(values)))
+    palette = shades(cmap, 0, 0.88, len(values))
     styles = [(value, label.format(value), c) for value, c in zip(values, palette, strict=True)]
     if None in groups:
         styles.append((None, "planar", SHAPE_COLOURS["planar"]))
@@ -216,8 +212,6 @@ def _key(axes: Any, choice: Choice, named: dict[int, ScoredDesign]) -> None:
 
 def _legend(axes: Any, width_m: float) -> None:
     """Say what colours and lines mean."""
-    from uuv_optical_array.plots.style import SHAPE_COLOURS, SPECIFIED, mark
-
     axes.set_axis_off()
     handles = [
         *(

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M, SPECIFICATION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping, new_figure, save
 
 DESCRIPTION = """\
 The Cramer-Rao bound of a scene: the smallest standard deviation that any unbiased estimator can
@@ -123,14 +121,11 @@ def draw(
     scene_name: str,
     behind_m: Array = BEHIND_M,
     aside_m: Array = ASIDE_M,
-) -> "Figure":
+) -> Any:
     """Draw a `bound_map` of these places: along the beam, and from above for each shape."""
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
-    from uuv_optical_array.plots.style import SHAPE_COLOURS, drop_overlapping
-
-    figure = Figure(figsize=(14, 10.5), layout="constrained")
+    figure = new_figure(14, 10.5)
     grid = figure.subplots(3, 3, sharex=True)
     norm = LogNorm(1e-2, 1e2)
     labels: list[Any] = []
@@ -237,7 +232,6 @@ def run(args: argparse.Namespace) -> int:
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))
     print(report(model, pose / IN_DEGREES))
-    from uuv_optical_array.plots.style import save  # matplotlib takes a second
 
     save(draw(bound_map(scene), scene.name), output)
     print(f"picture: {output}")

@@ -18,6 +18,7 @@ from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.plots.style import SHAPE_COLOURS, new_figure, save, shades
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
 from uuv_optical_array.studies.paper_statements import (
     FAR,
@@ -211,9 +212,7 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
 
     `curves` are those of a `Reproduction`. Returns the figure.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 12.8), layout="constrained")
+    figure = new_figure(10.5, 12.8)
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])
     fourth, fifth = upper.subfigures(1, 2)
     by_panel: dict[str, Any] = {}
@@ -248,13 +247,9 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
 
 def _styles(panel: str, own: Sequence[tuple[Conditions, Array]]) -> list[tuple[str, Any]]:
     """Return label and colour of each curve of a panel."""
-    from matplotlib import colormaps
-
-    from uuv_optical_array.plots.style import SHAPE_COLOURS
-
     if panel[0] == "4":
         return [(conditions.shape, SHAPE_COLOURS[conditions.shape]) for conditions, _ in own]
-    colours = colormaps["turbo" if panel[0] == "5" else "plasma"](np.linspace(0.05, 0.9, len(own)))
+    colours = shades("turbo" if panel[0] == "5" else "plasma", 0.05, 0.9, len(own))
     return [
         (f"{c.side} x {c.side}" if panel[0] == "5" else f"{c.range_m:g} m", colour)
         for (c, _), colour in zip(own, colours, strict=True)
@@ -320,8 +315,6 @@ def run(args: argparse.Namespace) -> int:
             return options.INTERRUPTED
     picture = None
     if result.has_all_curves:
-        from uuv_optical_array.plots.style import save
-
         picture = str(output)
         save(draw(result.curves, scene.name), output)
     if args.json:

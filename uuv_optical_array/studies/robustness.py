@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,10 @@ from uuv_optical_array.core.storage.formats import json_text, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
+from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies.mismatches import Kind, kinds_named
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, answer_of, frame_errors
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DESCRIPTION = """\
 Estimate poses from images of a sea that differs from the scene, kind of mismatch by kind: another
@@ -154,13 +152,9 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def draw(rows: Sequence[dict[str, Any]], about: str) -> "Figure":
+def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the shares answered and false, and the errors, a row for each kind."""
-    from matplotlib.figure import Figure
-
-    from uuv_optical_array.plots.style import mark, plain_log_ticks
-
-    figure = Figure(figsize=(14, 2.4 + 0.27 * max(len(rows), 12)), layout="constrained")
+    figure = new_figure(14, 2.4 + 0.27 * max(len(rows), 12))
     left, middle, right = grid = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 1.5))
     y = np.arange(len(rows))
     counts = np.array([[row["frames"], row["answered"]] for row in rows], float)
@@ -231,7 +225,6 @@ def run(args: argparse.Namespace) -> int:
     rows = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
     complete = len(rows) == len(kinds) and rows[-1]["frames"] == count
     about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
-    from uuv_optical_array.plots.style import save  # matplotlib takes a second
 
     save(draw(rows, about), output)
     if args.json:

@@ -13,6 +13,14 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
+from uuv_optical_array.plots.style import (
+    METHOD_COLOURS,
+    apart,
+    mark,
+    new_figure,
+    number_label,
+    save,
+)
 from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
@@ -113,10 +121,8 @@ MARGIN, LABELS_AT = 0.3, 0.25  # of the axes' width, left of all points: for wor
 
 def draw(rows: Sequence[Measurement], about: str) -> Any:
     """Draw errors against time, every setting a point; return the figure."""
-    from matplotlib.figure import Figure
-
     rows = at_one_speed(rows)
-    figure = Figure(figsize=(14, 9.6), layout="constrained")
+    figure = new_figure(14, 9.6)
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 1])
     for place, name in enumerate(ERRORS):
         _draw_panel(figure.add_subplot(grid[0, place]), rows, name)
@@ -207,8 +213,6 @@ def _heights(axes: Any, values: Sequence[float]) -> list[float]:
 
 def _draw_floors(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     """Mark each array's bound on the right edge, the labels spread so that none overlaps."""
-    from uuv_optical_array.plots.style import apart
-
     column = f"floor_{ERRORS[name][0]}"
     bounds = {(row.shape, row.detectors_per_side): getattr(row, column) for row in rows}
     items = sorted(bounds.items(), key=lambda item: item[1])
@@ -226,8 +230,6 @@ def _draw_floors(axes: Any, rows: Sequence[Measurement], name: str) -> None:
 
 def _draw_front(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     """Draw the front as steps, its points with their numbers."""
-    from uuv_optical_array.plots.style import apart, number_label
-
     column = ERRORS[name][0]
     on_front = fronts(rows)[name]
     members = [(number, rows[i]) for number, i in enumerate(numbered(rows), 1) if on_front[i]]
@@ -241,7 +243,6 @@ def _draw_front(axes: Any, rows: Sequence[Measurement], name: str) -> None:
 
 
 def _draw_legend(axes: Any, rows: Sequence[Measurement]) -> None:
-    from uuv_optical_array.plots.style import METHOD_COLOURS, mark
 
     axes.set_axis_off()
     methods = [method for method in METHOD_COLOURS if any(row.method == method for row in rows)]
@@ -298,7 +299,6 @@ def run(args: argparse.Namespace) -> int:
         f"scene {scene.name}, {origin.frames} frames each; {origin.machine}, "
         f"load average {min(loads):.1f} to {max(loads):.1f}"
     )
-    from uuv_optical_array.plots.style import save
 
     figure = draw(rows, about)
     pictures = [folder / f"tradeoff{suffix}" for suffix in (".png", ".pdf")]

@@ -15,22 +15,19 @@ from scipy.stats import kstest, norm, uniform
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import approach
-from uuv_optical_array.studies.approach import (
-    METHODS,
-    ApproachErrors,
-    all_cases,
-    as_object,
-    by_docking,
-    simulate,
-)
-from uuv_optical_array.studies.approach_cases import (
+from uuv_optical_array.studies import approach, approach_runs
+from uuv_optical_array.studies.approach import all_cases, as_object
+from uuv_optical_array.studies.approach_runs import (
     CASES,
     FRAMES,
+    METHODS,
+    ApproachErrors,
     Choices,
     assumed_scene,
+    by_docking,
     draw_offsets,
     expose,
+    simulate,
 )
 
 WIDTH = 10.23  # 1 % of 1023 counts
@@ -272,9 +269,9 @@ def test_an_interrupt_before_the_first_runs_measures_nothing(
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(approach, "calibrate", interrupted)
+    monkeypatch.setattr(approach_runs, "calibrate", interrupted)
     run("--scene", tank_file, *words, "--output", tmp_path / "none.png", code=130)
-    assert "interrupted: nothing measured" in capsys.readouterr().out
+    assert "interrupted" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

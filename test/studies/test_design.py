@@ -23,18 +23,17 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import apart
 from uuv_optical_array.studies import design_score
 from uuv_optical_array.studies.design_picture import draw
-from uuv_optical_array.studies.design_score import Choice, Score, ScoredDesign, front
+from uuv_optical_array.studies.design_score import Choice, ScoredDesign, front
 from uuv_optical_array.studies.design_sweep import Design, designed
 from uuv_optical_array.studies.shared.results import Results
 
-COLUMNS = [field.name for field in dataclasses.fields(Score)]
+COLUMNS = [field.name for field in dataclasses.fields(ScoredDesign)][5:]
 
 
 def row_of(side, position_m, angle_deg, **changes):
     values = dict.fromkeys(COLUMNS, 1.0) | {"position_m": position_m, "angle_deg": angle_deg}
-    return ScoredDesign(
-        dataclasses.replace(PLANAR, detectors_per_side=side, **changes), Score(**values)
-    )
+    design = dataclasses.replace(PLANAR, detectors_per_side=side, **changes)
+    return ScoredDesign(**vars(design), **values)
 
 
 @given(
@@ -55,43 +54,41 @@ def test_the_front_stands_for_all_and_none_of_it_for_another(points, order):
     assert not any(stands_for(one, row) and max_ratio(one, row) < 1.1 - 1e-9 for one, row in pairs)
     assert [r.design.detectors for r in found] == sorted(r.design.detectors for r in found)
     order.shuffle(rows)
-    assert len({row.score for row in front(rows)} ^ {row.score for row in found}) == 0
+    bounds = {(row.position_m, row.angle_deg) for row in found}
+    assert {(row.position_m, row.angle_deg) for row in front(rows)} == bounds
 
 
 def max_ratio(one, other):
-    return max(
-        one.score.position_m / other.score.position_m, one.score.angle_deg / other.score.angle_deg
-    )
+    return max(one.position_m / other.position_m, one.angle_deg / other.angle_deg)
 
 
 def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     wide = row_of(3, 0.01, 0.1, width_m=0.5)
     fits = row_of(3, 0.1, 1.0, width_m=0.4)
-    score = dataclasses.replace(fits.score, position_m=0.2, shift_near_deg=15.0, yaw_near_deg=15.0)
-    resolved = ScoredDesign(dataclasses.replace(fits.design, width_m=0.3), score)
-    paper = ScoredDesign(
-        Design("curved", 5, 0.4, 0.32, 8.0), dataclasses.replace(score, yaw_near_deg=14.9)
-    )
+    passing = {"position_m": 0.2, "shift_near_deg": 15.0, "yaw_near_deg": 15.0}
+    resolved = dataclasses.replace(fits, width_m=0.3, **passing)
+    papers = {**vars(Design("curved", 5, 0.4, 0.32, 8.0)), "yaw_near_deg": 14.9}
+    paper = dataclasses.replace(resolved, **papers)
     choice = Choice(study_of(), [wide, fits, resolved, paper])
     assert choice.fronts == {"fits": [fits], "resolved": [resolved], "any": [wide]}
-    assert resolved.score.resolved_at_4m
-    assert not paper.score.resolved_at_4m
+    assert resolved.resolved_at_4m
+    assert not paper.resolved_at_4m
     assert choice.numbered == [fits, resolved, wide, paper]
     assert choice.standing == ["fits", "resolved", "any", "none; the paper's array"]
     # With another lamp it is the paper's array still, but not listed for its own sake.
-    other = ScoredDesign(dataclasses.replace(paper.design, beam_sigma_deg=6.0), paper.score)
+    other = dataclasses.replace(paper, beam_sigma_deg=6.0)
     assert other.is_papers_array
     assert other not in Choice(study_of(), [*choice.rows, other]).numbered
 
 
 def test_designs_that_meet_the_criterion_are_counted_with_and_without_noise():
     row, values = row_of(3, 0.1, 1.0), {"shift_near_deg": 15.0, "yaw_near_deg": 15.0}
-    near = dataclasses.replace(row.score, **values)
+    near = dataclasses.replace(row, **values)
     far = dataclasses.replace(near, shift_deg=15.0, yaw_deg=15.0, shift_sigmas=3.0, yaw_sigmas=2.9)
     clear = dataclasses.replace(far, yaw_sigmas=3.0)
-    rows = [row, *(ScoredDesign(row.design, score) for score in (near, far, clear))]
+    rows = [row, near, far, clear]
     assert Choice(study_of(), rows).resolved_counts == (3, 2, 1)
-    assert [row.score.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
+    assert [row.resolved for row in rows] == ["none", "4 m", "4 to 8 m", "4 to 8 m"]
 
 
 run = functools.partial(command_line.run, "study", "design")
@@ -150,11 +147,11 @@ def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, whole_file, 
 
 def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file, heard):
     shutil.copy(whole_file, tmp_path)
-    whole = {row.design: row.score for row in scored(tmp_path / "whole.csv", study_of())}
+    whole = {row.design: row for row in scored(tmp_path / "whole.csv", study_of())}
     few = dataclasses.replace(SMALL, shape=("curved",), width_m=(0.4,), beam_sigma_deg=(6.0,))
     alone = scored(tmp_path / "few.csv", study_of(sweep=few))
     assert 0 < len(alone) < len(whole)
-    assert all(str(whole[row.design]) == str(row.score) for row in alone)
+    assert all(str(whole[row.design]) == str(row) for row in alone)
     # A sweep that is part of what is there scores nothing, and loses nothing.
     heard.clear()
     before = (tmp_path / "whole.csv").read_bytes()
@@ -208,15 +205,15 @@ def test_the_command_is_interrupted_goes_on_and_tells(
     assert told["files"] == ["follow.design.csv", "follow.design.png"]
     study = study_of()
     rows = scored(whole_file, study)
-    assert [d["position_m"] for d in told["designs"]] == [r.score.position_m for r in rows]
-    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.score.resolved_at_4m for r in rows]
+    assert [d["position_m"] for d in told["designs"]] == [r.position_m for r in rows]
+    assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.resolved_at_4m for r in rows]
     assert [rows[i].design for i in told["papers_array"]] == [
         Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
     ]
     assert [rows[i] for i in told["numbered"]] == Choice(study, rows).numbered
     table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
     assert len(table) == 20
-    np.testing.assert_array_equal(table["angle_deg"], [r.score.angle_deg for r in rows])
+    np.testing.assert_array_equal(table["angle_deg"], [r.angle_deg for r in rows])
     assert set(table["seed"]) == {1}
     assert matplotlib.image.imread("follow.design.png").shape[:2] == (1170, 1260)
     taken = load_scene("follow.design.2.yaml")
@@ -247,7 +244,7 @@ def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
 )
 def test_any_study_can_be_drawn(designs):
     values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}
-    rows = [ScoredDesign(design, Score(**values)) for design in designs]
+    rows = [ScoredDesign(**vars(design), **values) for design in designs]
     figure = draw(Choice(study_of(), rows))
     figure.draw_without_rendering()
     dots = figure.subfigs[0].axes[0].collections[0].get_offsets()

@@ -1,12 +1,14 @@
 """Where a command writes; it is checked before the work begins, so that no result is lost."""
 
+import argparse
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.cli.options import OptionError
+from uuv_optical_array.cli.options import INTERRUPTED, OptionError
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.plots.style import KINDS
 
 PICTURE = tuple(KINDS)
@@ -26,6 +28,12 @@ def add_picture(
     )
 
 
+def add_folder(parser: Any, about: str, option: str = "--output") -> None:
+    """Add the option that names a folder."""
+    names = ("-o", option) if option == "--output" else (option,)
+    parser.add_argument(*names, type=Path, metavar="DIR", help=about)
+
+
 def add_scene_file(parser: Any, default: str) -> None:
     """Add the option that names the scene to write."""
     parser.add_argument(
@@ -36,6 +44,19 @@ def add_scene_file(parser: Any, default: str) -> None:
         metavar="FILE",
         help="scene to write (default: %(default)s)",
     )
+
+
+def finish(
+    args: argparse.Namespace, result: Mapping[str, Any], text: str, interrupted: str = ""
+) -> int:
+    """Print a result, as JSON where the options say so, and return the exit code.
+
+    `interrupted` says, for the text, what is missing after Ctrl-C; empty: nothing is.
+    """
+    print(json_text(result) if args.json else text)
+    if interrupted and not args.json:
+        print(f"interrupted: {interrupted}")
+    return INTERRUPTED if interrupted else 0
 
 
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:

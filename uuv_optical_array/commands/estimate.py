@@ -5,7 +5,6 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 
@@ -45,13 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--track", action="store_true", help="filter the frames, and estimate the scene's constants"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder to make (default: that of the bag with _estimates)",
-    )
+    outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -69,12 +69,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="ROS parameters; what the file leaves out keeps its default (default: none)",
     )
     outputs.add_picture(parser, "follow.png")
-    parser.add_argument(
-        "--record",
-        type=Path,
-        metavar="DIR",
-        help="write what the nodes publish as a bag, MCAP, to a new folder",
-    )
+    about = "write what the nodes publish as a bag, MCAP, to a new folder"
+    outputs.add_folder(parser, about, "--record")
 
 
 def live_line(record: FollowRecord, elapsed_s: float) -> Text:

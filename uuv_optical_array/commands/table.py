@@ -2,7 +2,6 @@
 
 import argparse
 import time
-from pathlib import Path
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.estimation.large_table import build_large_table
@@ -34,9 +33,7 @@ examples:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="folder to write (default: SCENE.zarr here)"
-    )
+    outputs.add_folder(parser, "folder to write (default: SCENE.zarr here)")
     parser.add_argument(
         "--workers",
         metavar="N|ADDRESS",

@@ -12,7 +12,6 @@ from scipy.special import gammaincinv
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
@@ -281,14 +280,11 @@ def run(args: argparse.Namespace) -> int:
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
         result = measure(estimator, poses, images, progress.over)
         text = report(result)
-    if args.json:
-        keys = ("method", "seed", "drawn", "moving")
-        about = {"scene": scene.name, "shape": scene.array.shape}
-        print(json_text({**about, **{key: getattr(args, key) for key in keys}, **result}))
-        return 0
+    about: dict[str, Any] = {"scene": scene.name, "shape": scene.array.shape}
+    about |= {key: getattr(args, key) for key in ("method", "seed", "drawn", "moving")}
     drawn = ", nuisances drawn" * args.drawn + ", at random times" * args.moving
-    print(
+    head = (
         f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
-        f"{result['poses']} random poses, seed {seed}{drawn}\n\n{text}"
+        f"{result['poses']} random poses, seed {seed}{drawn}"
     )
-    return 0
+    return outputs.finish(args, {**about, **result}, f"{head}\n\n{text}")

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.cli import options
+from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
@@ -158,15 +157,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for name, (quantity, default) in NEEDS.items():
         options.add_number(parser, name, quantity, default)
     options.add_json(parser)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder of `uuv_array study tradeoff` (default: SCENE.tradeoff here, else the cache)",
+    outputs.add_folder(
+        parser,
+        "folder of `uuv_array study tradeoff` (default: SCENE.tradeoff here, else the cache)",
     )
 
 
-def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin | None, list[Measurement], bool]:
+def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin, list[Measurement], bool]:
     """Return the measurements of this scene and machine: folder, origin, rows, and if complete."""
     origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
     if origin is not None and origin.is_here(scene):
@@ -180,11 +177,7 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin | None, list[Mea
     name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
     folder = files.cache_dir() / "tradeoff" / name
     measured = TradeoffRun(scene, "quick", SEED, folder, plan(scene, "quick"))
-    complete = True
-    try:
-        measured.measure()
-    except KeyboardInterrupt:
-        complete = False
+    complete = measured.measure()
     return folder, measured.origin, measured.rows, complete
 
 
@@ -194,9 +187,6 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
     folder, origin, rows, complete = _measured(scene, given)
-    if not rows or origin is None:
-        print("interrupted: nothing measured")
-        return options.INTERRUPTED
     row, excess = advise(rows, need)
     about = {
         "measured": str(folder / SETTINGS_CSV),
@@ -204,25 +194,19 @@ def run(args: argparse.Namespace) -> int:
         "load_average": max(row.load_average for row in rows),
         "complete": complete,
     }
-    if args.json:
-        result = {
-            "scene": scene.name,
-            "asked": dataclasses.asdict(need),
-            "met": not excess,
-            "lacks": excess,
-            "found": row.columns(),
-            "change": settings_of(scene, row),
-            **about,
-        }
-        print(json_text(result))
-    else:
-        print(report(scene, need, row, excess))
-        print(
-            f"\nof {len(rows)} settings, {origin.frames} frames each, load average up to "
-            f"{about['load_average']:.1f}: {about['measured']}"
-        )
-        if not complete:
-            print("interrupted: some settings are not measured yet")
-    if not complete:
-        return options.INTERRUPTED
-    return 1 if excess else 0
+    result = {
+        "scene": scene.name,
+        "asked": dataclasses.asdict(need),
+        "met": not excess,
+        "lacks": excess,
+        "found": row.columns(),
+        "change": settings_of(scene, row),
+        **about,
+    }
+    text = (
+        f"{report(scene, need, row, excess)}\n\n"
+        f"of {len(rows)} settings, {origin.frames} frames each, load average up to "
+        f"{about['load_average']:.1f}: {about['measured']}"
+    )
+    missing = "" if complete else "some settings are not measured yet"
+    return outputs.finish(args, result, text, missing) or bool(excess)

@@ -3,46 +3,29 @@
 import argparse
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import json_text
-from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.tracking.settings import TrackerSettings
-from uuv_optical_array.estimation.tracking.tracker import Tracker
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
-from uuv_optical_array.studies.approach_cases import (
+from uuv_optical_array.studies.approach_runs import (
     CASES,
     FRAMES,
+    METHODS,
     RANGES_M,
-    STEP_S,
-    TIMES_S,
+    ApproachErrors,
     Case,
     Choices,
     Noise,
-    assumed_scene,
-    draw_offsets,
-    expose,
+    simulate,
 )
-from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
 from uuv_optical_array.studies.shared.errors import by_column
-from uuv_optical_array.studies.shared.published import (
-    MomentCalibration,
-    calibrate,
-    dead_reckoned,
-    measure_moments,
-)
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 DESCRIPTION = """\
 Repeat the Monte Carlo of Eren et al. (Sensors 2017): a follower closes from 8.5 m to 4.5 m behind a
@@ -61,125 +44,8 @@ examples:
 Ctrl-C ends it early and reports the complete runs."""
 
 HALF, SEED = 0.5, 1
-BATCH = 20
-# The simulated vehicle holds its speed and does not drift.
-DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
-METHODS = ("moments", "least_squares", "tracker", "docking")
 SIGMA_95 = 1.96
 WIDE_BEAM_DEG = 15.0
-
-
-@dataclasses.dataclass(frozen=True)
-class ApproachErrors:
-    """The errors in n runs of a case, m and rad.
-
-    `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
-    the Cramer-Rao bound of a single frame with the prior of lamp and water, `run_bound` that of all
-    frames so far and the motion of `DOCKING`, both ``(FRAMES, 5)``.
-    """
-
-    errors: Mapping[str, Array]
-    bound: Array
-    run_bound: Array
-
-    @property
-    def runs(self) -> int:
-        """How many runs there are."""
-        return len(self.errors[METHODS[0]])
-
-    def mean(self, method: str) -> Array:
-        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
-        return np.asarray(np.nanmean(self.errors[method], axis=0))
-
-    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
-        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
-        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
-        # The slow way only where a frame has no pose.
-        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
-        return np.asarray(percentile(errors, 95, axis=0))
-
-    def ratio(self, method: str) -> Array:
-        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
-        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
-
-    def without_pose(self, method: str) -> int:
-        """Count the frames without a pose."""
-        return int(np.isnan(self.errors[method][..., 0]).sum())
-
-
-def simulate(
-    scene: Scene,
-    case: Case,
-    choices: Choices,
-    runs: int,
-    rng: np.random.Generator,
-    done: Callable[[int], object] = lambda runs: None,
-    batch: int = BATCH,
-) -> ApproachErrors:
-    """Run a case by every method, `batch` runs at a time.
-
-    `rng` is the source of calibration, offsets and noise; `done` is called with the number of runs
-    after every batch. Ctrl-C ends it with the complete batches, and is raised before the first.
-    """
-    model = ForwardModel(assumed_scene(scene, case, choices))
-    moments = calibrate(model, rng)
-    estimator = Estimator(model.scene, "least_squares").wait()
-    batches: list[dict[str, Array]] = []
-    try:
-        for start in range(0, runs, batch):
-            count = min(batch, runs - start)
-            offsets = draw_offsets(choices, count, rng)
-            images = expose(model, case.path, offsets, choices.noise, rng)
-            single, tracked = _by_least_squares(estimator, images)
-            smoother = DockingSmoother(model, STEP_S, DOCKING)
-            poses = (
-                _by_moments(moments, images),
-                single,
-                tracked,
-                by_docking(smoother, images, single[:, 0]),
-            )
-            batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
-            done(count)
-    except KeyboardInterrupt:
-        if not batches:
-            raise
-    return ApproachErrors(
-        {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
-        cramer_rao_bound(model, case.path).std,
-        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
-    )
-
-
-def _by_moments(calibration: MomentCalibration, images: Array) -> Array:
-    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
-    return dead_reckoned(calibration.poses(measure_moments(images, calibration.spacing_m)))
-
-
-def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
-    """Estimate all frames of all runs, as single images and as a track."""
-    scene, runs = estimator.scene, len(images)
-    single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
-    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
-    for run_number in range(runs):
-        tracker = Tracker(TrackerSettings())
-        for frame in range(FRAMES):
-            at = run_number, frame
-            with suppress(NoPose):
-                estimate = estimator.estimate(images[at], parameters[at])
-                single[at] = estimate.pose
-                stamp_ns = round(TIMES_S[frame] * 1e9)
-                tracked[at] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
-    return single, tracked
-
-
-def by_docking(smoother: DockingSmoother, images: Array, first: Array) -> Array:
-    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
-    poses = np.full((len(images), FRAMES, 5), np.nan)
-    started = np.flatnonzero(~np.isnan(first[:, 0]))
-    if len(started):
-        for frame in range(FRAMES):
-            poses[started, frame], _ = smoother.update(images[started, frame], first[started])
-    return poses
 
 
 def choices_named(names: Sequence[str]) -> Choices:
@@ -213,13 +79,10 @@ def all_cases(
 ) -> Iterator[tuple[str, ApproachErrors]]:
     """Yield the errors of case after case, each from the same seed.
 
-    An interrupt ends it with the complete runs, so the last case may have fewer.
+    After Ctrl-C the last one is of fewer runs; Ctrl-C before its first is raised.
     """
     for name, case in CASES.items():
-        try:
-            result = simulate(scene, case, choices, runs, np.random.default_rng(seed), done)
-        except KeyboardInterrupt:
-            return
+        result = simulate(scene, case, choices, runs, np.random.default_rng(seed), done)
         yield name, result
         if result.runs < runs:
             return
@@ -287,20 +150,15 @@ def report(name: str, case: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def compare(scene: Scene, runs: int, seed: int) -> list[dict[str, Any]]:
-    """Run every choice in every case; an interrupt ends it with the rows so far."""
-    rows: list[dict[str, Any]] = []
+def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield every choice in every case, as `as_object`; Ctrl-C ends it as it ends `all_cases`."""
     plans = alternatives(scene)
     with progress.counter(total=runs * len(plans) * len(CASES), unit="run") as bar:
         for choice, (tank, choices) in plans.items():
-            results = dict(all_cases(tank, choices, runs, seed, bar.update))
-            rows += [
-                {"choice": choice, "case": name, **as_object(CASES[name], result)}
-                for name, result in results.items()
-            ]
-            if len(results) < len(CASES) or rows[-1]["runs"] < runs:
-                break
-    return rows
+            for name, result in all_cases(tank, choices, runs, seed, bar.update):
+                yield {"choice": choice, "case": name, **as_object(CASES[name], result)}
+                if result.runs < runs:
+                    return
 
 
 def comparison(rows: list[dict[str, Any]]) -> str:
@@ -399,27 +257,15 @@ def run(args: argparse.Namespace) -> int:
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
     if args.choices == []:
-        rows = compare(scene, runs, SEED)
-        if not rows:
-            print("interrupted: nothing measured")
-            return options.INTERRUPTED
-        print(json_text({**origin, "rows": rows}) if args.json else comparison(rows))
-        return 0
+        rows = until_interrupted(compare(scene, runs, SEED))
+        return outputs.finish(args, {**origin, "rows": rows}, comparison(rows))
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
-        results = dict(all_cases(scene, choices, runs, SEED, bar.update))
-    if not results:
-        print("interrupted: nothing measured")
-        return options.INTERRUPTED
-
+        results = dict(until_interrupted(all_cases(scene, choices, runs, SEED, bar.update)))
     cases = {name: as_object(CASES[name], result) for name, result in results.items()}
     offsets = "half" if choices.offset_share == HALF else "whole"
     about = f"noise {choices.noise}, offsets {offsets}, seed {SEED}"
     save(draw(results, about), output)
-    if args.json:
-        origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases}
-        print(json_text({**origin, "picture": str(output)}))
-    else:
-        print(f"scene {scene.name}; {about}\n")
-        print("\n\n".join(report(name, case) for name, case in cases.items()))
-        print(f"picture: {output}")
-    return 0
+    origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases, "picture": str(output)}
+    tables = "\n\n".join(report(name, case) for name, case in cases.items())
+    text = f"scene {scene.name}; {about}\n\n{tables}\npicture: {output}"
+    return outputs.finish(args, origin, text)

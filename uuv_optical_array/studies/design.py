@@ -6,7 +6,6 @@ from typing import Annotated
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.settings import Quantity, check
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene, scene_from_settings
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.studies.design_picture import draw
@@ -39,32 +38,10 @@ that are no more than 10 % larger. Ctrl-C ends it early and draws what there is.
 
 
 def report(choice: Choice) -> str:
-    """Return the Pareto-optimal designs as a table, and how many meet the criterion."""
-    heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
-    line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
-    lines = [
-        line.format("no", "design", *heads),
-        line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
-    ]
-    listed = zip(choice.numbered, choice.standing, strict=True)
-    for number, (row, standing) in enumerate(listed, start=1):
-        score = row.score
-        values = (
-            row.design.label,
-            f"{score.position_m:.3f}",
-            f"{score.angle_deg:.2f}",
-            f"{100 * score.lit:.0f}",
-            f"{score.shift_near_deg:.1f}, {score.yaw_near_deg:.1f}",
-            f"{score.shift_deg:.1f}, {score.yaw_deg:.1f}",
-            f"{score.sigmas:.1f}",
-            score.resolved,
-            standing,
-        )
-        lines.append(line.format(number, *values))
+    """Return the designs that are listed, and how many meet the criterion."""
     near, far, clear = choice.resolved_counts
-    table = "\n".join(lines)
     return (
-        f"{table}\n\n"
+        f"{choice.table()}\n\n"
         f"{near} of {len(choice.rows)} designs tell 0.2 m and 10 deg apart by 15 deg at 4 m, "
         f"{far} from 4 to 8 m;\nof these, {clear} by {CLEAR_SIGMAS:g} or more standard "
         "deviations of their signature's noise"
@@ -121,7 +98,6 @@ def run(args: argparse.Namespace) -> int:
             raise
     choice = Choice(study, study.swept(results))
     done, count = len(choice.rows), len(sweep.designs())
-
     save(draw(choice), picture)
     written = [csv, picture]
     if args.take is not None:
@@ -134,11 +110,8 @@ def run(args: argparse.Namespace) -> int:
         taken = scene_from_settings(taken.settings(), written[-1].stem)
         about = f"{design.label}, by uuv_array study design from {scene.name}"
         save_scene(taken, written[-1], about)
-    if args.json:
-        names = [str(path) for path in written]
-        print(json_text({"complete": done == count, **choice.as_object(), "files": names}))
-    else:
-        print(f"{report(choice)}\n{done} designs: {', '.join(map(str, written))}")
-        if done < count:
-            print(f"interrupted: {done} of {count} designs; the same command resumes it")
-    return 0 if done == count else options.INTERRUPTED
+    names = [*map(str, written)]
+    result = {"complete": done == count, **choice.as_object(), "files": names}
+    text = f"{report(choice)}\n{done} designs: {', '.join(names)}"
+    missing = f"{done} of {count} designs; the same command resumes it" * (done < count)
+    return outputs.finish(args, result, text, missing)

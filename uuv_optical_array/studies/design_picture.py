@@ -49,15 +49,15 @@ def draw(choice: Choice) -> Any:
         _all_designs(axes, choice, named, name)
     by_beam, by_radius, criterion = parts[1].subplots(1, 3)
     _close_up(by_beam, by_radius, study, rows)
-    _dots(
-        criterion, [min(row.score.shift_deg, row.score.yaw_deg) for row in rows], rows, "angle_deg"
-    )
+    _dots(criterion, [min(row.shift_deg, row.yaw_deg) for row in rows], rows, "angle_deg")
     _levels(criterion, "angle_deg")
     criterion.axvline(THRESHOLD_DEG, color="k", lw=1)
     criterion.set_xlabel("least spectral angle of 0.2 m and 10 deg, 4 to 8 m (deg)")
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
     left, right = parts[2].subplots(1, 2, gridspec_kw={"width_ratios": [2.2, 1]})
-    _key(left, choice, named)
+    left.set_axis_off()
+    words: dict[str, Any] = {"family": "monospace", "fontsize": 7.5, "linespacing": 1.3}
+    left.text(0, 1, choice.table(named), va="top", in_layout=False, **words)
     _legend(right, study.scene.array.width_m)
     figure.suptitle(
         f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}\n"
@@ -80,23 +80,23 @@ def _levels(axes: Any, name: str) -> None:
 
 def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str) -> None:
     """Draw designs as pale dots, coloured by their shape."""
-    colours = [SHAPE_COLOURS[row.design.shape] for row in rows]
-    y = [getattr(row.score, name) for row in rows]
+    colours = [SHAPE_COLOURS[row.shape] for row in rows]
+    y = [getattr(row, name) for row in rows]
     axes.scatter(x, y, s=9, c=colours, alpha=0.3, lw=0, zorder=2)
 
 
 def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
     """Draw every design by its number of detectors, the fronts, and the numbers of the named."""
     rows = choice.rows
-    sides = sorted({row.design.detectors_per_side for row in rows})
-    widths = sorted({row.design.width_m for row in rows})
+    sides = sorted({row.detectors_per_side for row in rows})
+    widths = sorted({row.width_m for row in rows})
 
     def bound(row: ScoredDesign) -> float:
-        return float(getattr(row.score, name))
+        return float(getattr(row, name))
 
     def place(row: ScoredDesign) -> float:
-        share = (widths.index(row.design.width_m) + 0.5) / len(widths) - 0.5
-        return sides.index(row.design.detectors_per_side) + CENTRE[row.design.shape] + BAND * share
+        share = (widths.index(row.width_m) + 0.5) / len(widths) - 0.5
+        return sides.index(row.detectors_per_side) + CENTRE[row.shape] + BAND * share
 
     _dots(axes, [place(row) for row in rows], rows, name)
     _levels(axes, name)
@@ -108,7 +108,7 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
     for front_name, style in (("fits", "-"), ("any", "--")):
         # Of each number of detectors the best; the last of a key stays.
         on_front = sorted(choice.fronts[front_name], key=bound, reverse=True)
-        best = {row.design.detectors_per_side: row for row in on_front}
+        best = {row.detectors_per_side: row for row in on_front}
         line = [best[side] for side in sorted(best)]
         axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=style, lw=1.2, zorder=2.5)
     low, high = np.log(axes.get_ylim())
@@ -116,12 +116,12 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         of_side = sorted(
             (bound(row), number, row)
             for number, row in named.items()
-            if row.design.detectors_per_side == side
+            if row.detectors_per_side == side
         )
         heights = [(np.log(y) - low) / (high - low) for y, *_ in of_side]
         for (y, number, row), height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
             point = place(row), y
-            axes.plot(*point, "o", color=SHAPE_COLOURS[row.design.shape], ms=6, mec="k", zorder=3)
+            axes.plot(*point, "o", color=SHAPE_COLOURS[row.shape], ms=6, mec="k", zorder=3)
             at = (i + 0.5 + LANE) / len(sides), height
             number_label(axes, number, point, at, ha="right")
 
@@ -133,18 +133,18 @@ def _close_up(
     own = Design.of(study.scene)
 
     def nearest(name: str, wanted: float) -> Any:
-        values = {getattr(row.design, name) for row in rows}
+        values = {getattr(row, name) for row in rows}
         return min(values, key=lambda value: abs(value - wanted))
 
     side = nearest("detectors_per_side", CLOSE_UP_SIDE)
     width, sigma = nearest("width_m", own.width_m), nearest("beam_sigma_deg", own.beam_sigma_deg)
-    close = [row for row in rows if row.design.detectors_per_side == side]
-    of_width = [row for row in close if row.design.width_m == width]
+    close = [row for row in rows if row.detectors_per_side == side]
+    of_width = [row for row in close if row.width_m == width]
     _lines(by_beam, of_width, "beam_sigma_deg", "radius_m", "radius {:g} m", "viridis")
     by_beam.set(
         xlabel="standard deviation of the beam (deg)", title=f"{side} x {side} on {width:g} m"
     )
-    of_sigma = [r for r in close if r.design.radius_m and r.design.beam_sigma_deg == sigma]
+    of_sigma = [r for r in close if r.radius_m and r.beam_sigma_deg == sigma]
     _lines(by_radius, of_sigma, "radius_m", "width_m", "{:g} m wide", "cividis")
     by_radius.set(
         xlabel="radius of the sphere (m)", title=f"{side} x {side}, beam of {sigma:g} deg"
@@ -157,7 +157,7 @@ def _lines(
     """Draw the bound on the position against a setting, a line for each value of another one."""
     from matplotlib.ticker import NullLocator
 
-    groups = {getattr(row.design, group_name) for row in rows}
+    groups = {getattr(row, group_name) for row in rows}
     values = sorted(groups - {None})
     palette = shades(cmap, 0, 0.88, len(values))
     styles = [(value, label.format(value), c) for value, c in zip(values, palette, strict=True)]
@@ -166,48 +166,20 @@ def _lines(
     for value, text, colour in styles:
         x, y = zip(
             *sorted(
-                (getattr(row.design, x_name), row.score.position_m)
+                (getattr(row, x_name), row.position_m)
                 for row in rows
-                if getattr(row.design, group_name) == value
+                if getattr(row, group_name) == value
             ),
             strict=True,
         )
         axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
     _levels(axes, "position_m")
     axes.set_xscale("log")
-    ticks = sorted({getattr(row.design, x_name) for row in rows})
+    ticks = sorted({getattr(row, x_name) for row in rows})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     if rows:
         axes.legend(fontsize=9, loc="best", framealpha=0.85)
-
-
-def _key(axes: Any, choice: Choice, named: dict[int, ScoredDesign]) -> None:
-    """List the designs that are named, and their scores."""
-    axes.set_axis_off()
-    line = "{:>2}  {:<6}{:>8}{:>7}{:>7}{:>6}{:>10}{:>7}  {:<8}{}"
-    lines = [
-        line.format("", "", "", "width", "radius", "beam", "position", "angle", "15 deg", "front"),
-        line.format("", "", "", "m", "m", "deg", "m", "deg", "at", ""),
-    ]
-    for number, row in named.items():
-        design, score = row.design, row.score
-        side = design.detectors_per_side
-        lines.append(
-            line.format(
-                number,
-                design.shape,
-                f"{side} x {side}",
-                f"{design.width_m:g}",
-                "-" if design.radius_m is None else f"{design.radius_m:g}",
-                f"{design.beam_sigma_deg:g}",
-                f"{score.position_m:.3f}",
-                f"{score.angle_deg:.2f}",
-                score.resolved,
-                choice.standing[number - 1],
-            )
-        )
-    axes.text(0, 1, "\n".join(lines), family="monospace", fontsize=10, va="top", linespacing=1.3)
 
 
 def _legend(axes: Any, width_m: float) -> None:

@@ -7,7 +7,7 @@ score means.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -31,7 +31,7 @@ from uuv_optical_array.forward.working_volume import (
 from uuv_optical_array.studies.design_sweep import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.pareto import thinned_front
-from uuv_optical_array.studies.shared.results import Flat, Results
+from uuv_optical_array.studies.shared.results import Line, Results
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     WANTED,
@@ -56,8 +56,8 @@ BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
 
 
 @dataclass(frozen=True)
-class Score:
-    """What a design is worth.
+class ScoredDesign(Line, Design):
+    """A design and what it is worth.
 
     Spectral angles of the paper's signature are the smaller of both signs, for 0.2 m across
     (``shift``) and for 10 deg of yaw; ``near`` is 4 m behind the lamp, the others are the least at
@@ -107,38 +107,50 @@ class Score:
         """The lesser of `shift_sigmas` and `yaw_sigmas`."""
         return min(self.shift_sigmas, self.yaw_sigmas)
 
+    @property
+    def design(self) -> Design:
+        """The design alone."""
+        return Design(
+            **{field.name: vars(self)[field.name] for field in dataclasses.fields(Design)}
+        )
 
-def score(scene: Scene, poses: Array, rng: np.random.Generator) -> Score:
+    @property
+    def is_papers_array(self) -> bool:
+        """Whether it has the array that the paper chooses, whatever its lamp."""
+        return vars(self) | PAPER == vars(self)
+
+    def columns(self) -> dict[str, Any]:
+        """Return the values by column."""
+        return {
+            **vars(self),
+            "detectors": self.detectors,
+            "resolved_at_4_m": self.resolved_at_4m,
+            "resolved_4_to_8_m": self.resolved_4_to_8m,
+        }
+
+
+def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     """Score the array and lamp of a scene.
 
     The bound is taken at `poses` ``(n, 5)``, the same for designs that are compared; `rng` is of
     the noise.
     """
     model = ForwardModel(scene)
-    shift, yaw = (separations(scene, motion) for motion in WANTED)
-    noise = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
-    noise = np.where(noise > ROUNDING_DEG, noise, 0.0)
+    moved_deg = np.array([separations(scene, motion) for motion in WANTED])
+    noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
     with np.errstate(divide="ignore", invalid="ignore"):
-        shift_sigmas, yaw_sigmas = shift / noise, yaw / noise
+        sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
+    near_and_least = [(values[:, 0], values.min(axis=1)) for values in (moved_deg, sigmas)]
     known, alone, lit = bounds(model, poses)
-    position_m, angle_deg = position_and_angle(known)
-    lit_position_m, lit_angle_deg = position_and_angle(alone[lit])
-    return Score(
-        reference_counts=scene.lamp.reference_counts,
-        shift_near_deg=float(shift[0]),
-        yaw_near_deg=float(yaw[0]),
-        shift_deg=float(shift.min()),
-        yaw_deg=float(yaw.min()),
-        shift_near_sigmas=float(shift_sigmas[0]),
-        yaw_near_sigmas=float(yaw_sigmas[0]),
-        shift_sigmas=float(shift_sigmas.min()),
-        yaw_sigmas=float(yaw_sigmas.min()),
-        position_m=position_m,
-        angle_deg=angle_deg,
-        lit=float(lit.mean()),
-        lit_position_m=lit_position_m,
-        lit_angle_deg=lit_angle_deg,
-    )
+    values: list[Any] = [
+        *vars(Design.of(scene)).values(),
+        scene.lamp.reference_counts,
+        *np.ravel(near_and_least).tolist(),
+        *position_and_angle(known),
+        float(lit.mean()),
+        *position_and_angle(alone[lit]),
+    ]
+    return ScoredDesign(*values)
 
 
 def separations(scene: Scene, motion: Motion) -> Array:
@@ -197,29 +209,6 @@ def _block(model: ForwardModel) -> int:
 
 
 @dataclass(frozen=True)
-class ScoredDesign(Flat):
-    """A design and its score: a line of the CSV."""
-
-    design: Design
-    score: Score
-
-    def columns(self) -> dict[str, Any]:
-        """Return the values by column."""
-        return {
-            **vars(self.design),
-            "detectors": self.design.detectors,
-            **vars(self.score),
-            "resolved_at_4_m": self.score.resolved_at_4m,
-            "resolved_4_to_8_m": self.score.resolved_4_to_8m,
-        }
-
-    @property
-    def is_papers_array(self) -> bool:
-        """Whether it has the array that the paper chooses, whatever its lamp."""
-        return self.design == dataclasses.replace(self.design, **PAPER)
-
-
-@dataclass(frozen=True)
 class ScoreOrigin:
     """What scores depend on beside their design, as in `DesignStudy`."""
 
@@ -272,7 +261,7 @@ class DesignStudy:
             for i in progress(range(len(left))):
                 scene = designed(self.scene, left[i], self.power, self.mount)
                 noise = np.random.default_rng([self.seed, 1])
-                scored.append(ScoredDesign(left[i], score(scene, poses, noise)))
+                scored.append(score(scene, poses, noise))
         finally:
             if scored:
                 results.append(scored)
@@ -289,10 +278,10 @@ def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
     A design is left out if another one has no more detectors and bounds on position and angle that
     are no more than 10 % larger, or smaller.
     """
-    bounds = [(row.score.position_m, row.score.angle_deg) for row in rows]
-    detectors = [row.design.detectors for row in rows]
+    bounds = [(row.position_m, row.angle_deg) for row in rows]
+    detectors = [row.detectors for row in rows]
     kept = [rows[i] for i in thinned_front(detectors, np.reshape(bounds, (-1, 2)))]
-    return sorted(kept, key=lambda row: (row.design.detectors, row.score.position_m))
+    return sorted(kept, key=lambda row: (row.detectors, row.position_m))
 
 
 @dataclass(frozen=True)
@@ -305,17 +294,15 @@ class Choice:
     @cached_property
     def fronts(self) -> dict[str, list[ScoredDesign]]:
         """Fronts of what is no wider than the scene's array, of what resolves, and of all."""
-        fits = [row for row in self.rows if row.design.width_m <= self.study.scene.array.width_m]
-        resolved = [row for row in fits if row.score.resolved_at_4m]
+        fits = [row for row in self.rows if row.width_m <= self.study.scene.array.width_m]
+        resolved = [row for row in fits if row.resolved_at_4m]
         return {"fits": front(fits), "resolved": front(resolved), "any": front(self.rows)}
 
     @cached_property
     def papers(self) -> list[ScoredDesign]:
         """The paper's array with the scene's lamp, where it is swept."""
         own = self.study.scene.lamp.beam_sigma_deg
-        return [
-            row for row in self.rows if row.is_papers_array and row.design.beam_sigma_deg == own
-        ]
+        return [row for row in self.rows if row.is_papers_array and row.beam_sigma_deg == own]
 
     @cached_property
     def numbered(self) -> list[ScoredDesign]:
@@ -332,12 +319,38 @@ class Choice:
             for row in self.numbered
         ]
 
+    def table(self, numbers: Collection[int] | None = None) -> str:
+        """Return `numbered` as a table, or those of some numbers, from 1."""
+        heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
+        line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
+        lines = [
+            line.format("no", "design", *heads),
+            line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
+        ]
+        listed = zip(self.numbered, self.standing, strict=True)
+        for number, (row, standing) in enumerate(listed, start=1):
+            if numbers is not None and number not in numbers:
+                continue
+            values = (
+                row.label,
+                f"{row.position_m:.3f}",
+                f"{row.angle_deg:.2f}",
+                f"{100 * row.lit:.0f}",
+                f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}",
+                f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}",
+                f"{row.sigmas:.1f}",
+                row.resolved,
+                standing,
+            )
+            lines.append(line.format(number, *values))
+        return "\n".join(lines)
+
     @property
     def resolved_counts(self) -> tuple[int, int, int]:
         """How many meet the criterion at 4 m, from 4 to 8 m, and there beyond noise."""
-        near = sum(row.score.resolved_at_4m for row in self.rows)
-        far = [row.score for row in self.rows if row.score.resolved_4_to_8m]
-        return near, len(far), sum(score.sigmas >= CLEAR_SIGMAS for score in far)
+        near = sum(row.resolved_at_4m for row in self.rows)
+        far = [row for row in self.rows if row.resolved_4_to_8m]
+        return near, len(far), sum(row.sigmas >= CLEAR_SIGMAS for row in far)
 
     def as_object(self) -> dict[str, Any]:
         """Return plain values; None is not known, or has no bound."""

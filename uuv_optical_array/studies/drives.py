@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.cli import options, progress
+from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import json_text, plain
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.model import ForwardModel
@@ -164,14 +164,10 @@ def run(args: argparse.Namespace) -> int:
         for i in progress.over(range(count), unit="drive")
     )
     result, complete = figures(drives), len(drives) == count
-    if args.json:
-        about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
-        print(json_text({**about, **result}))
-    else:
-        print(
-            f"{args.method} in scene {scene.name}, {len(drives)} drives of {seconds:g} s at "
-            f"{rate:g} Hz, seed {seed}\n\n{report(result)}"
-        )
-        if not complete:
-            print("interrupted: only complete drives count")
-    return 0 if complete else options.INTERRUPTED
+    about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
+    head = (
+        f"{args.method} in scene {scene.name}, {len(drives)} drives of {seconds:g} s at "
+        f"{rate:g} Hz, seed {seed}"
+    )
+    missing = "" if complete else "only complete drives count"
+    return outputs.finish(args, {**about, **result}, f"{head}\n\n{report(result)}", missing)

@@ -16,7 +16,6 @@ import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import SHAPE_COLOURS, new_figure, save, shades
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
@@ -311,18 +310,13 @@ def run(args: argparse.Namespace) -> int:
         result.compute(scene, SEED, progress.over)
     except KeyboardInterrupt:
         if not result.points:
-            print("interrupted: nothing computed")
-            return options.INTERRUPTED
+            raise
     picture = None
     if result.has_all_curves:
         picture = str(output)
         save(draw(result.curves, scene.name), output)
-    if args.json:
-        origin = {"scene": scene.name, "seed": SEED, "picture": picture}
-        print(json_text({**origin, **as_object(result)}))
-    else:
-        print(f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n")
-        print(f"picture: {picture}" if picture else "no picture")
-        if not result.complete:
-            print("interrupted: the tables end where the work ended")
-    return 0 if result.complete else options.INTERRUPTED
+    origin = {"scene": scene.name, "seed": SEED, "picture": picture}
+    text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\n"
+    text += f"picture: {picture}" if picture else "no picture"
+    missing = "" if result.complete else "the tables end where the work ended"
+    return outputs.finish(args, {**origin, **as_object(result)}, text, missing)

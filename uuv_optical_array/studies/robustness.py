@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array, Z
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import json_text, plain
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
@@ -227,12 +227,8 @@ def run(args: argparse.Namespace) -> int:
     about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
 
     save(draw(rows, about), output)
-    if args.json:
-        settings = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
-        result = {"complete": complete, "kinds": rows, "picture": str(output)}
-        print(json_text({**settings, **result}))
-    else:
-        print(f"{about}\n\n{report(rows)}\n\npicture: {output}")
-        if not complete:
-            print("interrupted: the table ends where the work ended")
-    return 0 if complete else options.INTERRUPTED
+    result = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
+    result |= {"complete": complete, "kinds": rows, "picture": str(output)}
+    text = f"{about}\n\n{report(rows)}\n\npicture: {output}"
+    missing = "" if complete else "the table ends where the work ended"
+    return outputs.finish(args, result, text, missing)

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots.style import (
@@ -270,11 +268,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--full", action="store_true", help="every method, array and table, and more frames"
     )
     options.add_json(parser)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)",
+    outputs.add_folder(
+        parser, "folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)"
     )
 
 
@@ -284,15 +279,8 @@ def run(args: argparse.Namespace) -> int:
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
     measured = TradeoffRun(scene, mode, SEED, folder, plan(scene, mode))
-    complete = True
-    try:
-        measured.measure()
-    except KeyboardInterrupt:
-        complete = False
+    complete = measured.measure()
     rows = measured.rows
-    if not rows:
-        print("interrupted: nothing measured")
-        return options.INTERRUPTED
     loads = [row.load_average for row in rows]
     origin = measured.origin
     about = (
@@ -304,17 +292,15 @@ def run(args: argparse.Namespace) -> int:
     pictures = [folder / f"tradeoff{suffix}" for suffix in (".png", ".pdf")]
     for picture in pictures:
         save(figure, picture)
-    if args.json:
-        result = {"complete": complete, **vars(origin), **as_object(rows)}
-        print(json_text({**result, "pictures": [*map(str, pictures)]}))
-    else:
-        print(f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n")
-        without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
-        print(f"{without} of {len(rows)} settings left more than 1 % of frames without a pose")
-        if mode == "quick":
-            print(QUICK_LEAVES_OUT)
-        print(f"file: {folder / SETTINGS_CSV}")
-        print(f"pictures: {', '.join(map(str, pictures))}")
-        if not complete:
-            print(f"interrupted: {len(rows)} of {measured.count} settings; run it again to go on")
-    return 0 if complete else options.INTERRUPTED
+    without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
+    lines = [
+        f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n",
+        f"{without} of {len(rows)} settings left more than 1 % of frames without a pose",
+        *([QUICK_LEAVES_OUT] if mode == "quick" else []),
+        f"file: {folder / SETTINGS_CSV}",
+        f"pictures: {', '.join(map(str, pictures))}",
+    ]
+    result = {"complete": complete, **vars(origin), **as_object(rows)}
+    result["pictures"] = [*map(str, pictures)]
+    missing = f"{len(rows)} of {measured.count} settings; run it again to go on"
+    return outputs.finish(args, result, "\n".join(lines), "" if complete else missing)

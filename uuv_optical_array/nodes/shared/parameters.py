@@ -1,8 +1,8 @@
 """Node parameters, declared once: the descriptor, the check and the documentation follow."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
-from uuv_optical_array.core.settings import Quantity, check
+from uuv_optical_array.core.settings import Quantity, check, declared
 
 Settings = TypeVar("Settings")
 
@@ -69,7 +69,7 @@ class Parameters:
     ----------
     node
         The node that gets them.
-    declared
+    declarations
         Declaration by name; a start value out of its bounds is a ValueError.
     apply
         Called with the new values of a change before it takes effect. A ValueError refuses all of
@@ -79,11 +79,11 @@ class Parameters:
     def __init__(
         self,
         node: Node,
-        declared: Mapping[str, Parameter],
+        declarations: Mapping[str, Parameter],
         apply: Callable[[dict[str, Any]], None] = lambda changes: None,
     ) -> None:
-        self._node, self._declared, self._apply = node, declared, apply
-        for name, parameter in declared.items():
+        self._node, self._declared, self._apply = node, declarations, apply
+        for name, parameter in declarations.items():
             # Declared without its range first, so that a bad start value meets our own words.
             present = node.declare_parameter(name, parameter.default)
             parameter.check(name, present.value)
@@ -103,13 +103,11 @@ class Parameters:
             return given[1:]
         return f"{self['frame_prefix']}{given}" if given else ""
 
-    def settings(
-        self, declared: type[Settings], changes: Mapping[str, Any] | None = None
-    ) -> Settings:
+    def settings(self, kind: type[Settings], changes: Mapping[str, Any] | None = None) -> Settings:
         """Return a dataclass of settings that are parameters, with the values of a change."""
-        values = {name: self[name] for name in parameters_of(declared)}
+        values = {name: self[name] for name in parameters_of(kind)}
         values |= {name: value for name, value in (changes or {}).items() if name in values}
-        return declared(
+        return kind(
             **{
                 name: tuple(value) if isinstance(self._declared[name].default, list) else value
                 for name, value in values.items()
@@ -157,11 +155,11 @@ def shared(*names: str) -> dict[str, Parameter]:
 
 def parameters_of(settings: type) -> dict[str, Parameter]:
     """Return the parameters for a dataclass of settings, each field with its default."""
-    hints = get_type_hints(settings, include_extras=True)
-    parameters = {}
-    for field in fields(settings):
-        kind, quantity = get_args(hints[field.name])
-        choices = get_args(kind) if get_origin(kind) is Literal else ()
-        default = list(field.default) if isinstance(field.default, tuple) else field.default
-        parameters[field.name] = Parameter(default, quantity, choices=choices)
-    return parameters
+    return {
+        name: Parameter(
+            list(setting.default) if isinstance(setting.default, tuple) else setting.default,
+            setting.quantity,
+            choices=setting.choices,
+        )
+        for name, setting in declared(settings).items()
+    }

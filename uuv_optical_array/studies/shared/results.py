@@ -26,20 +26,15 @@ def until_interrupted(results: Iterable[T]) -> list[T]:
     return collected
 
 
-class Flat:
-    """A dataclass that is a line of a CSV, a field a column, those of a field's dataclass too."""
+class Line:
+    """A dataclass that is a line of a CSV, a field a column."""
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column."""
         return dict(vars(self))
 
-    @classmethod
-    def from_columns(cls: type[T], columns: Mapping[str, str]) -> T:
-        """Return it again from the texts of a line."""
-        return read_fields(cls, columns)
 
-
-LineT = TypeVar("LineT", bound=Flat)
+LineT = TypeVar("LineT", bound=Line)
 
 
 def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
@@ -49,9 +44,6 @@ def read_fields(kind: type[T], columns: Mapping[str, str]) -> T:
     """
     values: dict[str, Any] = {}
     for name, hint in typing.get_type_hints(kind).items():
-        if dataclasses.is_dataclass(hint):
-            values[name] = read_fields(typing.cast(type, hint), columns)
-            continue
         kinds = {hint, *typing.get_args(hint)}
         text = columns[name]
         if text is None:
@@ -78,7 +70,7 @@ def read(path: Path, run: type[RunT], line: type[LineT]) -> tuple[RunT | None, l
             for number, columns in enumerate(csv.DictReader(file, strict=True), start=2):
                 try:
                     runs.append(read_fields(run, columns))
-                    lines.append(line.from_columns(columns))
+                    lines.append(read_fields(line, columns))
                 except (KeyError, TypeError, ValueError):
                     raise ValueError(f"line {number} is damaged") from None
                 if runs[-1] != runs[0]:

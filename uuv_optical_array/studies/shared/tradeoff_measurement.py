@@ -35,7 +35,7 @@ from uuv_optical_array.studies.shared.errors import (
     frame_errors,
     position_and_angle,
 )
-from uuv_optical_array.studies.shared.results import Flat, Results, differences
+from uuv_optical_array.studies.shared.results import Line, Results, differences
 
 SETTINGS_CSV = "tradeoff.csv"
 SEED = 1
@@ -144,7 +144,7 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class Measurement(Flat):
+class Measurement(Line):
     """The measured error and time of one setting, which is as in `Group`.
 
     `table_rows` are the poses of the table that was used, `without_pose` is the share of frames
@@ -254,32 +254,21 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
             answers = _ours(table, group.methods)
     results = frame_errors(answers, yardstick, poses, images)
     bound = cramer_rao_bound(model, poses)
-    bound_position_m, bound_angle_deg = position_and_angle(bound.std)
-    floor_position_m, floor_angle_deg = position_and_angle(known_volume_std(bound.information))
+    floor = known_volume_std(bound.information)
     measurements = []
     for method, result in results.items():
         if len(result.errors) < frames:  # cut short, so no measurement
             raise KeyboardInterrupt
-        position_m, angle_deg = position_and_angle(result.errors[result.posed])
-        median_ms, p99_ms = result.frame_ms
         measurements.append(
             Measurement(
-                method=method,
-                shape=group.shape,
-                detectors_per_side=side,
-                steps=group.steps,
-                table_rows=rows,
-                without_pose=float((~result.posed).mean()),
-                position_m=position_m,
-                angle_deg=angle_deg,
-                bound_position_m=bound_position_m,
-                bound_angle_deg=bound_angle_deg,
-                floor_position_m=floor_position_m,
-                floor_angle_deg=floor_angle_deg,
-                median_ms=median_ms,
-                p99_ms=p99_ms,
+                *(method, group.shape, side, group.steps, rows),
+                float((~result.posed).mean()),
+                *position_and_angle(result.errors[result.posed]),
+                *position_and_angle(bound.std),
+                *position_and_angle(floor),
+                *result.frame_ms,
                 model_ms=result.model_ms,
-                models=median_ms / result.model_ms,
+                models=result.frame_ms[0] / result.model_ms,
                 build_s=build_s,
                 load_average=os.getloadavg()[0],
             )
@@ -345,23 +334,32 @@ class TradeoffRun:
 
         return [group for group in self.groups if not settings(group) <= measured]
 
-    def measure(self) -> None:
-        """Measure what is missing, with progress; an interrupt leaves the groups before it."""
+    def measure(self) -> bool:
+        """Measure what is missing, with progress, and say whether all is there.
+
+        Ctrl-C ends it with the groups before it; it is raised where there are none.
+        """
         groups = self.missing()
         if not groups:
-            return
-        durations_s = expected_s(self.scene, groups, self.origin.frames)
-        total_s = sum(durations_s)
-        already = f", {len(self.rows)} are there" if self.rows else ""
-        minutes = math.ceil(total_s / 60)
-        print(
-            f"{self.count} settings{already}; about {minutes} min; into {self.folder}",
-            file=sys.stderr,
-        )
-        with progress.counter(100, "%", expected_s=total_s) as bar:
-            for group, seconds in zip(groups, durations_s, strict=True):
-                side, table = group.detectors_per_side, f" {group.steps}^5" if group.steps else ""
-                bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
-                origin = self.origin
-                self._settings.append(measure(self.scene, group, origin.frames, origin.seed))
-                bar.update(100 * seconds / total_s)
+            return True
+        try:
+            durations_s = expected_s(self.scene, groups, self.origin.frames)
+            total_s = sum(durations_s)
+            already = f", {len(self.rows)} are there" if self.rows else ""
+            print(
+                f"{self.count} settings{already}; about {math.ceil(total_s / 60)} min; "
+                f"into {self.folder}",
+                file=sys.stderr,
+            )
+            with progress.counter(100, "%", expected_s=total_s) as bar:
+                for group, seconds in zip(groups, durations_s, strict=True):
+                    side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
+                    bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
+                    origin = self.origin
+                    self._settings.append(measure(self.scene, group, origin.frames, origin.seed))
+                    bar.update(100 * seconds / total_s)
+        except KeyboardInterrupt:
+            if not self.rows:
+                raise
+            return False
+        return True

@@ -1,4 +1,4 @@
-"""Approaches to a lamp, as Eren et al. (2017) simulate them: paths, water, noise, published errors.
+"""Approaches to a lamp, as Eren et al. (2017) simulate them, and their errors by every method.
 
 A follower closes from 8.5 m to 4.5 m at 0.5 m/s and takes 41 images. In each run the water's
 temperature (and so the detectors' gain) and its attenuation are off by unknown constants. Published
@@ -6,14 +6,28 @@ are mean errors at the end and 95 % errors at the start and at the end.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
+from uuv_optical_array.studies.shared.published import (
+    MomentCalibration,
+    calibrate,
+    dead_reckoned,
+    measure_moments,
+)
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ
@@ -165,3 +179,122 @@ def expose(
         image = light + NOISE_COUNTS * (error if noise == "gaussian" else error - 0.5)
         total += model.converted(image)
     return total / readings
+
+
+BATCH = 20
+# The simulated vehicle holds its speed and does not drift.
+DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
+METHODS = ("moments", "least_squares", "tracker", "docking")
+
+
+@dataclasses.dataclass(frozen=True)
+class ApproachErrors:
+    """The errors in n runs of a case, m and rad.
+
+    `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
+    the Cramer-Rao bound of a single frame with the prior of lamp and water, `run_bound` that of all
+    frames so far and the motion of `DOCKING`, both ``(FRAMES, 5)``.
+    """
+
+    errors: Mapping[str, Array]
+    bound: Array
+    run_bound: Array
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return len(self.errors[METHODS[0]])
+
+    def mean(self, method: str) -> Array:
+        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.asarray(np.nanmean(self.errors[method], axis=0))
+
+    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
+        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
+        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
+        # The slow way only where a frame has no pose.
+        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
+        return np.asarray(percentile(errors, 95, axis=0))
+
+    def ratio(self, method: str) -> Array:
+        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
+
+    def without_pose(self, method: str) -> int:
+        """Count the frames without a pose."""
+        return int(np.isnan(self.errors[method][..., 0]).sum())
+
+
+def simulate(
+    scene: Scene,
+    case: Case,
+    choices: Choices,
+    runs: int,
+    rng: np.random.Generator,
+    done: Callable[[int], object] = lambda runs: None,
+    batch: int = BATCH,
+) -> ApproachErrors:
+    """Run a case by every method, `batch` runs at a time.
+
+    `rng` is the source of calibration, offsets and noise; `done` is called with the number of runs
+    after every batch. Ctrl-C ends it with the complete batches, and is raised before the first.
+    """
+    model = ForwardModel(assumed_scene(scene, case, choices))
+    moments = calibrate(model, rng)
+    estimator = Estimator(model.scene, "least_squares").wait()
+    batches: list[dict[str, Array]] = []
+    try:
+        for start in range(0, runs, batch):
+            count = min(batch, runs - start)
+            offsets = draw_offsets(choices, count, rng)
+            images = expose(model, case.path, offsets, choices.noise, rng)
+            single, tracked = _by_least_squares(estimator, images)
+            smoother = DockingSmoother(model, STEP_S, DOCKING)
+            poses = (
+                _by_moments(moments, images),
+                single,
+                tracked,
+                by_docking(smoother, images, single[:, 0]),
+            )
+            batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
+            done(count)
+    except KeyboardInterrupt:
+        if not batches:
+            raise
+    return ApproachErrors(
+        {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
+        cramer_rao_bound(model, case.path).std,
+        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
+    )
+
+
+def _by_moments(calibration: MomentCalibration, images: Array) -> Array:
+    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
+    return dead_reckoned(calibration.poses(measure_moments(images, calibration.spacing_m)))
+
+
+def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
+    """Estimate all frames of all runs, as single images and as a track."""
+    scene, runs = estimator.scene, len(images)
+    single, tracked = np.full((runs, FRAMES, 5), np.nan), np.full((runs, FRAMES, 5), np.nan)
+    parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
+    for run_number in range(runs):
+        tracker = Tracker(TrackerSettings())
+        for frame in range(FRAMES):
+            at = run_number, frame
+            with suppress(NoPose):
+                estimate = estimator.estimate(images[at], parameters[at])
+                single[at] = estimate.pose
+                stamp_ns = round(TIMES_S[frame] * 1e9)
+                tracked[at] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
+    return single, tracked
+
+
+def by_docking(smoother: DockingSmoother, images: Array, first: Array) -> Array:
+    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
+    poses = np.full((len(images), FRAMES, 5), np.nan)
+    started = np.flatnonzero(~np.isnan(first[:, 0]))
+    if len(started):
+        for frame in range(FRAMES):
+            poses[started, frame], _ = smoother.update(images[started, frame], first[started])
+    return poses

@@ -168,12 +168,10 @@ def report(result: dict[str, Any]) -> str:
 without a pose: {result["without_pose"]} {of}
 off by more than 6 of its own standard deviations: {result["beyond_6_sigma"]} {of}
 off by more than 6 of the bound at the truth: {result["beyond_6_bounds"]} {of}
-  (near the beam's axis this says little of one frame: the local bound on the range almost
-  vanishes there, while the angle off the axis stays uncertain)
 mean NEES: {result["nees_mean"]:.3f} +- {result["nees_std_error"]:.3f}, 95 % band of chi-square(5) \
 {low:.3f} to {high:.3f}
-one frame: median {median_ms:.2f} ms, 99th percentile {slow_ms:.2f} ms; the median is
-  {median_ms / model_ms:.1f} times a forward model with Jacobian for 4 poses, {model_ms:.2f} ms"""
+one frame: median {median_ms:.2f} ms ({median_ms / model_ms:.1f} of {model_ms:.2f} ms for the \
+model of 4 poses), 99th percentile {slow_ms:.2f} ms"""
 
 
 def comparison(rows: Sequence[dict[str, Any]]) -> str:

@@ -127,14 +127,13 @@ def report(name: str, case: Mapping[str, Any]) -> str:
     """Return the tables of a case, from `as_object`."""
     heads = "".join(f"{head:>8}" for head in DOF_NAMES)
     units = "".join(f"{unit:>8}" for unit in DOF_UNITS)
-    lines = [f"{name}, runs: {case['runs']}"]
+    lines = [f"{name}, runs: {case['runs']}", f"{'':<32}{heads}", f"{'':<32}{units}"]
     for key, title in (
         ("mean_end", "mean error at the end"),
         ("start_95", "95 % of errors at the start"),
         ("end_95", "95 % of errors at the end"),
     ):
-        lines += [f"{title:<32}{heads}", f"{'':<32}{units}"]
-        lines.append(f"  {'published':<30}{_numbers(case['published'][key])}")
+        lines += [title, f"  {'published':<30}{_numbers(case['published'][key])}"]
         for method, values in case["methods"].items():
             lines.append(f"  {method:<30}{_numbers(values[key])}")
             if method == "moments" and key != "mean_end":
@@ -142,9 +141,9 @@ def report(name: str, case: Mapping[str, Any]) -> str:
     lines.append(f"  {'the aim':<30}{_numbers(case['aim_end_95'])}")
     lines.append(f"  {'bound of one image':<30}{_numbers(case['bound_end_95'])}")
     lines.append(f"  {'bound of all, with the motion':<30}{_numbers(case['run_bound_end_95'])}")
-    lines.append(f"{'least_squares, RMS over bound at':<32}{heads}")
-    for metres, ratio in case["methods"]["least_squares"]["ratio_to_bound"].items():
-        lines.append(f"  {metres:<30}{_numbers(ratio)}")
+    lines.append("RMS of least_squares over the bound of one image")
+    ratios = case["methods"]["least_squares"]["ratio_to_bound"]
+    lines += [f"  {f'at {at}':<30}{_numbers(ratio)}" for at, ratio in [*ratios.items()][::2]]
     counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
     lines.append(f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}")
     return "\n".join(lines)

@@ -182,15 +182,20 @@ def report(result: Reproduction) -> str:
         lines += [
             "",
             "Other choices, one at a time, by no. of the first table. met: how many of < and >;",
-            "rms: of the differences from the stated angles; flat: the aligned image has no peak.",
+            "rms: of the differences from the stated angles; flat: the aligned image has no peak;",
+            "blank: as reconstructed.",
         ]
         row = "{:<30}" + len(STATEMENTS) * "{:>6}" + "{:>5}{:>6}"
         lines.append(row.format("", *range(1, len(STATEMENTS) + 1), "met", "rms"))
         stated = [s.label.replace(" ", "") if s.paper is not None else "" for s in STATEMENTS]
         lines.append(row.format("the paper", *stated, "", ""))
+        first = [*map(_number, result.choices[0][1])]
         for text, points in result.choices:
             met, rms_deg = agreement(points)
-            lines.append(row.format(text, *map(_number, points), met, _number(rms_deg)))
+            shown = [*map(_number, points)]
+            if points is not result.choices[0][1]:
+                shown = [c * (c != same) for c, same in zip(shown, first, strict=True)]
+            lines.append(row.format(text, *shown, met, _number(rms_deg)))
     return "\n".join(line.rstrip() for line in lines)
 
 

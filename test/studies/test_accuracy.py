@@ -193,7 +193,7 @@ def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
         f"the bound at the truth: {answer['beyond_6_bounds']} of 40",
         f"mean NEES: {answer['nees_mean']:.3f}",
         "{:.3f} to {:.3f}".format(*answer["nees_band"]),
-        "for 4 poses",
+        "for the model of 4 poses",
     ):
         assert phrase in text
 

@@ -378,5 +378,8 @@ def test_an_interrupt_keeps_the_results_before_it(scene):
     assert re.search(r"^8 .* > 15 +28\.6 +met$", text, re.M)
     assert re.search(r"^5 x 5 +28\.6 +23\.9 +0\.12 +6 ", text, re.M)
     assert "as reconstructed" not in text
+    # A choice shows what it changes alone.
     result.choices.append(("as reconstructed", result.points))
-    assert re.search(r"^as reconstructed .* 6 +1\.0$", report(result), re.M)
+    result.choices.append(("other", [99.0, *result.points[1:]]))
+    assert re.search(r"^as reconstructed .* 10\.7 +6 +1\.0$", report(result), re.M)
+    assert re.search(r"^other +99\.0 +6 +43\.\d$", report(result), re.M)

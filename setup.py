@@ -48,6 +48,7 @@ setup(
     install_requires=[
         "matplotlib>=3.5",
         "numpy>=1.21",
+        "rich>=11",
         "ruamel.yaml>=0.17.16",
         "scipy>=1.8",
         "setuptools",
@@ -62,6 +63,7 @@ setup(
             "ros-rclpy[fastrtps]",
             "ros-sensor-msgs",
             "ros-std-msgs",
+            "transforms3d",
         ],
         # A compiled kernel for light at very many poses.
         "fast": ["numba"],

@@ -6,6 +6,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
+from rich.live import Live
+from rich.text import Text
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
@@ -36,7 +38,6 @@ Ctrl-C ends the run early and reports what there is, with exit code 130. While i
 `ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
 
-CLEAR = "\x1b[K"  # the rest of a terminal's line
 SETTINGS = {
     "duration": Setting(
         float, Quantity("length of the run from the leader's start", "s", 1e-3, 1e6), 60.0, False
@@ -72,15 +73,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     outputs.add_folder(parser, about, "--record")
 
 
-def live_line(record: FollowRecord, elapsed_s: float) -> str:
+def live_line(record: FollowRecord, elapsed_s: float) -> Text:
     """Return the line that a terminal shows while the run goes on."""
     stamps, errors = record.errors()
     if not len(stamps):
-        return f"{elapsed_s:5.1f} s   waiting for light"
+        return Text(f"{elapsed_s:5.1f} s   waiting for light")
     error = errors[-1]
     range_m = np.linalg.norm(record.estimates[stamps[-1]][:3])
     error_m, angle_deg = np.linalg.norm(error[:3]), np.degrees(np.linalg.norm(error[3:]))
-    return (
+    return Text(
         f"{elapsed_s:5.1f} s   range {range_m:5.2f} m   error {error_m:4.2f} m   "
         f"angle {angle_deg:4.1f} deg   {len(stamps)} poses"
     )
@@ -107,18 +108,16 @@ def run(args: argparse.Namespace) -> int:
         ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     terminal = sys.stdout.isatty()  # a file would get each line that the next one overwrites
+    with Live(auto_refresh=False) as live:
 
-    def on_tick(record: FollowRecord, elapsed_s: float) -> None:
-        if terminal:
-            print(f"\r{live_line(record, elapsed_s)}{CLEAR}", end="", flush=True)
+        def on_tick(record: FollowRecord, elapsed_s: float) -> None:
+            if terminal:
+                live.update(live_line(record, elapsed_s), refresh=True)
 
-    try:
         with BagWriter(bag_folder) if bag_folder else nullcontext() as bag:
-            run_of = ros_args, args.duration, on_tick, fleet, bag
-            records, light_timeout_s, interrupted = follow(*run_of)
-    finally:
-        if terminal:
-            print()
+            records, light_timeout_s, interrupted = follow(
+                ros_args, args.duration, on_tick, fleet, bag
+            )
     if bag_folder:
         print(f"bag: {bag_folder}")
     lost = []

@@ -20,7 +20,7 @@ from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 
 ROUNDING = 1e-6  # relative: ten times that of a float32, in which features may have been passed on
-FROZEN = 1e-9  # chance of valid frames to repeat, below which they do not
+FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
 
 
 def bounds(scene: Scene) -> Array:
@@ -168,7 +168,7 @@ class FrozenFrames:
             )
 
     def log_chance(self, readings: Array) -> float:
-        """Return the logarithm of the chance that valid readings repeat, at most."""
+        """Return the logarithm of the chance that honest readings repeat, at most."""
         noise = self._model.analogue_noise
         variance = reading_variance(readings, noise)
         chances = np.minimum(1.0, 0.5 / np.sqrt(math.pi * variance))

@@ -1,31 +1,28 @@
 """Roll, pitch and yaw to quaternion and back, for ROS messages."""
 
-from collections.abc import Iterable
-from math import cos, sin
+try:
+    from tf_transformations import euler_from_quaternion, quaternion_from_euler
+except ImportError:  # no ROS installation: the library under tf_transformations
+    from transforms3d.euler import euler2quat, quat2euler
 
-from uuv_optical_array.core.geometry import roll_pitch_yaw as angles_of_matrix
+    def quaternion_from_euler(roll, pitch, yaw):
+        """Return x, y, z, w, as tf_transformations does."""
+        w, x, y, z = euler2quat(roll, pitch, yaw)
+        return x, y, z, w
+
+    def euler_from_quaternion(quaternion):
+        """Return roll, pitch and yaw of x, y, z, w, as tf_transformations does."""
+        x, y, z, w = quaternion
+        return quat2euler((w, x, y, z))
 
 
 def quaternion_xyzw(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) of ``Rz(yaw) Ry(pitch) Rx(roll)``; angles in rad."""
-    (sin_r, cos_r), (sin_p, cos_p), (sin_y, cos_y) = (
-        (sin(angle / 2), cos(angle / 2)) for angle in map(float, (roll, pitch, yaw))
-    )
-    return (
-        sin_r * cos_p * cos_y - cos_r * sin_p * sin_y,
-        cos_r * sin_p * cos_y + sin_r * cos_p * sin_y,
-        cos_r * cos_p * sin_y - sin_r * sin_p * cos_y,
-        cos_r * cos_p * cos_y + sin_r * sin_p * sin_y,
-    )
+    x, y, z, w = quaternion_from_euler(roll, pitch, yaw)
+    return float(x), float(y), float(z), float(w)
 
 
-def roll_pitch_yaw(quaternion_xyzw: Iterable[float]) -> tuple[float, float, float]:
+def roll_pitch_yaw(quaternion_xyzw) -> tuple[float, float, float]:
     """Return roll, pitch and yaw in rad of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = map(float, quaternion_xyzw)
-    matrix = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    roll, pitch, yaw = map(float, angles_of_matrix(matrix))
-    return roll, pitch, yaw
+    roll, pitch, yaw = euler_from_quaternion(quaternion_xyzw)
+    return float(roll), float(pitch), float(yaw)

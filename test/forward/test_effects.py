@@ -100,7 +100,7 @@ def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(
 
 
 def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
-    quiet = {name: middle_settings(name) for name in EFFECTS if name not in NOISES}
+    quiet = {name: middle_settings(name) for name in EFFECTS if name not in {*NOISES, "sea"}}
     model = make_model(**quiet)
     rng = np.random.default_rng(8)
     before = rng.bit_generator.state
@@ -120,8 +120,8 @@ def test_a_scene_with_noise_asks_for_its_generator():
 def test_the_named_effects_are_planned_in_physical_order_whatever_that_in_the_scene(names):
     checked = effects.check_effects({name: middle_settings(name) for name in names})
     assert list(checked) == [name for name in EFFECTS if name in names]
-    forms = effects.plan(checked, ARRAY, LAMP)
-    alone = [effects.plan({name: values}, ARRAY, LAMP) for name, values in checked.items()]
+    forms = effects.plan(checked, ARRAY)
+    alone = [effects.plan({name: values}, ARRAY) for name, values in checked.items()]
     assert [type(form) for form in forms] == [type(form) for forms in alone for form in forms]
 
 

@@ -21,7 +21,7 @@ from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.effects.forms import Transmission
-from uuv_optical_array.forward.light import COSINE, LampSettings
+from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
 
 reproducible = settings(
@@ -139,7 +139,7 @@ def dims_on_the_way(name):
 @reproducible
 def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ray):
     chosen = effects.check_effects({name: data.draw(settings_of(name, 5))})
-    forms = effects.plan(chosen, ARRAY, LampSettings(8.0, 900.0, 4.0))
+    forms = effects.plan(chosen, ARRAY)
     for form in (form for form in forms if isinstance(form, Transmission)):
         # The ray, and the first setting where it may be uncertain.
         count = 4 if form.nuisance else 3

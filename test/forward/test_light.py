@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +14,14 @@ from uuv_optical_array.core.geometry import lamp_in_body
 from uuv_optical_array.core.numerics.elementwise import workspace
 from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.light import (
+    ALONG,
     COSINE,
     HALF_SQUARE,
+    INCIDENCE,
     MIN_RANGE_M,
     RANGE,
     RAY_ROWS,
+    TURN,
     lamp_light,
     off_axis,
     ray,
@@ -27,7 +31,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import trace
 from uuv_optical_array.forward.scene import scene_from_settings
 
-ONE = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]).T  # a detector at the follower's origin
+# A detector at the follower's origin.
+ONE = SimpleNamespace(detectors=np.eye(6)[3][:, None], radius_m=0.0, radius_at=-1)
 SIGMA = math.radians(8)
 
 curved = st.fixed_dictionaries(
@@ -44,20 +49,20 @@ arrays = st.one_of(curved, planar)
 
 
 def traced(lamp):
-    rays = workspace(RAY_ROWS, lamp[0], ONE.shape[1])
-    trace(ONE, lamp, rays)
+    rays = workspace(RAY_ROWS, lamp[0], 1)
+    trace(ONE, lamp, np.zeros((0, 1)), rays)
     return rays
 
 
 def seen(pose, roll=0.0):
-    """Rays to a single detector at the follower's origin, shape ``(8, ...)``."""
+    """Rays to a single detector at the follower's origin, shape ``(13, ...)``."""
     components = np.moveaxis(np.asarray(pose, dtype=float), -1, 0)[..., None]
     return traced(lamp_in_body(*components, roll))[..., 0]
 
 
 def one_detector(pose, sigma=SIGMA, roll=0.0):
     """Light on it, of a lamp of unit power."""
-    return lamp_light(*seen(pose, roll)[: COSINE + 1], 1.0, sigma)[0]
+    return lamp_light(*seen(pose, roll)[: INCIDENCE + 1], 1.0, sigma)[0]
 
 
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
@@ -190,7 +195,7 @@ def test_no_cosine_exceeds_one_by_rounding():
     normals /= np.linalg.norm(normals, axis=0)
     lamps = 3.7 * normals  # straight ahead of detectors at the origin
     assert ((lamps * normals).sum(axis=0) > np.linalg.norm(lamps, axis=0)).any()
-    cosines = ray(0.0, 0.0, 0.0, *normals, *lamps, -1.0, 0.0, 0.0)[COSINE]
+    cosines = ray(0.0, 0.0, 0.0, *normals, *lamps, -1.0, 0.0, 0.0)[2]
     assert (cosines <= 1).all()
     np.testing.assert_allclose(cosines, 1, rtol=1e-15)
 
@@ -205,11 +210,11 @@ def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slop
     axis = np.array([-1.0, *turn]) / math.hypot(1, *turn)
 
     def value(moved, axis=axis):
-        rays = traced((*moved, *axis))[: COSINE + 1, 0]
+        rays = traced((*moved, *axis))[: INCIDENCE + 1, 0]
         return float(np.dot(slopes, rays))
 
     rays = traced((*lamp, *axis))[:, 0]
-    radial, facing, bend = slopes_by_lamp(*slopes, rays[0], rays[2], rays[6], rays[7])
+    radial, facing, bend = slopes_by_lamp(*slopes, *rays[[RANGE, COSINE, ALONG, TURN]])
     place = np.array(lamp)
     by_lamp = radial * place + facing * np.array([1.0, 0, 0]) + bend * axis
     h = 1e-5

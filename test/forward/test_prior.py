@@ -22,6 +22,8 @@ def test_one_line_says_how_well_a_sea_is_known():
         "lamp.power": 0.1,
         "lamp.beam_sigma_deg": 0.3,
         "attenuation.k_per_m": 0.02,
+        "field_of_view.cosine_power": 0.1,
+        "array.radius_m": 0.02,
         "ambient.level_counts": 5.0,
     }
     assert once.gain_std == 0.005
@@ -37,6 +39,16 @@ def test_water_that_does_not_attenuate_has_no_unknown_attenuation():
         ValueError, match=r"prior\.k_std_per_m: the scene has no effects\.attenuation"
     ):
         scene({"k_std_per_m": 0.1}, effects={})
+
+
+def test_a_prior_has_absorption_and_scattering_where_a_scene_has_a_sea():
+    sea = {"sea": {"absorption_per_m": 0.2, "scattering_per_m": 0.3}}
+    stds = scene({"known": "calibrated"}, effects=sea).prior.nuisance_std()
+    assert stds["sea.absorption_per_m"] == 0.02
+    assert stds["sea.scattering_per_m"] == 0.5
+    assert "attenuation.k_per_m" not in stds
+    with pytest.raises(ValueError, match=r"prior\.scattering_std: the scene has no effects\.sea"):
+        scene({"scattering_std": 0.1}, effects={})
 
 
 def test_what_a_scene_says_is_read_again_as_it_was():

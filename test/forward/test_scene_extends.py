@@ -62,11 +62,12 @@ def test_a_path_leads_from_the_folder_of_the_file_that_names_it(write, monkeypat
 
 
 def test_null_takes_away_a_setting_an_effect_or_a_group(write):
-    water = {"attenuation": {"k_per_m": 0.2, "water": None, "wavelength_nm": None}}
+    sea = {"absorption_per_m": 0.2, "scattering_per_m": 0.1}
+    water = {"sea": {**sea, "water": None}}
     changes = {"array": {"shape": "planar", "radius_m": None}, "effects": water, "prior": None}
     file = write("sea.yaml", {"extends": "night_plume", **changes})
     scene = load_scene(file)
-    assert scene.effects["attenuation"] == {"k_per_m": 0.2}
+    assert scene.effects["sea"] == sea
     assert scene.array.shape == "planar"
     assert scene.prior == load_scene("reference").prior
     water["plume"] = None
@@ -89,8 +90,8 @@ def test_null_takes_away_a_setting_an_effect_or_a_group(write):
             ["sea.yaml: effects.plume: null removes", "does not have this one; leave it out"],
         ),
         (
-            {"extends": "coastal", "effects": {"attenuation": {"k_per_m": 0.1}}},
-            ["attenuation.water: given beside k_per_m", "null removes"],
+            {"extends": "coastal", "effects": {"sea": {"absorption_per_m": 0.1}}},
+            ["sea.water: given beside absorption_per_m", "null removes"],
         ),
         ({"extends": "follow", "array": {"shape": "planar"}}, ["radius_m: 0.32 m", "null"]),
         ({"extends": "follow", "lamp": [8.0]}, ["lamp: [8.0] is not a mapping"]),

@@ -80,4 +80,5 @@ def scenes(draw, names):
 def any_scenes(draw):
     """Scenes with any of the effects."""
     names = draw(st.lists(st.sampled_from(list(EFFECTS)), unique=True, max_size=6))
+    assume(not {"attenuation", "sea"} <= set(names))  # one water at a time
     return draw(scenes(names))

@@ -25,6 +25,7 @@ class Ray(NamedTuple):
     x: float
     y: float
     z: float
+    looks: list
     time_s: float | None
 
 
@@ -73,7 +74,7 @@ def rays(array, pose, roll=0.0, time_s=None):
         range_m = math.sqrt(x * x + y * y + z * z)
         cosine = -(x * looks[0] + y * looks[1] + z * looks[2]) / range_m
         off_axis = math.atan2(math.hypot(y, z), -x)
-        found.append(Ray(range_m, off_axis, cosine, x, y, z, time_s))
+        found.append(Ray(range_m, off_axis, cosine, x, y, z, looks, time_s))
     return found
 
 
@@ -85,6 +86,24 @@ def ideal(ray, sigma_deg):
     """Light of a lamp of unit power: inverse square, Gaussian beam, Lambert (eqs 1 to 4, 8)."""
     beam = gaussian(ray.off_axis, math.radians(sigma_deg))
     return beam * max(0.0, ray.cosine) / ray.range_m**2
+
+
+def through_sea(ray, sigma_deg, absorption_per_m, scattering_per_m):
+    """Net flux of a lamp of unit power in ``beacon``: core and halo, each from its own point."""
+    sigma, depth = math.radians(sigma_deg), scattering_per_m * ray.range_m
+    scattered = 1 - math.exp(-0.188 * depth)
+    core = math.sqrt(sigma**2 + 0.0013 * depth / 3)
+    halo = math.sqrt(core**2 + 0.0754 * 0.188 * depth / (3 * scattered))
+    lost = math.exp(-(absorption_per_m + 0.0562 * scattering_per_m) * ray.range_m)
+    flux = np.zeros(3)
+    for weight, width, factor in ((1 - scattered, core, 2), (scattered, halo, 1)):
+        tilt = factor * (1 - (sigma / width) ** 2)
+        # From there the angle off the axis is larger by the tilt, in small angles.
+        source = -tilt / (1 + tilt) * ray.range_m
+        way = np.array([ray.x - source, ray.y, ray.z])
+        strength = weight * (sigma / width) ** 2 * gaussian(ray.off_axis, width)
+        flux += strength * way / np.linalg.norm(way)
+    return flux * lost / ray.range_m**2
 
 
 # On the way: the factor of the light of a ray.
@@ -132,18 +151,6 @@ def plume(ray, lamp, depth, size_m, speed_m_per_s, distance_m, seed, extent_m):
         gap = math.remainder(y - place - speed_m_per_s * ray.time_s, extent_m)
         thickness += math.exp(-(gap**2 + (z - height) ** 2) / (2 * size_m**2))
     return math.exp(-depth * thickness)
-
-
-def beam_spread(ray, lamp, scattering_per_m, scattering_angle_deg):
-    sigma, theta = math.radians(lamp["beam_sigma_deg"]), math.radians(scattering_angle_deg)
-    straight = math.exp(-scattering_per_m * ray.range_m)
-    scattered = -math.expm1(-scattering_per_m * ray.range_m)
-    # Of the whole beam the plane second moment grows by b theta^2 r^3 / 3, over r^2 as an angle.
-    spread = scattering_per_m * theta**2 * ray.range_m / 3 / scattered
-    wide = math.sqrt(sigma**2 + spread)
-    pattern = straight * gaussian(ray.off_axis, sigma)
-    pattern += scattered * (sigma / wide) ** 2 * gaussian(ray.off_axis, wide)
-    return pattern / gaussian(ray.off_axis, sigma)
 
 
 def field_of_view(ray, lamp, cosine_power=None, half_angle_deg=None, edge_deg=None):
@@ -272,11 +279,12 @@ def named(*functions):
 
 
 # Within each stage in physical order.
-WAY = named(attenuation, lamp_flicker, lamp_drift, plume, beam_spread, field_of_view, window)
+WAY = named(attenuation, lamp_flicker, lamp_drift, plume, field_of_view, window)
 ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
 NOISE = named(sensor_noise, shot_noise, photodiode)
 LIMITS = named(saturation, adc)
-EFFECTS = {**WAY, **ARRAY, **NOISE, **LIMITS}
+EFFECTS = {"attenuation": attenuation, "sea": through_sea, **WAY, **ARRAY, **NOISE, **LIMITS}
+LOGARITHMS = "sea.scattering_per_m"  # settings whose offset is that of their logarithm
 
 
 def with_offsets(effects, offsets):
@@ -285,7 +293,11 @@ def with_offsets(effects, offsets):
     for name, offset in offsets.items():
         effect, setting = name.split(".")
         if effect in effects and not setting.startswith("to_"):
-            changed[effect][setting] = changed[effect].get(setting, 0.0) + offset
+            before = changed[effect].get(setting, 0.0)
+            by_logarithm = name in LOGARITHMS
+            changed[effect][setting] = (
+                before * math.exp(offset) if by_logarithm else before + offset
+            )
     return changed
 
 
@@ -312,15 +324,25 @@ def unnamed(side, effects, offsets):
 
 def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     """Return the light of a lamp of some power, shape ``(side, side)``."""
-    offsets, array = offsets or {}, scene["array"]
+    offsets, array = offsets or {}, dict(scene["array"])
+    if "array.radius_m" in offsets:
+        array["radius_m"] *= math.exp(offsets["array.radius_m"])
     lamp = dict(scene["lamp"])
     lamp["beam_sigma_deg"] += offsets.get("lamp.beam_sigma_deg", 0.0)
     readings = []
     for ray in rays(array, pose, roll, time_s):
-        light = power * ideal(ray, lamp["beam_sigma_deg"])
+        if "sea" in effects:
+            flux = through_sea(ray, lamp["beam_sigma_deg"], **effects["sea"])
+            size = np.linalg.norm(flux)
+            ray = ray._replace(cosine=float(-flux @ ray.looks / size) if size > 0 else 0.0)
+            light = power * float(size) * max(0.0, ray.cosine)
+        else:
+            light = power * ideal(ray, lamp["beam_sigma_deg"])
         for name, law in WAY.items():
             if name in effects and light > 0:
                 light *= law(ray, lamp, **effects[name])
+        if light > 0 and "field_of_view" not in effects:
+            light *= ray.cosine ** offsets.get("field_of_view.cosine_power", 0.0)
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)

@@ -67,7 +67,10 @@ def figures(scene: Scene) -> list[str]:
     from uuv_optical_array.studies.limits import REACH_M, reach
 
     lamp, array, span = scene.lamp, scene.array, reach(scene)
-    side, k_per_m = array.detectors_per_side, scene.effects.get("attenuation", {}).get("k_per_m", 0)
+    side, (_, k_per_m) = array.detectors_per_side, scene.attenuation
+    water = f"K {k_per_m:.3g} /m"
+    if "sea" in scene.effects:
+        water = f"a {k_per_m:.3g}, b {scene.effects['sea']['scattering_per_m']:.3g} /m"
     full = f" of {scene.full_scale_counts:g}" if scene.effects else ""
     text = "nowhere"
     if span is not None:
@@ -75,7 +78,7 @@ def figures(scene: Scene) -> list[str]:
         text = f"from {span[0]:.1f} to {beyond}{span[1]:.1f} m"
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
-        f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, K {k_per_m:.3g} /m",
+        f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
         f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior_text(scene.prior)}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]

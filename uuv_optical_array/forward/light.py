@@ -14,9 +14,11 @@ from uuv_optical_array.core.settings import Quantity
 
 # The inverse square of a point does not hold nearer than the size of the lamp.
 MIN_RANGE_M = 1e-3
-# Rows of the rays that `ray` returns.
-RANGE, HALF_SQUARE, COSINE, TO_X, TO_Y, TO_Z, ALONG, TURN = range(8)
-RAY_ROWS = 8
+# Rows of the rays that `ray` returns, with the normals of the detectors. Incidence is that of the
+# light as a whole: in water that scatters it does not come straight from the lamp.
+RANGE, HALF_SQUARE, INCIDENCE, COSINE, AXIAL, ALONG, TURN = range(7)
+TO_X, TO_Y, TO_Z, NORMAL_X, NORMAL_Y, NORMAL_Z = range(7, 13)
+RAY_ROWS = 13
 
 # eta^2 / s by powers of s = sin(eta)^2, highest first: minimax up to 45 deg, error 7e-17.
 SQUARED_ANGLE = (
@@ -110,7 +112,7 @@ def ray(
     axis_x: Any,
     axis_y: Any,
     axis_z: Any,
-) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
+) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
     """Follow the light from the lamp to a detector; all in ``base_link``.
 
     Parameters
@@ -126,8 +128,8 @@ def ray(
         Length of the path, m, at least `MIN_RANGE_M`.
     half_square, turn
         As `off_axis`, of the angle between the beam's axis and the path.
-    cosine
-        Of the angle between the detector's normal and the lamp, at most 1.
+    cosine, axial
+        Of the angles between the detector's normal and the lamp, at most 1, and the beam's axis.
     to_x, to_y, to_z
         From the detector to the lamp, m.
     along_m
@@ -142,12 +144,13 @@ def ray(
     facing = to_x * normal_x + to_y * normal_y + to_z * normal_z
     half_square, turn = off_axis(along_m, across_squared, range_m)
     cosine = minimum(facing / range_m, 1.0)
-    return range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn
+    axial = axis_x * normal_x + axis_y * normal_y + axis_z * normal_z
+    return range_m, half_square, cosine, axial, to_x, to_y, to_z, along_m, turn
 
 
 @law
 def lamp_light(
-    range_m: Any, half_square: Any, cosine: Any, power: Any, beam_sigma_rad: Any
+    range_m: Any, half_square: Any, incidence: Any, power: Any, beam_sigma_rad: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
     """Light on a detector: inverse square, Gaussian beam and Lambert's cosine.
 
@@ -156,8 +159,10 @@ def lamp_light(
 
     Parameters
     ----------
-    range_m, half_square, cosine
+    range_m, half_square
         As `ray` returns them.
+    incidence
+        Cosine of the angle between the detector's normal and where the light comes from.
     power
         Reading times squared range of a detector on the axis that faces the lamp, counts m^2, >= 0.
     beam_sigma_rad
@@ -167,16 +172,22 @@ def lamp_light(
     -------
     light
         Counts, >= 0; 0 for a detector that faces away.
-    by_range, by_half_square, by_cosine, by_sigma
-        Slopes of its logarithm by range, half_square, cosine and beam_sigma_rad; at the edge where
-        a detector turns away from the lamp that of the dark side, 0.
+    by_range, by_half_square, by_incidence, by_sigma
+        Slopes of its logarithm by range, half_square, incidence and beam_sigma_rad; at the edge
+        where a detector turns away from the lamp that of the dark side, 0.
     """
     precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
-    facing = maximum(cosine, 0.0)
+    facing, by_incidence = lambert(incidence)
     light = power * inverse * inverse * exp(-half_square * precision) * facing
-    by_cosine = choose(cosine > 0, 1 / maximum(cosine, 1e-300), 0.0)
     by_sigma = 2 * half_square * precision / beam_sigma_rad
-    return light, -2 * inverse, -precision, by_cosine, by_sigma
+    return light, -2 * inverse, -precision, by_incidence, by_sigma
+
+
+@law
+def lambert(incidence: Any) -> tuple[Any, Any]:
+    """Return the share of the light that a detector takes, and the slope of its logarithm."""
+    slope = choose(incidence > 0, 1 / maximum(incidence, 1e-300), 0.0)
+    return maximum(incidence, 0.0), slope
 
 
 @law
@@ -192,7 +203,8 @@ def slopes_by_lamp(
     """Turn slopes of the light by range, half_square and cosine into those by the lamp.
 
     With the vector `to` from the detector to the lamp, the slope by the lamp's position is
-    ``radial to + facing normal + bend axis``, and that by the beam's axis ``bend to``.
+    ``radial to + facing normal + bend axis``, and that by the beam's axis ``bend to`` with that by
+    `axial` times the normal.
     """
     bend = by_half_square * turn
     facing = by_cosine / range_m

@@ -31,7 +31,7 @@ from uuv_optical_array.forward.optics import (
     trace,
     variance_slope,
 )
-from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, unknown_forms
+from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, RADIUS, SCATTERING, unknown_forms
 from uuv_optical_array.forward.scene import Scene
 
 BLOCK_READINGS = 51_200  # whose rays fit into the second level of the cache
@@ -70,7 +70,7 @@ class ForwardModel:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.array = build_array(scene.array)
-        self._forms = effects.plan(scene.effects, self.array, scene.lamp)
+        self._forms = effects.plan(scene.effects, self.array)
         self._moving = [form.factor for form in self._of(forms.Moving)]
         noises, converters = self._of(forms.Noise), self._of(forms.Converter)
         self._saturation_counts = min(
@@ -97,6 +97,10 @@ class ForwardModel:
         self._unknown = {
             name: form for name, form in unknown_forms(self.array.side).items() if name not in named
         }
+        if self._of(forms.Scattering):
+            named.append(SCATTERING)
+        if scene.array.radius_m is not None:
+            named.append(RADIUS)
         self.nuisances = tuple(dict.fromkeys((POWER, BEAM_SIGMA, *named, *self._unknown)))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
@@ -129,10 +133,20 @@ class ForwardModel:
         def index_of(name: str) -> int:
             return nuisances.index(name) if name in nuisances else -1
 
+        scattering = self._of(forms.Scattering)
         passed = self._of(forms.Transmission)
+        passed += [
+            form
+            for name, form in self._unknown.items()
+            if name in nuisances and isinstance(form, forms.Transmission)
+        ]
         # Light that the scene does not name comes before the effects on the array.
         steps: list[Any] = [self._unknown[name] for name in given]
-        steps += [form for name, form in self._unknown.items() if name in nuisances]
+        steps += [
+            form
+            for name, form in self._unknown.items()
+            if name in nuisances and not isinstance(form, forms.Transmission)
+        ]
         steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
         blurs = [step.matrix for step in steps if isinstance(step, Blur)]
         kinds = np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64)
@@ -150,11 +164,15 @@ class ForwardModel:
             laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
         return Optics(
             detectors=np.ascontiguousarray(np.hstack([self.array.positions, self.array.normals]).T),
+            radius_m=float(self.scene.array.radius_m or 0.0),
             power=float(self.power),
             beam_sigma_rad=float(np.radians(self.scene.lamp.beam_sigma_deg)),
+            scattering_per_m=float(sum(form.scattering_per_m for form in scattering)),
             nuisances=len(nuisances),
             power_at=index_of(POWER),
             sigma_at=index_of(BEAM_SIGMA),
+            scattering_at=index_of(SCATTERING),
+            radius_at=index_of(RADIUS),
             laws=laws,
             law_settings=np.array([form.settings for form in passed]).reshape(len(passed), 3),
             law_at=np.array([index_of(form.nuisance) for form in passed], dtype=np.int64),
@@ -277,7 +295,7 @@ class ForwardModel:
                 illuminate(optics, lamp, offset, rays, beam, differentiate)
                 for factor in moving:
                     beam[LIGHT] *= factor(times[part], rays, lamp[3:])
-                project(optics, lamp, slopes, rays, beam, image[:, part])
+                project(optics, lamp, slopes, offset, rays, beam, image[:, part])
                 detect(optics, offset, image[:, part])
         return image, shape
 
@@ -338,12 +356,12 @@ class ForwardModel:
         return image
 
     def rays(self, poses: Array, rolls: Array) -> Array:
-        """Return the rays to each detector, as `light.ray`, shape ``(8, m, n)``.
+        """Return the rays to each detector, as `light.ray`, shape ``(13, m, n)``.
 
         Poses and rolls have shapes ``(m, 5)`` and ``(m,)``, m and rad.
         """
         x, y, z, pitch, yaw = poses.T[..., None]
         lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
         rays = workspace(RAY_ROWS, lamp[0], self.array.side**2)
-        trace(self.optics().detectors, lamp, rays)
+        trace(self.optics(), lamp, np.zeros((0, 1)), rays)
         return rays

@@ -8,7 +8,7 @@ compiled code it is a number, of one pose.
 import math
 from typing import Any, NamedTuple
 
-from numpy import exp, maximum
+from numpy import exp, maximum, sqrt
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
@@ -21,24 +21,34 @@ from uuv_optical_array.core.numerics.elementwise import (
 )
 from uuv_optical_array.forward.light import (
     ALONG,
+    AXIAL,
     COSINE,
     HALF_SQUARE,
+    INCIDENCE,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
     RANGE,
     TO_X,
     TO_Y,
     TO_Z,
     TURN,
+    lambert,
     lamp_light,
     ray,
     slopes_by_lamp,
 )
+from uuv_optical_array.forward.scattering import scattered_light
 
-# Rows of the beam; those of slopes by settings of the laws follow.
-LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_COSINE, BY_SIGMA = range(5)
-BEAM_ROWS = 5
+# Rows of the beam: light, slopes of its logarithm, and slopes of the incidence; those by settings
+# of the laws follow.
+LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
+IN_RANGE, IN_HALF_SQUARE, IN_COSINE, IN_AXIAL, IN_SIGMA = range(6, 11)
+BEAM_ROWS = 11
 # Kinds of step on the array.
 BACKGROUND, GAIN, BLUR, SHADE = range(4)
 DEGREE = math.pi / 180
+LEAST_DEPTH = 1e-6  # squared, of a detector on the sphere's rim, as a share of the radius
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
 
@@ -70,13 +80,17 @@ class Optics(NamedTuple):
     ----------
     detectors
         Their positions, m, and normals, shape ``(6, n)``.
+    radius_m
+        Of the sphere that carries the detectors, m; 0: there is none.
     power, beam_sigma_rad
         As in `light.lamp_light`.
+    scattering_per_m
+        Of the water, 1/m; 0: it does not scatter.
     nuisances
         Number of settings that have offsets.
-    power_at, sigma_at
-        Index among the nuisances of the offset of the power's logarithm, and of that of the beam's
-        standard deviation, deg; -1: known.
+    power_at, sigma_at, scattering_at, radius_at
+        Index among the nuisances of the offset of the power's logarithm, of that of the beam's
+        standard deviation, deg, and of the logarithms of scattering and radius; -1: known.
     laws, law_settings, law_at
         Of transmission: functions, or their addresses for compiled code; their settings, shape
         ``(laws, 3)``; index of the nuisance that is the first of these, as `power_at`.
@@ -89,11 +103,15 @@ class Optics(NamedTuple):
     """
 
     detectors: Array
+    radius_m: float
     power: float
     beam_sigma_rad: float
+    scattering_per_m: float
     nuisances: int
     power_at: int
     sigma_at: int
+    scattering_at: int
+    radius_at: int
     laws: Any
     law_settings: Array
     law_at: Any
@@ -104,38 +122,71 @@ class Optics(NamedTuple):
     blur: Array
 
 
-def trace(detectors: Array, lamp: Any, rays: Any) -> None:
-    """Write the `light.ray` from the lamp (six components) to each detector, ``(8, ..., n)``."""
+def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
+    """Write the `light.ray` from the lamp (six components) to each detector, ``(13, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
+    detectors = optics.detectors
     for j in indices(detectors.shape[1]):
-        range_m, half_square, cosine, to_x, to_y, to_z, along_m, turn = ray(
-            detectors[0, j],
-            detectors[1, j],
-            detectors[2, j],
-            detectors[3, j],
-            detectors[4, j],
-            detectors[5, j],
-            lamp_x,
-            lamp_y,
-            lamp_z,
-            axis_x,
-            axis_y,
-            axis_z,
+        x, y, z = detectors[0, j], detectors[1, j], detectors[2, j]
+        normal_x, normal_y, normal_z = detectors[3, j], detectors[4, j], detectors[5, j]
+        if optics.radius_at >= 0:
+            # The detectors keep their places across the array, so a larger sphere is flatter.
+            scale = exp(nuisances[optics.radius_at])
+            depth = sqrt(maximum(scale * scale - 1 + normal_x * normal_x, LEAST_DEPTH))
+            x = x + optics.radius_m * (depth - normal_x)
+            normal_x, normal_y, normal_z = depth / scale, normal_y / scale, normal_z / scale
+        range_m, half_square, cosine, axial, to_x, to_y, to_z, along_m, turn = ray(
+            x, y, z, normal_x, normal_y, normal_z, lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z
         )
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
-        rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = to_x, to_y, to_z
+        rays[INCIDENCE, j], rays[AXIAL, j] = cosine, axial
         rays[ALONG, j], rays[TURN, j] = along_m, turn
+        rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = to_x, to_y, to_z
+        rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j] = normal_x, normal_y, normal_z
 
 
-def shine(rays: Any, power: Any, beam_sigma_rad: float, beam: Any) -> None:
-    """Write the ideal light at the end of each ray, and its slopes, into the rows of `beam`."""
+def shine(rays: Any, power: Any, beam_sigma_rad: Any, beam: Any) -> None:
+    """Write the light in water that does not scatter, and its slopes, into the rows of `beam`."""
     for j in indices(rays.shape[-1]):
-        light, by_range, by_half_square, by_cosine, by_sigma = lamp_light(
-            rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j], power, beam_sigma_rad
+        light, by_range, by_half_square, by_incidence, by_sigma = lamp_light(
+            rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j], power, beam_sigma_rad
         )
         beam[LIGHT, j], beam[BY_RANGE, j] = light, by_range
-        beam[BY_HALF_SQUARE, j], beam[BY_COSINE, j] = by_half_square, by_cosine
-        beam[BY_SIGMA, j] = by_sigma
+        beam[BY_HALF_SQUARE, j], beam[BY_INCIDENCE, j] = by_half_square, by_incidence
+        beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = by_sigma, 0.0
+        beam[IN_RANGE, j], beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = 0.0, 0.0, 1.0
+        beam[IN_AXIAL, j], beam[IN_SIGMA, j] = 0.0, 0.0
+
+
+def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, beam: Any) -> None:
+    """Write the light in water that scatters, as `shine` does, with its incidence."""
+    for j in indices(rays.shape[-1]):
+        range_m, half_square = rays[RANGE, j], rays[HALF_SQUARE, j]
+        (
+            flux,
+            beam[BY_RANGE, j],
+            beam[BY_HALF_SQUARE, j],
+            beam[BY_SIGMA, j],
+            beam[BY_SCATTERING, j],
+            incidence,
+            beam[IN_RANGE, j],
+            beam[IN_HALF_SQUARE, j],
+            beam[IN_COSINE, j],
+            beam[IN_AXIAL, j],
+            beam[IN_SIGMA, j],
+        ) = scattered_light(
+            range_m,
+            half_square,
+            rays[ALONG, j] / range_m,
+            1 / (rays[TURN, j] * range_m),
+            rays[COSINE, j],
+            rays[AXIAL, j],
+            power,
+            beam_sigma_rad,
+            scattering_per_m,
+        )
+        facing, beam[BY_INCIDENCE, j] = lambert(incidence)
+        rays[INCIDENCE, j], beam[LIGHT, j] = incidence, flux * facing
 
 
 def illuminate(
@@ -144,16 +195,22 @@ def illuminate(
     """Write the rays to each detector and the light that arrives there.
 
     Lamp and axis of the beam in ``base_link``, m, are six components; offsets of nuisances have
-    shape ``(q, ...)``. Results are the rows of `light.ray`, shape ``(8, ..., n)``, and in `beam`
-    the light, its slopes and those by settings of the laws, shape ``(5 + laws, ..., n)``.
+    shape ``(q, ...)``. Results are the rows of `light.ray`, shape ``(13, ..., n)``, and in `beam`
+    the light, its slopes and those by settings of the laws, shape ``(11 + laws, ..., n)``.
     """
     power, beam_sigma_rad = optics.power, optics.beam_sigma_rad
+    scattering_per_m = optics.scattering_per_m
     if optics.power_at >= 0:
         power = power * exp(nuisances[optics.power_at])
     if optics.sigma_at >= 0:
         beam_sigma_rad = beam_sigma_rad + DEGREE * nuisances[optics.sigma_at]
-    trace(optics.detectors, lamp, rays)
-    shine(rays, power, beam_sigma_rad, beam)
+    if optics.scattering_at >= 0:
+        scattering_per_m = scattering_per_m * exp(nuisances[optics.scattering_at])
+    trace(optics, lamp, nuisances, rays)
+    if optics.scattering_per_m > 0:
+        scatter(rays, power, beam_sigma_rad, scattering_per_m, beam)
+    else:
+        shine(rays, power, beam_sigma_rad, beam)
     for i in range(len(optics.laws)):
         first = optics.law_settings[i, 0]
         if optics.law_at[i] >= 0:
@@ -163,15 +220,22 @@ def illuminate(
         transmit(optics.laws[i], rays, first, second, third, beam, row, differentiate)
 
 
-def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, image: Any) -> None:
+def project(
+    optics: Optics,
+    lamp: Any,
+    lamp_slopes: Any,
+    nuisances: Any,
+    rays: Any,
+    beam: Any,
+    image: Any,
+) -> None:
     """Write the light on the array, and its slopes by p coordinates and q nuisances.
 
     `lamp_slopes` are those of lamp and axis by the coordinates, shape ``(6, p, ...)``. The image is
     light, slopes by the coordinates and by the nuisances, shape ``(1 + p + q, ..., n)``, or light
     alone, shape ``(1, ..., n)``.
     """
-    detectors = optics.detectors
-    size, n = lamp_slopes.shape[1], detectors.shape[1]
+    size, n = lamp_slopes.shape[1], rays.shape[-1]
     for j in indices(n):
         image[0, j] = beam[LIGHT, j]
     if len(image) == 1:
@@ -179,21 +243,26 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
     vectors = workspace(6, lamp[0], n)
     _, _, _, axis_x, axis_y, axis_z = lamp
     for j in indices(n):
-        light = beam[LIGHT, j]
+        light, by_incidence = beam[LIGHT, j], beam[BY_INCIDENCE, j]
+        lean = light * by_incidence
         radial, facing, bend = slopes_by_lamp(
-            light * beam[BY_RANGE, j],
-            light * beam[BY_HALF_SQUARE, j],
-            light * beam[BY_COSINE, j],
+            light * (beam[BY_RANGE, j] + by_incidence * beam[IN_RANGE, j]),
+            light * (beam[BY_HALF_SQUARE, j] + by_incidence * beam[IN_HALF_SQUARE, j]),
+            lean * beam[IN_COSINE, j],
             rays[RANGE, j],
             rays[COSINE, j],
             rays[ALONG, j],
             rays[TURN, j],
         )
+        by_axial = lean * beam[IN_AXIAL, j]
         to_x, to_y, to_z = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]
-        vectors[0, j] = radial * to_x + facing * detectors[3, j] + bend * axis_x
-        vectors[1, j] = radial * to_y + facing * detectors[4, j] + bend * axis_y
-        vectors[2, j] = radial * to_z + facing * detectors[5, j] + bend * axis_z
-        vectors[3, j], vectors[4, j], vectors[5, j] = bend * to_x, bend * to_y, bend * to_z
+        normal_x, normal_y, normal_z = rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j]
+        vectors[0, j] = radial * to_x + facing * normal_x + bend * axis_x
+        vectors[1, j] = radial * to_y + facing * normal_y + bend * axis_y
+        vectors[2, j] = radial * to_z + facing * normal_z + bend * axis_z
+        vectors[3, j] = bend * to_x + by_axial * normal_x
+        vectors[4, j] = bend * to_y + by_axial * normal_y
+        vectors[5, j] = bend * to_z + by_axial * normal_z
     for q in range(size):
         by_x, by_y, by_z = lamp_slopes[0, q], lamp_slopes[1, q], lamp_slopes[2, q]
         by_u, by_v, by_w = lamp_slopes[3, q], lamp_slopes[4, q], lamp_slopes[5, q]
@@ -215,12 +284,30 @@ def project(optics: Optics, lamp: Any, lamp_slopes: Any, rays: Any, beam: Any, i
             image[first + optics.power_at, j] = image[0, j]
     if optics.sigma_at >= 0:
         for j in indices(n):
-            image[first + optics.sigma_at, j] = image[0, j] * beam[BY_SIGMA, j] * DEGREE
+            slope = beam[BY_SIGMA, j] + beam[BY_INCIDENCE, j] * beam[IN_SIGMA, j]
+            image[first + optics.sigma_at, j] = image[0, j] * slope * DEGREE
+    if optics.scattering_at >= 0:
+        for j in indices(n):
+            slope = beam[BY_INCIDENCE, j] * beam[IN_RANGE, j] * rays[RANGE, j]
+            image[first + optics.scattering_at, j] = image[0, j] * (beam[BY_SCATTERING, j] + slope)
+    if optics.radius_at >= 0:
+        radius_m = optics.radius_m * exp(nuisances[optics.radius_at])
+        for j in indices(n):
+            lean, over = image[0, j] * beam[BY_INCIDENCE, j], 1 / rays[RANGE, j]
+            straight, axial = lean * beam[IN_COSINE, j] * over, lean * beam[IN_AXIAL, j]
+            # The sphere's front moves ahead, and all normals lean towards it.
+            ahead = 1 / rays[NORMAL_X, j]
+            turn_x, turn_y = straight * rays[TO_X, j], straight * rays[TO_Y, j]
+            turn_z = straight * rays[TO_Z, j]
+            turn_x, turn_y = turn_x + axial * axis_x, turn_y + axial * axis_y
+            turn_z = turn_z + axial * axis_z
+            turned = turn_x * (ahead - rays[NORMAL_X, j])
+            turned = turned - turn_y * rays[NORMAL_Y, j] - turn_z * rays[NORMAL_Z, j]
+            image[first + optics.radius_at, j] = turned - vectors[0, j] * radius_m * ahead
     for i in range(len(optics.law_at)):
         if optics.law_at[i] >= 0:
-            # A law may share a setting with the lamp.
             for j in indices(n):
-                image[first + optics.law_at[i], j] += image[0, j] * beam[BEAM_ROWS + i, j]
+                image[first + optics.law_at[i], j] = image[0, j] * beam[BEAM_ROWS + i, j]
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:

@@ -13,11 +13,14 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.forward.effects.forms import Background, Shade
+from uuv_optical_array.forward.effects.detectors import lens
+from uuv_optical_array.forward.effects.forms import Background, Shade, Transmission
 
 # Names of uncertain settings.
 POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
+ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
+RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 # A shade is smooth: each order of its modes over the array is weaker than the one before by this
@@ -41,6 +44,10 @@ PRIORS: dict[str, dict[str, float]] = {
         "lamp_power_std": 0.1,
         "beam_sigma_std_deg": 0.3,
         "k_std_per_m": 0.02,
+        "absorption_std_per_m": 0.02,
+        "scattering_std": 0.5,
+        "cosine_power_std": 0.1,
+        "radius_std": 0.02,
         "ambient_std_counts": 5.0,
         "gain_std": 0.005,
         "uneven_probability": 0.02,
@@ -49,6 +56,10 @@ PRIORS: dict[str, dict[str, float]] = {
         "lamp_power_std": 0.2,
         "beam_sigma_std_deg": 0.5,
         "k_std_per_m": 0.05,
+        "absorption_std_per_m": 0.05,
+        "scattering_std": 0.7,
+        "cosine_power_std": 0.2,
+        "radius_std": 0.03,
         "ambient_std_counts": 10.0,
         "gain_std": 0.01,
         "uneven_probability": 0.02,
@@ -90,6 +101,19 @@ class PriorSettings:
     ] = 0.0
     k_std_per_m: Annotated[
         float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
+    ] = 0.0
+    absorption_std_per_m: Annotated[
+        float, Quantity("standard deviation of the absorption; 0: known", "1/m", 0, 1)
+    ] = 0.0
+    scattering_std: Annotated[
+        float, Quantity("relative standard deviation of the scattering; 0: known", "", 0, 2)
+    ] = 0.0
+    cosine_power_std: Annotated[
+        float,
+        Quantity("standard deviation of the power of the detectors' cosine; 0: known", "", 0, 1),
+    ] = 0.0
+    radius_std: Annotated[
+        float, Quantity("relative standard deviation of a sphere's radius; 0: known", "", 0, 0.2)
     ] = 0.0
     ambient_std_counts: Annotated[
         float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
@@ -139,6 +163,10 @@ class PriorSettings:
             POWER: self.lamp_power_std,
             BEAM_SIGMA: self.beam_sigma_std_deg,
             ATTENUATION: self.k_std_per_m,
+            ABSORPTION: self.absorption_std_per_m,
+            SCATTERING: self.scattering_std,
+            RESPONSE: self.cosine_power_std,
+            RADIUS: self.radius_std,
             AMBIENT: self.ambient_std_counts,
             **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
             "responsivity.temperature_c": self.temperature_std_c,
@@ -207,11 +235,15 @@ def shade_modes(side: int) -> Array:
     return np.array(modes[1:])
 
 
-def unknown_forms(side: int) -> dict[str, Background | Shade]:
-    """Return the forms of unknown light by name: daylight in counts, shades as logarithms."""
+def unknown_forms(side: int) -> dict[str, Background | Shade | Transmission]:
+    """Return the forms of what is unknown and 0 in the scene, by name.
+
+    Daylight is in counts, shades are logarithms, the response is a power of the cosine.
+    """
     u, v = (axis.ravel() for axis in over_array(side))
     shades = zip(SHADES, shade_modes(side), strict=True)
     return {
+        RESPONSE: Transmission(lens, nuisance=RESPONSE),
         **{name: Shade(mode, name) for name, mode in shades},
         AMBIENT: Background(np.ones(side * side), 0.0, AMBIENT),
         GRADIENTS[0]: Background(u, 0.0, GRADIENTS[0]),

@@ -13,7 +13,14 @@ from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.light import LampSettings
-from uuv_optical_array.forward.prior import AMBIENT, GRADIENTS, PRIORS, PriorSettings
+from uuv_optical_array.forward.prior import (
+    ABSORPTION,
+    AMBIENT,
+    ATTENUATION,
+    GRADIENTS,
+    PRIORS,
+    PriorSettings,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +100,13 @@ class Scene:
             limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
         return min(limits, default=self.lamp.reference_counts)
 
+    @property
+    def attenuation(self) -> tuple[str, float]:
+        """Name and value, 1/m, of what dims the light with the range: K, or the absorption."""
+        if "sea" in self.effects:
+            return ABSORPTION, float(self.effects["sea"]["absorption_per_m"])
+        return ATTENUATION, float(self.effects.get("attenuation", {}).get("k_per_m", 0.0))
+
     def constants_std(self) -> dict[str, float]:
         """Return the prior's `nuisance_std`, with that of the gradient of daylight.
 
@@ -147,6 +161,21 @@ class Scene:
         ]
 
 
+# What an uncertain setting belongs to.
+NEEDS = {
+    "k_std_per_m": "effects.attenuation",
+    "absorption_std_per_m": "effects.sea",
+    "scattering_std": "effects.sea",
+    "temperature_std_c": "effects.responsivity",
+    "radius_std": "array.radius_m",
+}
+
+
+def _has(key: str, effects: Mapping[str, Any], groups: Mapping[str, Any]) -> bool:
+    group, name = NEEDS[key].split(".")
+    return name in effects if group == "effects" else getattr(groups[group], name) is not None
+
+
 def scene_from_settings(settings: Any, name: str) -> Scene:
     """Check a scene given as plain values.
 
@@ -171,25 +200,27 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
             if group not in (*GROUPS, "effects"):
                 raise unknown(group, (*GROUPS, "effects"), "")
         effects = check_effects(settings.get("effects"))
-        groups = {}
+        groups: dict[str, Any] = {}
         for group, declared in GROUPS.items():
             values = check_all(declared, settings.get(group), group)
             if group == "prior":
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
                 values |= {key: std for key, std in defaults.items() if key not in given}
-                # The default does not apply to water that does not attenuate.
-                usual = defaults.get("k_std_per_m")
-                if "attenuation" not in effects and values["k_std_per_m"] == usual:
-                    values["k_std_per_m"] = 0.0
+                # A set's values do not apply to what the scene does not have.
+                lacking = [
+                    key for key in NEEDS if key not in given and not _has(key, effects, groups)
+                ]
+                values |= dict.fromkeys(lacking, 0.0)
             try:
                 groups[group] = declared(**values)
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=effects, **groups)
-        needs = {"k_std_per_m": "attenuation", "temperature_std_c": "responsivity"}
-        for key, effect in needs.items():
-            if getattr(scene.prior, key) > 0 and effect not in scene.effects:
-                raise ValueError(f"prior.{key}: the scene has no effects.{effect}; add it")
+        for key, needed in NEEDS.items():
+            if getattr(scene.prior, key) > 0 and not _has(key, effects, groups):
+                raise ValueError(f"prior.{key}: the scene has no {needed}; add it")
+        if "sea" in effects and "attenuation" in effects:
+            raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
     except ValueError as error:
         raise ValueError(f"scene {name}: {error}") from None
     return scene

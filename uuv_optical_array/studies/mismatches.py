@@ -16,7 +16,7 @@ from numpy.polynomial.legendre import legvander2d
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward.effects import MOVING, check_effects
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ATTENUATION, BEAM_SIGMA, POWER, PRIORS, over_array
+from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, PRIORS, over_array
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses, uniform_poses
 
@@ -46,19 +46,22 @@ def unchanged(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Ar
     return model.light(poses)
 
 
-def attenuation_per_m(scene: Scene) -> float:
-    """Return the attenuation of a scene, 1/m."""
-    return float(scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
-
-
 def with_offset(
     model: ForwardModel, poses: Array, rng: np.random.Generator, of: str, by: float
 ) -> Array:
     """Add to a constant of the scene, as `ForwardModel.light` has its offsets."""
-    if of == ATTENUATION and of not in model.nuisances:
+    return model.light(poses, 0.0, {of: np.array(by)})
+
+
+def with_attenuation(
+    model: ForwardModel, poses: Array, rng: np.random.Generator, by: float
+) -> Array:
+    """Add to the attenuation, or the absorption, of the scene's water."""
+    name, _ = model.scene.attenuation
+    if name not in model.nuisances:
         effects = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
         model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(effects)))
-    return model.light(poses, 0.0, {of: np.array(by)})
+    return with_offset(model, poses, rng, name, by)
 
 
 def daylight(
@@ -200,7 +203,7 @@ def aside_poses(count: int, rng: np.random.Generator) -> Array:
 def needs_water(scene: Scene, least_per_m: float) -> str:
     """Need an attenuation."""
     # 0.05 less 0.05 is a water that attenuates nothing, whatever rounding says.
-    enough = attenuation_per_m(scene) >= least_per_m - 1e-12
+    enough = scene.attenuation[1] >= least_per_m - 1e-12
     return "" if enough else f"an attenuation of at least {least_per_m:g} /m"
 
 
@@ -281,7 +284,7 @@ KINDS = (
             f"k{off:+g}",
             f"The water attenuates by {abs(off):g} /m {_more(off)}.",
             K_CURE,
-            partial(with_offset, of=ATTENUATION, by=off),
+            partial(with_attenuation, by=off),
             {"k_per_m": abs(off)},
             missing=partial(needs_water, least_per_m=-off),
         )

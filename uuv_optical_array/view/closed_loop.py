@@ -18,7 +18,7 @@ from uuv_optical_array.core.settings import Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ATTENUATION, POWER
+from uuv_optical_array.forward.prior import POWER
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
@@ -28,7 +28,7 @@ CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has n
 class Conditions:
     """The sea that the estimator does not know, and the station to keep."""
 
-    k_per_m: Annotated[float, Quantity("attenuation of the water", "1/m", 0, 10)]
+    k_per_m: Annotated[float, Quantity("attenuation or absorption of the water", "1/m", 0, 10)]
     lamp_power: Annotated[
         float, Quantity("power of the lamp, by that of the scene; 0: off", "", 0, 100)
     ] = 1.0
@@ -46,7 +46,7 @@ class Conditions:
     def of(cls, scene: Scene) -> "Conditions":
         """Return those of a scene."""
         return cls(
-            scene.effects.get("attenuation", {}).get("k_per_m", 0.0),
+            scene.attenuation[1],
             plume_depth=scene.effects.get("plume", {}).get("depth", 0.0),
         )
 
@@ -149,9 +149,11 @@ def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, 
     settings = scene.settings()
     effects = settings["effects"]
     clouds = effects.pop("plume", None)
-    believed = effects.setdefault("attenuation", {"k_per_m": 0.0})
+    name, believed = scene.attenuation
+    if "sea" not in effects:
+        effects.setdefault("attenuation", {"k_per_m": 0.0})
     # The offset is what differs, as the lamp stays as bright as it is in the scene.
-    offsets = {ATTENUATION: np.array(conditions.k_per_m - believed["k_per_m"])}
+    offsets = {name: np.array(conditions.k_per_m - believed)}
     power = conditions.lamp_power
     offsets[POWER] = np.array(math.log(power) if power > 0 else -math.inf)
     if conditions.plume_depth > 0:

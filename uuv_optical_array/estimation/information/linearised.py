@@ -140,6 +140,6 @@ def write_linear(
     write_lamp_slopes(at, roll, lamp, slopes)
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, nuisances, rays, beam, True)
-    project(optics, lamp, slopes, rays, beam, image)
+    project(optics, lamp, slopes, nuisances, rays, beam, image)
     detect(optics, nuisances, image)
     likelihood_of(readings, image[0], noise, likelihood)

@@ -181,7 +181,7 @@ def evaluate(problem: Problem, at: Array) -> State:
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, nuisances, rays, beam, True)
     image = workspace(1 + size, at[0], n)
-    project(optics, lamp, lamp_slopes, rays, beam, image)
+    project(optics, lamp, lamp_slopes, nuisances, rays, beam, image)
     detect(optics, nuisances, image)
     likelihood = workspace(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
@@ -277,7 +277,7 @@ def light_at(problem: Problem, at: Array) -> Array:
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
     illuminate(optics, lamp, at[5:], rays, beam, False)
     image = np.empty((1, n))
-    project(optics, lamp, zeros(6, 0, at[0]), rays, beam, image)
+    project(optics, lamp, zeros(6, 0, at[0]), at[5:], rays, beam, image)
     detect(optics, at[5:], image)
     return image[0]
 

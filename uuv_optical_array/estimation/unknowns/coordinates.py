@@ -21,13 +21,13 @@ All functions take numbers, or components of many poses at once.
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import choose, law, stack
 from uuv_optical_array.forward.light import off_axis
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scattering import scattered_light
 
 AZIMUTH, ELEVATION, LOG_ATTENUATION = range(3)  # then pitch and yaw, as in the pose
 LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar array
@@ -57,9 +57,18 @@ class CoordinateFrame(NamedTuple):
 
 
 def frame_of(model: ForwardModel) -> CoordinateFrame:
-    """Return the frame of the coordinates of a model's scene."""
-    sigma = float(np.radians(model.scene.lamp.beam_sigma_deg))
-    k_per_m = float(model.scene.effects.get("attenuation", {}).get("k_per_m", 0.0))
+    """Return the frame of the coordinates of a model's scene.
+
+    In water that scatters, attenuation and width are those of the light in the table's middle.
+    """
+    scene, optics = model.scene, model.optics()
+    sigma, (_, k_per_m) = optics.beam_sigma_rad, scene.attenuation
+    if optics.scattering_per_m > 0:
+        range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)
+        on_axis = range_m, 0.0, 1.0, 1.0, 1.0, -1.0
+        flux = scattered_light(*on_axis, 1.0, sigma, optics.scattering_per_m)
+        k_per_m -= float(flux[1] + 2 / range_m)
+        sigma = float((-flux[2]) ** -0.5)
     planar = model.scene.array.shape == "planar"
     x, y, z = model.array.positions.mean(axis=0).tolist()
     return CoordinateFrame(x, y, z, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)

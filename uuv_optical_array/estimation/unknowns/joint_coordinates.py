@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.forward.optics import DEGREE
-from uuv_optical_array.forward.prior import ATTENUATION, BEAM_SIGMA, POWER
+from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER
 
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
 
@@ -148,7 +148,8 @@ class JointCoordinates(AsTheyAre):
         def place(name: str) -> int:
             return 5 + names.index(name) if name in names else -1
 
-        self._joint = Joint(frame, place(POWER), place(ATTENUATION), place(BEAM_SIGMA))
+        water = max(place(ATTENUATION), place(ABSORPTION))
+        self._joint = Joint(frame, place(POWER), water, place(BEAM_SIGMA))
 
     def of(self, at: Array) -> Array:
         """Return the coordinates of pose and constants."""

@@ -1,8 +1,8 @@
 """What water and electronics do to the ideal light: one function an effect, one scene key each.
 
 An effect is a function with the name of the scene key. Its keyword-only arguments are the settings
-of the key; before them it takes the ``array`` and, where it needs it, the ``lamp``. It is called
-once, when a scene is planned, and returns one or more `forms`. Effects act in the order of the list
+of the key; before them it takes the ``array``. It is called once, when a scene is planned, and
+returns one or more `forms`. Effects act in the order of the list
 below, which is the physical one.
 """
 
@@ -14,7 +14,6 @@ from uuv_optical_array.core.settings import check_all, unknown
 from uuv_optical_array.forward.array import DetectorArray
 from uuv_optical_array.forward.effects import detectors, electronics, moving, water
 from uuv_optical_array.forward.effects.forms import Form, Moving
-from uuv_optical_array.forward.light import LampSettings
 
 
 class Effect(NamedTuple):
@@ -32,10 +31,10 @@ EFFECTS: dict[str, Effect] = {
     for effect in (
         # On the way to the detectors.
         Effect(water.attenuation, water.resolved_attenuation),
+        Effect(water.sea, water.resolved_sea),
         Effect(moving.lamp_flicker),
         Effect(moving.lamp_drift),
         Effect(moving.plume),
-        Effect(water.beam_spread),
         Effect(detectors.field_of_view, detectors.resolved_field_of_view),
         Effect(detectors.window),
         # On the array.
@@ -82,18 +81,13 @@ def check_effects(settings: Any) -> dict[str, dict[str, Any]]:
     return checked
 
 
-def plan(
-    settings: Mapping[str, Mapping[str, Any]], array: DetectorArray, lamp: LampSettings
-) -> tuple[Form, ...]:
+def plan(settings: Mapping[str, Mapping[str, Any]], array: DetectorArray) -> tuple[Form, ...]:
     """Return the forms of effects that `check_effects` has checked, in physical order.
 
     ValueError for a setting that does not fit the array.
     """
-    rig: dict[str, Any] = {"array": array, "lamp": lamp}
     forms: list[Form] = []
     for name, values in settings.items():
-        function = EFFECTS[name].function
-        parts = [rig[part] for part in inspect.signature(function).parameters if part in rig]
-        result = function(*parts, **values)
+        result = EFFECTS[name].function(array, **values)
         forms.extend(result if isinstance(result, tuple) else (result,))
     return tuple(forms)

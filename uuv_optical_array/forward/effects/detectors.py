@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import maximum, minimum, sqrt, tanh
+from numpy import exp, log, maximum, minimum, sqrt, tanh
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import choose, law
@@ -20,10 +20,11 @@ def resolved_field_of_view(settings: dict[str, Any], name: str) -> dict[str, Any
 
 
 @law
-def lens(range_m: Any, half_square: Any, cosine: Any, power: Any, _b: Any, _c: Any) -> Any:
+def lens(range_m: Any, half_square: Any, incidence: Any, power: Any, _b: Any, _c: Any) -> Any:
     """Power of the cosine beyond Lambert's: a `Transmission`."""
-    lit = maximum(cosine, 1e-12)
-    return lit**power, 0.0, 0.0, power / lit, 0.0
+    lit = maximum(incidence, 1e-12)
+    logarithm = log(lit)
+    return exp(power * logarithm), 0.0, 0.0, power / lit, logarithm
 
 
 @law
@@ -53,7 +54,7 @@ def field_of_view(
     out, as a hyperbolic tangent of the cosine, which is smooth.
     """
     if cosine_power is not None:
-        return Transmission(lens, (cosine_power - 1, 0.0, 0.0))
+        return Transmission(lens, (cosine_power - 1, 0.0, 0.0), "field_of_view.cosine_power")
     assert half_angle_deg is not None  # checked with the scene
     half = np.radians(half_angle_deg)
     width = 0.5 * np.radians(edge_deg) * np.sin(half)

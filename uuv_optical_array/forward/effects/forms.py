@@ -17,7 +17,7 @@ class Transmission:
     Parameters
     ----------
     law
-        ``law(range_m, half_square, cosine, a, b, c)`` of numbers or arrays, marked by
+        ``law(range_m, half_square, incidence, a, b, c)`` of numbers or arrays, marked by
         `core.numerics.elementwise.law`: the factor of the light, and the slopes of its logarithm by
         range, 1/m, half the squared off-axis angle, 1/rad^2, cosine of incidence, and `a`.
     settings
@@ -32,6 +32,13 @@ class Transmission:
 
 
 @dataclass(frozen=True)
+class Scattering:
+    """Water that scatters the lamp's light: `forward.scattering`. The prior may have it unknown."""
+
+    scattering_per_m: float
+
+
+@dataclass(frozen=True)
 class Moving:
     """Attenuation at a time, in simulation only; an estimator does not know it.
 
@@ -39,7 +46,7 @@ class Moving:
     ----------
     factor
         ``factor(time_s, rays, axis)``: shape ``(..., n)``, from the time, s, shape ``(..., 1)``,
-        the rays as `forward.light.ray` returns them, shape ``(8, ..., n)``, and the beam's axis in
+        the rays as `forward.light.ray` returns them, shape ``(13, ..., n)``, and the beam's axis in
         ``base_link``, shape ``(3, ..., 1)``.
     """
 
@@ -115,5 +122,14 @@ class Converter:
 
 
 Form: TypeAlias = (
-    Transmission | Moving | Background | Gain | Shade | Blur | Noise | Saturation | Converter
+    Transmission
+    | Scattering
+    | Moving
+    | Background
+    | Gain
+    | Shade
+    | Blur
+    | Noise
+    | Saturation
+    | Converter
 )

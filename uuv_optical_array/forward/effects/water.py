@@ -3,15 +3,19 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import exp, expm1, minimum
+from numpy import exp
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import law
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.effects.forms import Background, Blur, Transmission
-from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
-from uuv_optical_array.forward.light import LampSettings
+from uuv_optical_array.forward.effects.forms import Background, Blur, Scattering, Transmission
+from uuv_optical_array.forward.effects.waters import (
+    PETZOLD_PER_M,
+    Measured,
+    Water,
+    diffuse_attenuation,
+)
 
 WavelengthNm = Annotated[float | None, Quantity("wavelength of the light", "nm", 400, 700)]
 KPerM = Annotated[float | None, Quantity("diffuse attenuation coefficient K", "1/m", 0, 10)]
@@ -48,61 +52,35 @@ def attenuation(
     return Transmission(beer, (k_per_m, 0.0, 0.0), "attenuation.k_per_m")
 
 
-@law
-def spread(
-    range_m: Any,
-    half_square: Any,
-    cosine: Any,
-    beam_sigma_deg: Any,
-    scattering_per_m: Any,
-    angle_squared: Any,
-) -> Any:
-    """Law of `beam_spread`: a `Transmission`.
-
-    Its settings are the standard deviation of the beam, deg, the coefficient, 1/m, and the squared
-    angle of one scattering, rad^2.
-    """
-    degree = np.pi / 180
-    narrow = (beam_sigma_deg * degree) ** 2
-    depth = scattering_per_m * range_m
-    straight, scattered = exp(-depth), -expm1(-depth)
-    wide = narrow + angle_squared * depth / (3 * scattered)
-    # Bounded, so that it does not overflow where the ideal beam has underflowed.
-    excess = minimum(half_square * (1 / narrow - 1 / wide), 600.0)
-    wider = scattered * narrow / wide * exp(excess)
-    factor = straight + wider
-    widening = scattering_per_m * angle_squared / 3
-    widening = widening * (scattered - depth * straight) / (scattered * scattered)
-    by_range = scattering_per_m * straight * (wider / scattered - 1)
-    by_range = by_range + wider * widening / wide * (half_square / wide - 1)
-    precision_gained = 1 / narrow - 1 / wide
-    by_half_square = wider * precision_gained
-    by_narrow = wider * precision_gained * (1 - half_square * (1 / narrow + 1 / wide))
-    by_sigma = by_narrow * 2 * beam_sigma_deg * degree * degree
-    return factor, by_range / factor, by_half_square / factor, 0.0, by_sigma / factor
+def resolved_sea(settings: dict[str, Any], name: str) -> dict[str, Any]:
+    """Replace a measured water by its absorption and scattering."""
+    if one_way(settings, name, ("absorption_per_m", "scattering_per_m"), ("water",)):
+        absorption, scattering = PETZOLD_PER_M[settings["water"]]
+        return {"absorption_per_m": absorption, "scattering_per_m": scattering}
+    return settings
 
 
-def beam_spread(
+def sea(
     array: DetectorArray,
-    lamp: LampSettings,
     *,
-    scattering_per_m: Annotated[float, Quantity("forward scattering coefficient", "1/m", 1e-6, 10)],
-    scattering_angle_deg: Annotated[
-        float, Quantity("standard deviation of one scattering, by axis", "deg", 0.01, 30)
-    ],
-) -> Transmission:
-    """Widen the beam by forward scatter, in the small-angle approximation.
+    absorption_per_m: Annotated[
+        float | None, Quantity("absorption coefficient a", "1/m", 0, 10)
+    ] = None,
+    scattering_per_m: Annotated[
+        float | None, Quantity("scattering coefficient b", "1/m", 1e-6, 10)
+    ] = None,
+    water: Measured | None = None,
+) -> tuple[Scattering, Transmission]:
+    """Let the light through water that absorbs and scatters.
 
-    The share ``exp(-b r)`` goes straight; the rest spreads as a Gaussian beam whose variance at
-    the lamp, ``sigma^2 + v`` with ``v = b theta^2 r / (3 (1 - exp(-b r)))``, gives the whole the
-    exact second moment ``b theta^2 r^3 / 3`` of a thin beam's spread on a plane across it (the
-    small-angle scattering of Fermi and Eyges; for light in the sea Arnush 1972, J. Opt. Soc. Am.
-    62, 1109, and Wells 1973, AGARD LS-61). Power is kept: what is lost belongs to `attenuation`.
-    Single-scattering seas have b of 0.04 (clear), 0.2 (coastal) and 1.8 /m (harbour; Petzold 1972).
+    Scattering widens the beam, tilts the light away from its axis and loses a little of it; the law
+    and its constants are those of `forward.scattering`. Both coefficients are given, or a water
+    that Petzold measured. Scattering is known to a prior by its logarithm.
     """
-    angle_squared = float(np.radians(scattering_angle_deg) ** 2)
-    settings = (lamp.beam_sigma_deg, scattering_per_m, angle_squared)
-    return Transmission(spread, settings, "lamp.beam_sigma_deg")
+    assert absorption_per_m is not None  # resolved when the scene was checked
+    assert scattering_per_m is not None
+    absorption = Transmission(beer, (absorption_per_m, 0.0, 0.0), "sea.absorption_per_m")
+    return Scattering(scattering_per_m), absorption
 
 
 def resolved_ambient(settings: dict[str, Any], name: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The optical water types of Jerlov."""
+"""Waters by name: the optical types of Jerlov, and the seas that Petzold measured."""
 
 from typing import Literal, TypeAlias
 
@@ -33,6 +33,14 @@ KD_PER_KM: dict[str, tuple[int, ...]] = {
     "coastal_5c": (1100, 780, 560, 430, 360, 310, 300, 330, 400, 480, 540, 650, 800),
     "coastal_7c": (1600, 1200, 890, 710, 580, 490, 460, 460, 480, 540, 630, 780, 920),
     "coastal_9c": (2400, 1900, 1600, 1230, 990, 780, 630, 580, 600, 650, 760, 920, 1100),
+}
+Measured: TypeAlias = Literal["petzold_clear", "petzold_coastal", "petzold_harbour"]
+# Absorption and scattering at 514 nm, 1/m: T. J. Petzold, Volume Scattering Functions for Selected
+# Ocean Waters, SIO Ref. 72-78, 1972.
+PETZOLD_PER_M: dict[str, tuple[float, float]] = {
+    "petzold_clear": (0.114, 0.037),
+    "petzold_coastal": (0.179, 0.219),
+    "petzold_harbour": (0.366, 1.824),
 }
 # What Eren et al. (2016) use for their whole band, nm.
 EREN_BAND_NM = 500.0, 550.0

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from uuv_optical_array.forward.effects.jerlov import Water, diffuse_attenuation
+from uuv_optical_array.forward.effects.waters import Water, diffuse_attenuation
 
 
 def test_every_type_of_jerlov_is_that_of_a_library_from_blue_to_red():

@@ -14,6 +14,7 @@ from uuv_optical_array.core.geometry import (
     relative_pose,
     roll_pitch_yaw,
     rotation_matrix,
+    turned_about_lamp,
     turned_on_mount,
 )
 from uuv_optical_array.forward.model import ForwardModel
@@ -234,6 +235,17 @@ def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it()
         seen = axes * Rotation.from_rotvec(about)
         yaw, pitch, _ = seen.as_euler("ZYX")
         moved = np.array([*(array - seen.apply([bow_m, 0.0, 0.0])), pitch, yaw]) - pose
+        np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
+
+
+def test_all_that_a_turned_lamp_lights_appears_to_turn_back_about_it():
+    pose, roll, angle = np.array([-5.0, 0.4, -0.3, 0.2, -2.3]), 0.0, 1e-5
+    axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    slopes = turned_about_lamp(pose)
+    for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
+        back = Rotation.from_rotvec(about).inv()
+        yaw, pitch, _ = (back * axes).as_euler("ZYX")
+        moved = np.array([*back.apply(pose[:3]), pitch, yaw]) - pose
         np.testing.assert_allclose(moved / angle, slopes[:, column], atol=1e-4)
 
 

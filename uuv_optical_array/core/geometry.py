@@ -229,6 +229,16 @@ def turned_on_mount(pose: Array, roll: float, bow_m: float) -> Array:
     return np.array([*swing, (cos_r, -sin_r), (sin_r / level, cos_r / level)])
 
 
+def turned_about_lamp(pose: Array) -> Array:
+    """Return the slope of a pose, as it appears, by turns of the lamp's axis, shape ``(5, 2)``.
+
+    The lamp turns in pitch and yaw of the beacon, so all that it lights appears to turn back.
+    """
+    x, y, z, pitch, yaw = map(float, pose)
+    by_pitch = (-z, 0.0, x, -math.cos(yaw), -math.tan(pitch) * math.sin(yaw))
+    return np.array([by_pitch, (y, -x, 0.0, 0.0, -1.0)]).T
+
+
 def turned_about_beam(poses: Array, roll: float) -> Array:
     """Turn level followers, ``(..., 5)``, about the beam axis by an angle, rad, until they roll.
 

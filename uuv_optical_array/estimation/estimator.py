@@ -21,7 +21,6 @@ from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.geometry import (
     Array,
     turned_about_beam,
-    turned_on_mount,
     wrapped,
 )
 from uuv_optical_array.core.settings import Quantity
@@ -37,6 +36,7 @@ from uuv_optical_array.estimation.signature_table import (
     grid_axes,
 )
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
+from uuv_optical_array.forward.aim import aim_slopes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
@@ -265,18 +265,12 @@ class Estimator:
             for a signature or an image that belongs to no pose of the scene.
         """
         estimate = self._estimate(image, parameters, float(roll), expected)
-        if self.scene.prior.aim_std_deg == 0:
-            return estimate
         covariance = estimate.covariance + self.aim_covariance(estimate.pose, roll)
         return replace(estimate, covariance=covariance)
 
     def aim_covariance(self, pose: Array, roll: float) -> Array:
-        """Return the covariance of a pose by the aim of the array, shape ``(5, 5)``.
-
-        No image tells anything of the aim, and so it is the same in every frame.
-        """
-        aim = math.radians(self.scene.prior.aim_std_deg)
-        slopes = aim * turned_on_mount(pose, roll, self.scene.array.bow_m)
+        """Return the covariance of a pose by the aim of array and lamp, shape ``(5, 5)``."""
+        slopes = aim_slopes(self.scene, pose, roll)
         return slopes @ slopes.T
 
     def _estimate(

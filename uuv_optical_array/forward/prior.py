@@ -48,6 +48,8 @@ PRIORS: dict[str, dict[str, float]] = {
         "scattering_std": 0.5,
         "cosine_power_std": 0.1,
         "radius_std": 0.02,
+        "aim_std_deg": 0.3,
+        "lamp_aim_std_deg": 0.5,
         "ambient_std_counts": 5.0,
         "gain_std": 0.005,
         "uneven_probability": 0.02,
@@ -60,6 +62,8 @@ PRIORS: dict[str, dict[str, float]] = {
         "scattering_std": 0.7,
         "cosine_power_std": 0.2,
         "radius_std": 0.03,
+        "aim_std_deg": 0.5,
+        "lamp_aim_std_deg": 1.0,
         "ambient_std_counts": 10.0,
         "gain_std": 0.01,
         "uneven_probability": 0.02,
@@ -136,6 +140,10 @@ class PriorSettings:
     aim_std_deg: Annotated[
         float,
         Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
+    ] = 0.0
+    lamp_aim_std_deg: Annotated[
+        float,
+        Quantity("standard deviation of the lamp's pitch and yaw on the leader", "deg", 0, 10),
     ] = 0.0
     shade_probability: Annotated[
         float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)

@@ -1,7 +1,6 @@
 """``uuv_array study accuracy``: measure errors of estimates beside bound and covariances."""
 
 import argparse
-import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -15,10 +14,11 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
+from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import PRIORS, Known, PriorSettings
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.prior import Known
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, save
 from uuv_optical_array.studies.shared.errors import (
@@ -123,6 +123,8 @@ def exposed(
     times_s = truth.uniform(0, DAY_S, len(poses)) if moving else None
     stds = model.scene.prior.nuisance_std() if drawn else {}
     offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
+    if drawn:
+        poses = apparent(model.scene, poses, truth.standard_normal((len(poses), 4)))
     light = model.light(poses, 0.0, offsets, times_s)
     if drawn:
         light = light * (1 + model.scene.prior.gain_std * truth.standard_normal(light.shape))
@@ -138,7 +140,7 @@ def compare_known(
     """
     poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
     for known in get_args(Known):
-        believed = dataclasses.replace(scene, prior=PriorSettings(known, **PRIORS[known]))
+        believed = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name)
         noise = np.random.default_rng((seed, 2))
         images = exposed(ForwardModel(believed), poses, seed, True, False, noise)
         estimator = Estimator(believed, "least_squares").wait()

@@ -17,6 +17,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
+from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
@@ -67,6 +68,7 @@ def drive(
     offsets = {
         name: np.array(std * rng.standard_normal()) for name, std in prior.nuisance_std().items()
     }
+    aims = rng.standard_normal((1, 4))
     gains = 1 + prior.gain_std * rng.standard_normal((model.array.side, model.array.side))
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses = course(times_s, duration_s, rng)
@@ -74,7 +76,8 @@ def drive(
     nothing = np.full(5, np.nan), np.full((5, 5), np.nan)
     tracks, singles = [], []
     for time_s, pose in zip(times_s, poses, strict=True):
-        image = model.read(gains * model.light(pose, 0.0, offsets), rng)
+        (seen,) = apparent(scene, pose[None], aims)
+        image = model.read(gains * model.light(seen, 0.0, offsets), rng)
         track = pipeline.answer(round((1 + time_s) * 1e9), image).track
         tracks.append(nothing if track is None else (track.pose, track.covariance))
         if time_s >= duration_s - LAST_S:

@@ -6,6 +6,7 @@ No unbiased estimator that sees one image has a covariance below its inverse, th
 Everything is in m and rad, so the condition number compares a metre with a radian.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.likelihood import information
+from uuv_optical_array.forward.aim import aim_slopes
 from uuv_optical_array.forward.model import ForwardModel
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.
@@ -35,8 +37,8 @@ class Bound:
     information
         Fisher information of x, y, z, pitch and yaw, shape ``(..., 5, 5)``.
     covariance
-        Its inverse, shape ``(..., 5, 5)``. An unobservable degree of freedom has the variance inf
-        and covariances nan; the block of the others is exact, not that of a pseudo-inverse.
+        Its inverse, with what the aim of lamp and array adds, shape ``(..., 5, 5)``. An
+        unobservable degree of freedom has the variance inf and covariances nan; the block of the others is exact, not that of a pseudo-inverse.
     observable
         Whether the image says anything of a degree of freedom, shape ``(..., 5)``.
     condition
@@ -130,6 +132,16 @@ def cramer_rao_bound(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 0.
     diagonal = np.arange(5)
     variance = covariance[..., diagonal, diagonal]
     covariance[..., diagonal, diagonal] = np.where(observable, variance, np.inf)
+    aim = [aim_slopes(model.scene, pose, turn) for pose, turn in _each(poses, roll)]
+    slopes = np.array(aim).reshape(*variance.shape, -1)
+    covariance += slopes @ np.swapaxes(slopes, -1, -2)
     condition = np.full(largest.shape, np.inf)
     np.divide(largest, values[..., :1], out=condition, where=seen[..., :1])
     return Bound(fisher, covariance, observable, condition[..., 0])
+
+
+def _each(poses: ArrayLike, roll: ArrayLike) -> Iterator[tuple[Array, float]]:
+    """Yield each pose with its roll."""
+    poses = np.asarray(poses, dtype=float)
+    rolls = np.broadcast_to(np.asarray(roll, dtype=float), poses.shape[:-1])
+    yield from zip(poses.reshape(-1, 5), rolls.reshape(-1).tolist(), strict=True)

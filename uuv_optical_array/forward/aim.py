@@ -1,0 +1,29 @@
+"""How poses appear where lamp and array do not point exactly where the scene says.
+
+No image tells anything of it: the same light is that of another pose. So the aim is no constant
+that a fit could learn, but a part of the pose's covariance that is the same in every frame.
+"""
+
+import math
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import Array, turned_about_lamp, turned_on_mount
+from uuv_optical_array.forward.scene import Scene
+
+
+def aim_slopes(scene: Scene, pose: Array, roll: float = 0.0) -> Array:
+    """Return by how much a pose is off by one standard deviation of each aim, shape ``(5, 4)``.
+
+    Columns are pitch and yaw of the array on its mount, then of the lamp; the pose, shape ``(5,)``,
+    is in m and rad.
+    """
+    of_array, of_lamp = map(math.radians, (scene.prior.aim_std_deg, scene.prior.lamp_aim_std_deg))
+    on_mount = turned_on_mount(pose, roll, scene.array.bow_m)
+    return np.hstack([of_array * on_mount, of_lamp * turned_about_lamp(pose)])
+
+
+def apparent(scene: Scene, poses: Array, aims: Array) -> Array:
+    """Return poses ``(n, 5)`` as they appear under aims ``(n, 4)`` in standard deviations."""
+    moved = [aim_slopes(scene, pose) @ aim for pose, aim in zip(poses, aims, strict=True)]
+    return poses + np.array(moved).reshape(poses.shape)

@@ -94,7 +94,7 @@ class Estimate:
         Degrees of freedom of which the image says next to nothing.
     readings
         The likelihood of the image near its best fit, where it was told what is expected;
-        ``None`` where the scene is not `Estimator.linear`, or something may shade the image.
+        ``None`` where that is far from Gaussian, or something may shade the image.
     stretch
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     clear
@@ -225,11 +225,6 @@ class Estimator:
             )
             self._compiler.wait()
         return self
-
-    @property
-    def linear(self) -> bool:
-        """Whether a track takes the readings of the scene's images, as `ImageFit.linear` has it."""
-        return self._fit.linear
 
     def estimate(
         self,
@@ -395,7 +390,6 @@ class Estimator:
             return self._saturated(roll)
         fitted, clear, near = fit(readings, parameters, roll, expected)
         runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
-        linear = near is not None and clear > CLEAR and fit.linear
         return Estimate(
             fitted.pose,
             fitted.covariance,
@@ -405,7 +399,7 @@ class Estimator:
             float(ndtr(-fitted.score)),
             float(ndtr(-fitted.runner_up_score)),
             fit.unobservable(fitted.covariance),
-            near if linear else None,
+            near if clear > CLEAR else None,
             fitted.stretch,
             clear,
         )

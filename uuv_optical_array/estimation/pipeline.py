@@ -75,14 +75,11 @@ class Pipeline:
     def use(self, estimator: Estimator) -> None:
         """Answer by another estimator of the same scene from the next image on."""
         self.estimator = estimator
-        if self.tracker is not None:
-            _ = estimator.linear  # now, as it takes several fits
 
     def track_with(self, tracking: TrackerSettings | None) -> None:
         """Begin a new track with these settings, or do without one."""
         constants = self.estimator.constants
         self.tracker = None if tracking is None else Tracker(tracking, constants=constants)
-        self.use(self.estimator)
 
     def command(self, stamp_ns: int, linear: Array, angular: Array) -> None:
         """Tell the tracker how the follower is commanded to move from a stamp on.

@@ -124,21 +124,23 @@ def test_a_dim_sea_that_is_hardly_moved_in_gets_no_sharp_and_wrong_track(estimat
 
 
 @pytest.mark.parametrize(
-    ("array", "linear"),
+    ("array", "range_m", "linear"),
     [
-        ({}, True),
-        ({"radius_m": 1.0}, False),  # weakly curved: mirrored attitudes look alike
-        ({"shape": "planar", "radius_m": None}, False),
+        ({}, 6.0, True),
+        ({}, 13.0, False),  # the range is not known to a tenth of it
+        ({"radius_m": 1.0}, 6.0, False),  # weakly curved: mirrored attitudes look alike
+        ({"shape": "planar", "radius_m": None}, 6.0, False),
     ],
 )
-def test_a_track_takes_readings_where_the_array_shows_one_attitude(array, linear, compiled_fit):
+def test_a_track_takes_readings_where_the_image_shows_one_pose(
+    array, range_m, linear, compiled_fit
+):
     values = coarse_settings(load_scene("follow"))
     array = {**values["array"], **array}
     values["array"] = {key: value for key, value in array.items() if value is not None}
     found = Estimator(build_table(scene_from_settings(values, "array")))
-    assert found.linear == linear
     known = Tracker(TrackerSettings(), constants=found.constants).expected(0)
-    image = ForwardModel(found.table.scene).light(POSE)
+    image = ForwardModel(found.table.scene).light(np.array([-range_m, *POSE[1:]]))
     assert (found.estimate(image, expected=known).readings is not None) == linear
 
 

@@ -144,12 +144,11 @@ def textbook(stamps, frames_, detectors, learnt):
             transition, noise = step((stamps[k] - stamps[k - 1]) * 1e-9, detectors)
             mean = transition @ mean
             covariance = transition @ covariance @ transition.T + noise
-        if isinstance(frame, LinearisedReadings):
-            due = stamps[k] - last >= LEARN_EVERY_S * 1e9
-            (slopes, read, noise), corrected = by_state(frame), learnt if due else 10
-            last = stamps[k] if due else last
-        else:
-            slopes, read, noise, corrected = np.eye(5, len(mean)), frame, NOISE, 10
+        if frame is None:
+            continue
+        due = stamps[k] - last >= LEARN_EVERY_S * 1e9
+        (slopes, read, noise), corrected = by_state(frame), learnt if due else 10
+        last = stamps[k] if due else last
         spread = slopes @ covariance @ slopes.T + noise
         gain = np.linalg.solve(spread, slopes @ covariance).T
         gain[corrected:] = 0.0
@@ -160,24 +159,37 @@ def textbook(stamps, frames_, detectors, learnt):
 
 
 @pytest.mark.parametrize(("detectors", "learnt"), [(9, 21), (50, 12)])
-def test_gains_of_many_detectors_and_constants_of_bare_poses_are_not_learnt_but_kept_in_mind(
+def test_gains_of_many_detectors_are_not_learnt_and_bare_poses_pass_by_a_track_of_readings(
     detectors, learnt
 ):
     # Of 50 detectors the gains are not learnt, and yet no average takes them away.
     stamps, stream = frames(5, detectors)
-    stream[3] = STATION + 0.05
+    stream[3] = None
     tracker = Tracker(LINEAR, constants=constants(detectors))
     for stamp, frame in zip(stamps, stream, strict=True):
-        bare = frame is stream[3]
-        before = tracker.expected(stamp)
-        track = tracker.update(
-            stamp, frame if bare else frame.at[:5], NOISE, None if bare else frame
-        )
-        if bare:
-            np.testing.assert_allclose(tracker.expected(stamp)[0], before[0], rtol=1e-12)
-            np.testing.assert_allclose(tracker.expected(stamp)[1], before[1], rtol=1e-9)
+        if frame is None:
+            assert tracker.update(stamp, STATION, NOISE).frames == 3
+        else:
+            track = tracker.update(stamp, frame.at[:5], NOISE, frame)
     assert_is(tracker, track, *textbook(stamps, stream, detectors, learnt))
     assert track.gains.shape == ((9,) if detectors == 9 else (0,))
+
+
+def test_bare_poses_alone_become_the_track_and_readings_begin_it_anew():
+    stamps, readings = frames(5, 9)
+    tracker = Tracker(LINEAR, constants=constants(9))
+    tracker.update(stamps[0], readings[0].at[:5], NOISE, readings[0])
+    s = 10**9
+    for late_s, has, count in (
+        (1, False, 1),  # without
+        (70, False, 1),  # for longer than reset_after_s: a track of poses
+        (71, False, 2),
+        (72, True, 1),  # of readings again
+        (73, True, 2),
+        (74, False, 2),
+    ):
+        with_it = readings[0] if has else None
+        assert tracker.update(stamps[0] + late_s * s, STATION, NOISE, with_it).frames == count
 
 
 def test_the_distance_is_that_of_a_jump_of_the_pose_and_not_of_all_readings():

@@ -128,15 +128,18 @@ def behind(range_m, constants):
 def test_a_lamp_that_proves_brighter_was_farther_off(range_m):
     constants = Constants((NAMES[0],), (0.1,), frame=frame_of(MODEL))
     tracker = Tracker(TrackerSettings(reset_after_s=60.0), constants=constants)
-    pose = behind(range_m, constants)
-    tracker.update(1, pose, np.diag([0.25, 1, 1, 1, 1]))
-    slope, brighter = np.array([[0.0, 0, 0, 0, 0, 1]]), 0.01
-    at = np.array([*pose, 0.0])
+    pose, brighter = behind(range_m, constants), 0.01
+    # On the axis light goes with P exp(-K r) / r^2.
+    by_power = range_m / (2 + 0.1 * range_m)
+    at, seen = np.array([*pose, 0.0]), np.eye(5, 6)
+    seen[0, 5] = by_power  # where the lamp is brighter, the same image is seen from farther off
+    image = LinearisedReadings(at, np.zeros(5), seen, np.ones(5), np.array([0.25, 1, 1, 1, 1]))
+    tracker.update(1, pose, np.diag([0.25, 1, 1, 1, 1]), image)
+    slope = np.array([[0.0, 0, 0, 0, 0, 1]])
     told = LinearisedReadings(at, np.array([brighter]), slope, np.ones(1), np.array([1e-9]))
     track = tracker.update(1 + round(1e9 * LEARN_EVERY_S), pose, np.eye(5), told)
     assert track.constants[NAMES[0]].mean == pytest.approx(brighter, rel=1e-3)
-    # On the axis light goes with P exp(-K r) / r^2.
-    farther = brighter * range_m / (2 + 0.1 * range_m)
+    farther = brighter * by_power
     assert track.pose[0] == pytest.approx(pose[0] - farther, abs=0.02 * farther)
 
 

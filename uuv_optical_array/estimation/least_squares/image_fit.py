@@ -1,8 +1,6 @@
 """An image fitted: its posterior of the pose, over what else the scene leaves unknown."""
 
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cached_property
 from itertools import compress
 from typing import NamedTuple
 
@@ -11,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.frame import (
@@ -46,9 +44,9 @@ from uuv_optical_array.forward.model import ForwardModel
 PRIOR_HALF_EXTENTS = 3.0
 # A degree of freedom is unobservable where the image leaves more than this of the prior.
 UNOBSERVABLE = 0.5
-# A scene is as good as linear where of so many images, from this share of its table's extent, less
-# than a third have two minima, or more nodes than that in the attitude: a Gaussian has some twenty.
-LOOKS, LOOKED_AT, BENT_NODES = 24, 0.7, 40
+# An image is as good as linear where its posterior's mode is within so many standard deviations of
+# its mean (0.1 near by, 1 from afar or of a planar array), and its range known to this share.
+BENT, FAR = 0.5, 0.1
 # Poses of the working volume from which fits may start: more make no fit more exact.
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to.
@@ -68,12 +66,19 @@ class Fitted(NamedTuple):
         Probability that the image is lit as the scene says.
     readings
         The likelihood of the image near its best fit as a clear one, where the fit was told what is
-        expected and the posterior was integrated; ``None`` otherwise.
+        expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
     """
 
     result: FrameResult
     clear: float
     readings: LinearisedReadings | None
+
+
+def nearly_gaussian(frame: FrameResult) -> bool:
+    """Say whether the posterior of a frame is nearly Gaussian, and its image as good as linear."""
+    off, covariance = wrapped(frame.best[:5] - frame.pose), frame.covariance / frame.stretch
+    known = covariance[X, X] < (FAR * frame.pose[X]) ** 2
+    return bool(known and off @ np.linalg.solve(covariance, off) < BENT**2)
 
 
 class ImageFit:
@@ -236,7 +241,7 @@ class ImageFit:
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
             covariance = result.covariance + 0.5 * (spread + spread.T)
             result = result._replace(covariance=covariance)
-        return Fitted(result, clear, near)
+        return Fitted(result, clear, near if nearly_gaussian(frames[0]) else None)
 
     def near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
         """Return the likelihood of an image near a place, of pose and constants.
@@ -252,26 +257,6 @@ class ImageFit:
         """
         near = self._linearise(readings, at, roll)
         return near._replace(variances=stretch * near.variances)
-
-    @cached_property
-    def linear(self) -> bool:
-        """Whether images of the scene are linear enough for a track to take their readings.
-
-        A planar or weakly curved array leaves pitch and yaw in bent or several posteriors, of which
-        a track takes the poses. It is said of the scene and not of each image, as poses and
-        readings go badly together: what poses have of the constants' errors is known only roughly.
-        """
-        off = LOOKED_AT * np.random.default_rng(0).uniform(-1, 1, (LOOKS, 5))
-        poses = self._prior.pose_mean + off * self._prior.pose_std / PRIOR_HALF_EXTENTS
-        images = self._model.converted(self._model.light(poses))
-        bent = 0
-        for readings in images.reshape(LOOKS, -1).astype(float):
-            with suppress(NoPose):
-                result = self(readings).result
-                bent += result.nodes > BENT_NODES or not np.isnan(result.runner_up_score)
-            if bent >= LOOKS / 3:
-                return False
-        return True
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def saturated(self, roll: float) -> SaturatedPosterior:

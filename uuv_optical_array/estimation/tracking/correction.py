@@ -126,7 +126,7 @@ class Correction:
             return self._by_pose(state, frame)
         corrected = self._space.gains.stop if learns else SLOW
         result, distance = self._by_readings(state, frame.readings, frame.relinearise, corrected)
-        return result, max(distance, _pose_distance(state, frame))
+        return result, max(distance, pose_distance(state, frame))
 
     def _by_pose(self, state: Gaussian, frame: Measurement) -> tuple[Deferred, float]:
         root, slopes = self.pose_errors(state, frame)
@@ -199,7 +199,7 @@ class Correction:
         return Observation(innovation, by_state, noise, consider)
 
 
-def _pose_distance(state: Gaussian, frame: Measurement) -> float:
+def pose_distance(state: Gaussian, frame: Measurement) -> float:
     """Return the distance of a frame's pose from a state.
 
     Readings, which are linear near that pose, say little of a state far from it. Both poses err by

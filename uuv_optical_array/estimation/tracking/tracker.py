@@ -14,6 +14,9 @@ A frame comes as a pose with its covariance, or with its readings, linearised (`
   shade. Both are consider states: part of the covariance, but never corrected (S. F. Schmidt,
   *Advances in Control Systems* 3, 1966, 293), so that the track follows the motion and its
   covariance stays large enough.
+- A track that has begun with readings takes no bare poses, but of shaded frames, as these say only
+  roughly what they share of the constants' errors; for a while it goes on without. One of poses
+  begins anew with the first readings.
 - Readings correct the scene's unknown constants and the detectors' gain errors as well, while the
   vehicles move. As the readings are linearised near noisy poses, they contain less information
   about the constants than their covariance says. So only one frame in `LEARN_EVERY_S` corrects
@@ -38,7 +41,11 @@ from scipy.special import chdtri
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
-from uuv_optical_array.estimation.tracking.correction import Correction, Deferred
+from uuv_optical_array.estimation.tracking.correction import (
+    Correction,
+    Deferred,
+    pose_distance,
+)
 from uuv_optical_array.estimation.tracking.measurement import (
     Measurement,
     Relinearise,
@@ -77,6 +84,8 @@ class _State:
     corrected: Deferred  # by that frame; without the common share
     learnt_ns: int  # stamp of the newest frame that corrected constants
     own_motion: OwnMotionIs  # where it is "told", the rate is that of the leader
+    taken_ns: int  # stamp of the newest frame that corrected anything
+    by_readings: bool  # whether any frame came with readings
     frames: int = 1
     distance: float = 0.0
     rival: "_State | None" = None  # the track of the outliers since
@@ -287,11 +296,12 @@ class Tracker:
 
     def _next(self, state: _State, frame: Measurement) -> _State:
         """Return the state after a frame: in the track, in its rival, or in a new one."""
-        if frame.stamp_ns - state.frame.stamp_ns > self._reset_ns:
+        if frame.stamp_ns - state.taken_ns > self._reset_ns:
             return self._start(frame, state)
         fused = self._fused(state, frame, manoeuvres=(False, True))
         if fused.distance <= self._gate:
-            return fused
+            # Poses say only roughly what they share of the constants' errors: readings begin anew.
+            return fused if fused.by_readings == state.by_readings else self._start(frame, state)
         rival = self._fused(state.rival, frame) if state.rival else None
         if rival is None or rival.distance > self._gate:
             rival = self._start(frame, state)
@@ -322,13 +332,19 @@ class Tracker:
             and frame.stamp_ns - state.learnt_ns >= LEARN_EVERY_S * 1e9
             and self._worth_learning(predicted)
         )
-        corrected, distance = self._correction.correct(predicted, frame, learns)
+        taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
+        if taken:
+            corrected, distance = self._correction.correct(predicted, frame, learns)
+        else:
+            corrected, distance = Deferred(lambda: predicted), pose_distance(predicted, frame)
         return _State(
             frame,
             corrected,
             frame.stamp_ns if learns else state.learnt_ns,
             self._own_motion_at(frame.stamp_ns, obeys=obeys),
-            state.frames + 1,
+            frame.stamp_ns if taken else state.taken_ns,
+            state.by_readings or frame.readings is not None,
+            state.frames + taken,
             distance,
         )
 
@@ -352,13 +368,13 @@ class Tracker:
             mean[POSE] = frame.readings.at[:5]
             unknown = Gaussian(mean, block_diag(np.diag(POSE_STD), rate, slow), consider)
             corrected, _ = self._correction.correct(unknown, frame, True)
-            return _State(frame, corrected, stamp_ns, own_motion)
+            return _State(frame, corrected, stamp_ns, own_motion, stamp_ns, True)
         white, slopes = self._correction.pose_errors(state, frame)
         root, by_slow = block_diag(white, rate, slow), -slopes[:, SLOW:]
         mean[POSE], root[POSE, SLOW:] = frame.pose, by_slow @ slow
         consider[POSE] = by_slow @ consider[SLOW:]
         state = Gaussian(mean, root, consider)
-        return _State(frame, Deferred(lambda: state), stamp_ns, own_motion)
+        return _State(frame, Deferred(lambda: state), stamp_ns, own_motion, stamp_ns, False)
 
     def _predicted(
         self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool = False

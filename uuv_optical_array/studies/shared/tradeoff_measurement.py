@@ -351,7 +351,7 @@ class TradeoffRun:
                 f"into {self.folder}",
                 file=sys.stderr,
             )
-            with progress.counter(100, "%", expected_s=total_s) as bar:
+            with progress.counter(100, "%") as bar:
                 for group, seconds in zip(groups, durations_s, strict=True):
                     side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
                     bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")

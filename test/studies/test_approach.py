@@ -253,8 +253,9 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
     monkeypatch.setattr(approach, "simulate", lambda *_: planted(2))
     assert [name for name, _ in all_cases(None, Choices(), 2, 1)] == list(CASES)
     assert [name for name, _ in all_cases(None, Choices(), 3, 1)] == ["dive"]
-    run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png")
+    run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png", code=130)
     text = capsys.readouterr().out
+    assert text.endswith("interrupted: only complete runs count\n")
     assert "dive, runs: 2" in text
     assert "zigzag" not in text
     # The aim: a fifth of 0.43, 0.20 and 0.28 m, and angles as published.

@@ -13,7 +13,6 @@ from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.plots.calibration import draw_calibration
@@ -161,7 +160,7 @@ def report(result: Calibration, recording: Recording, path: Path, start: str) ->
 
 
 def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
-    """Return the result for `json_text`; what is not known is nan."""
+    """Return the result as plain values and arrays; what is not known is nan."""
     return {
         "images": len(recording.images),
         "left_out": dict(recording.refused),
@@ -197,16 +196,12 @@ def run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
-    written = args.force or not result.refusal
+    written = bool(args.force or not result.refusal)
     if written:
         comment = f"Calibrated by uuv_array calibrate from {path.name}, starting from {scene.name}."
         save_scene(result.scene, output, comment, text)
-    if args.json:
-        print(json_text(as_json(result, recording)))
-    else:
-        print(report(result, recording, path, scene.name))
-        if written:
-            print(f"scene: {output}")
+    lines = [report(result, recording, path, scene.name), *[f"scene: {output}"] * written]
+    outputs.finish(args, as_json(result, recording), "\n".join(lines))
     if picture is not None:
         count = int(result.uncensored.sum())
         title = f"Calibration from {path.name}: residuals of {count} readings"

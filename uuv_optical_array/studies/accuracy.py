@@ -271,7 +271,7 @@ def run(args: argparse.Namespace) -> int:
         rows = until_interrupted(cases)
         result = {"poses": count, "known": rows, "picture": str(picture)}
         text = f"{comparison(rows)}\n\npicture: {picture}"
-
+        complete = len(rows) == len(PRIORS) and rows[-1]["poses"] == count
         save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
     else:
         estimator = Estimator(scene, args.method).wait()
@@ -279,7 +279,7 @@ def run(args: argparse.Namespace) -> int:
         poses = lit_poses(model, count, rng)
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
         result = measure(estimator, poses, images, progress.over)
-        text = report(result)
+        text, complete = report(result), result["poses"] == count
     about: dict[str, Any] = {"scene": scene.name, "shape": scene.array.shape}
     about |= {key: getattr(args, key) for key in ("method", "seed", "drawn", "moving")}
     drawn = ", nuisances drawn" * args.drawn + ", at random times" * args.moving
@@ -287,4 +287,5 @@ def run(args: argparse.Namespace) -> int:
         f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{result['poses']} random poses, seed {seed}{drawn}"
     )
-    return outputs.finish(args, {**about, **result}, f"{head}\n\n{text}")
+    missing = "" if complete else "only complete frames count"
+    return outputs.finish(args, {**about, **result}, f"{head}\n\n{text}", missing)

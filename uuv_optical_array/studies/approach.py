@@ -44,6 +44,7 @@ examples:
 Ctrl-C ends it early and reports the complete runs."""
 
 HALF, SEED = 0.5, 1
+CUT_SHORT = "only complete runs count"
 SIGMA_95 = 1.96
 WIDE_BEAM_DEG = 15.0
 
@@ -257,7 +258,9 @@ def run(args: argparse.Namespace) -> int:
     origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
     if args.choices == []:
         rows = until_interrupted(compare(scene, runs, SEED))
-        return outputs.finish(args, {**origin, "rows": rows}, comparison(rows))
+        whole = len(rows) == len(alternatives(scene)) * len(CASES) and rows[-1]["runs"] == runs
+        missing = "" if whole else CUT_SHORT
+        return outputs.finish(args, {**origin, "rows": rows}, comparison(rows), missing)
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
         results = dict(until_interrupted(all_cases(scene, choices, runs, SEED, bar.update)))
     cases = {name: as_object(CASES[name], result) for name, result in results.items()}
@@ -267,4 +270,5 @@ def run(args: argparse.Namespace) -> int:
     origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases, "picture": str(output)}
     tables = "\n\n".join(report(name, case) for name, case in cases.items())
     text = f"scene {scene.name}; {about}\n\n{tables}\npicture: {output}"
-    return outputs.finish(args, origin, text)
+    whole = len(cases) == len(CASES) and all(case["runs"] == runs for case in cases.values())
+    return outputs.finish(args, origin, text, "" if whole else CUT_SHORT)

@@ -271,7 +271,7 @@ def run(args: argparse.Namespace) -> int:
         rows = until_interrupted(cases)
         result = {"poses": count, "known": rows, "picture": str(picture)}
         text = f"{comparison(rows)}\n\npicture: {picture}"
-        complete = len(rows) == len(PRIORS) and rows[-1]["poses"] == count
+        complete = len(rows) == len(get_args(Known)) and rows[-1]["poses"] == count
         save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
     else:
         estimator = Estimator(scene, args.method).wait()

@@ -17,15 +17,19 @@ from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.notes import MISFIT, advice, notes_of, refusal
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
+    COSINE_POWER,
     GAINS,
-    NAMES,
     NOISE,
     POWER,
+    SCATTER,
     SIGMA,
+    SIZE,
     UNITS,
     K,
     calibrated_prior,
     is_logarithm,
+    lacking,
+    names_in,
 )
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
@@ -68,12 +72,12 @@ class Calibration:
     scene
         The starting scene with the fitted values, and their standard errors in its prior.
     parameters
-        Power, beam, attenuation, background; the reference reading, which follows from them; the
-        noise, where it was fitted.
+        What `parameters.names_in` names and the scene has; the reference reading, which follows
+        from them; the noise, where it was fitted.
     gains, gain_std
         Geometric mean 1, shape ``(side, side)``; the standard error is nan where one was held.
     correlation
-        Of the first four parameters, shape ``(4, 4)``; nan where one was held.
+        Of the parameters before the gains, shape ``(9, 9)``; nan where one was held.
     mean, residuals
         Of every reading, counts and standard deviations, shape ``(m, n)``.
     used
@@ -128,7 +132,7 @@ def calibrate(
     poses, rolls
         Of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to ``(m,)``.
     hold
-        Parameters that keep the values of the scene: of `NAMES`, or ``gains``.
+        Parameters that keep the values of the scene: of `parameters.names_in`, or ``gains``.
     pose_std
         Standard deviation of each pose, independent by image, m and rad, shape ``(5,)``, > 0;
         ``None``: exact.
@@ -161,9 +165,10 @@ def calibrate(
     for name, values in (("images", images), ("poses", poses), ("rolls", rolls)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: not finite; leave such frames out")
+    names = names_in(scene)
     for name in hold:
-        if name not in (*NAMES, "gains"):
-            raise ValueError(f"hold {name}: unknown; choose of {', '.join((*NAMES, 'gains'))}")
+        if name not in (*names, "gains"):
+            raise ValueError(f"hold {name}: unknown; choose of {', '.join((*names, 'gains'))}")
     if fit_noise and "sensor_noise" not in scene.effects:
         raise ValueError(f"scene {scene.name}: no effects.sensor_noise to fit; add it")
     if pose_std is not None:
@@ -174,7 +179,7 @@ def calibrate(
                 "exact poses"
             )
     likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
-    known = [i for name, i in zip(NAMES, range(GAINS), strict=True) if name in hold]
+    known = [i for i, name in enumerate(names) if name in hold or i in lacking(scene)]
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
     fit = CalibrationFit(likelihood, known, on_step)
@@ -206,7 +211,8 @@ def _result(
     logarithm = is_logarithm(len(values))
     start, fitted = (np.where(logarithm, np.exp(x), x) for x in (fit.start, values))
     errors = np.where(logarithm, fitted * std, std)
-    together = {i: f"only together with {NAMES[j]}" for i, j in fit.correlated.items() if j < GAINS}
+    names = likelihood.names
+    together = {i: f"only together with {names[j]}" for i, j in fit.correlated.items() if j < GAINS}
     notes = {
         **together,
         **dict.fromkeys(fit.at_bound, "at its bound"),
@@ -219,7 +225,8 @@ def _result(
         FittedParameter(
             name, unit, float(start[i]), float(fitted[i]), float(errors[i]), notes.get(i, "")
         )
-        for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+        for i, (name, unit) in enumerate(zip(names, UNITS, strict=True))
+        if i not in likelihood.lacking
     ]
     before = scene.lamp.reference_counts
     parameters.append(FittedParameter(REFERENCE, "counts", before, reference, reference_error))
@@ -268,13 +275,24 @@ def _calibrated_scene(
     values = np.array([float(f"{value:.9g}") for value in values])
     lamp["beam_sigma_deg"] = float(values[SIGMA])
     lamp["reference_counts"] = float(f"{reference:.9g}")
-    for name, key, i in (("attenuation", "k_per_m", K), ("ambient", "level_counts", BACKGROUND)):
-        if name in effects or values[i] > 0:
-            effects[name] = {key: float(values[i])}
+    if "sea" in effects:
+        sea = {"absorption_per_m": float(values[K]), "scattering_per_m": float(values[SCATTER])}
+        effects["sea"] = sea
+    elif "attenuation" in effects or values[K] > 0:
+        effects["attenuation"] = {"k_per_m": float(values[K])}
+    if "ambient" in effects or values[BACKGROUND] > 0:
+        effects["ambient"] = {"level_counts": float(values[BACKGROUND])}
+    if COSINE_POWER not in fit.held():
+        effects["field_of_view"] = {"cosine_power": float(values[COSINE_POWER])}
+    if SIZE not in fit.held():
+        settings["array"]["radius_m"] = float(values[SIZE])
     gains = values[GAINS:].reshape((scene.array.detectors_per_side,) * 2)
     drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
     effects["responsivity"] = {"gains": gains.tolist(), **drift}
     settings["prior"] |= calibrated_prior(
-        scene.prior, values, errors, fit.unknown, "attenuation" in effects
+        scene.prior, values, errors, fit.unknown, "sea" in effects
     )
+    for i, key in ((COSINE_POWER, "cosine_power_std"), (SIZE, "radius_std")):
+        if i in fit.likelihood.lacking:
+            settings["prior"][key] = 0.0
     return scene_from_settings(settings, scene.name)

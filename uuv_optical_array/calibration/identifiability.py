@@ -6,10 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.parameters import (
+    AIM_PITCH,
+    AIM_YAW,
     BACKGROUND,
+    COSINE_POWER,
     GAINS,
     POWER,
+    SCATTER,
     SIGMA,
+    SIZE,
     K,
     free_directions,
 )
@@ -17,13 +22,27 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.prior import PRIORS
 
 # A larger standard error counts as undetermined: a water type, or a look at the array in the dark,
-# tells as much. Of the logarithms, in 1/m, and relative to full scale.
-LARGEST_STD = {POWER: 0.15, SIGMA: 0.15, K: 0.02, BACKGROUND: 0.02, GAINS: 0.15}
+# tells as much. Of the logarithms, in 1/m and rad, and relative to full scale.
+LARGEST_STD = {
+    POWER: 0.15,
+    SIGMA: 0.15,
+    K: 0.02,
+    SCATTER: 0.5,
+    COSINE_POWER: 0.2,
+    SIZE: 0.03,
+    AIM_PITCH: 0.02,
+    AIM_YAW: 0.02,
+    BACKGROUND: 0.02,
+    GAINS: 0.15,
+}
 # Undetermined parameters that are held may shift a gain by this much, relative. Beyond it all gains
 # are held: they would absorb an error of the beam as a pattern from which poses are read.
 MAX_GAIN_SHIFT = 0.005
 # Which of several correlated parameters is held first; the power absorbs what the others leave.
-HOLD_ORDER = (K, SIGMA, BACKGROUND, GAINS, POWER)
+HOLD_ORDER = (
+    *(SIZE, COSINE_POWER, SCATTER, AIM_PITCH, AIM_YAW),
+    *(K, SIGMA, BACKGROUND, GAINS, POWER),
+)
 
 
 def largest_stds(size: int, full_scale_counts: float) -> Array:
@@ -111,7 +130,7 @@ def _shifted_too_far(shifts: Array, unknown: Collection[int], largest: Array) ->
     size = np.sqrt((shifts**2).sum(axis=1))
     size[sorted(unknown)] = 0.0
     causes = np.array(sorted(unknown))[np.abs(shifts).argmax(axis=1)].tolist()
-    over = [i for i in (SIGMA, K, BACKGROUND) if size[i] > largest[i]]
+    over = [i for i in range(SIGMA, GAINS) if size[i] > largest[i]]
     if size[GAINS:].max() > MAX_GAIN_SHIFT:
         over += range(GAINS, len(size))
         causes[GAINS:] = [causes[GAINS + int(size[GAINS:].argmax())]] * (len(size) - GAINS)

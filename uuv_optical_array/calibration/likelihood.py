@@ -11,8 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.parameters import BACKGROUND, GAINS, POWER, SIGMA, K
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.calibration.parameters import (
+    AIMS,
+    BACKGROUND,
+    GAINS,
+    POWER,
+    SIGMA,
+    lacking,
+    names_in,
+)
+from uuv_optical_array.core.geometry import Array, turned_about_lamp
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
@@ -90,7 +98,8 @@ class CalibrationLikelihood:
         for row, column in (*faults.get("dead", ()), *faults.get("stuck", ())):
             self.faulty[row, column] = True
         self.faulty = self.faulty.ravel()
-        effects.setdefault("attenuation", {"k_per_m": 0.0})
+        if "sea" not in effects:
+            effects.setdefault("attenuation", {"k_per_m": 0.0})
         effects.setdefault("ambient", {"level_counts": 0.0})
         settings.pop("prior")
         self.scene = scene_from_settings(settings, scene.name)
@@ -101,20 +110,31 @@ class CalibrationLikelihood:
         self.poses, self.rolls = poses, rolls
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
+        self.names, self.lacking = names_in(self.scene), lacking(self.scene)
+        self._own = [i for i in range(GAINS) if i not in {*AIMS, *self.lacking}]
+        self._of_model = self.start()[:GAINS]
+        self._of_model[POWER] = np.log(self.model.power)
+        self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
         # Without the prior's spread of the gains, which are fitted.
         self.noise = self.model.noise._replace(square=0.0)
 
     def start(self) -> Array:
         """Return the parameters of the scene, gauge included, shape ``(p,)``."""
         gains = np.maximum(self.start_gains, 1e-3)
-        effects, works = self.scene.effects, ~self.faulty
+        scene, works = self.scene, ~self.faulty
+        _, attenuation = scene.attenuation
         common = np.exp(np.log(gains[works]).mean()) if works.any() else 1.0
         return np.array(
             [
                 np.log(self.power * common),
-                np.log(self.scene.lamp.beam_sigma_deg),
-                effects["attenuation"]["k_per_m"],
-                effects["ambient"]["level_counts"] * common,
+                np.log(scene.lamp.beam_sigma_deg),
+                attenuation,
+                np.log(scene.effects.get("sea", {}).get("scattering_per_m", 1.0)),
+                scene.effects.get("field_of_view", {}).get("cosine_power", 1.0),
+                np.log(scene.array.radius_m or 1.0),
+                0.0,
+                0.0,
+                scene.effects["ambient"]["level_counts"] * common,
                 *np.log(gains / common),
             ]
         )
@@ -122,20 +142,22 @@ class CalibrationLikelihood:
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
         """Return the light before the gains, and its slopes.
 
-        These are by pose (5), log power, log sigma, K and background, shapes ``(m, n)`` and
-        ``(m, n, 9)``.
+        These are by pose (5) and the parameters before the gains, shapes ``(m, n)`` and
+        ``(m, n, 5 + GAINS)``.
         """
-        scene, sigma_deg = self.scene, float(np.exp(parameters[SIGMA]))
-        offsets = {
-            "lamp.power": parameters[POWER] - np.log(self.model.power),
-            "lamp.beam_sigma_deg": sigma_deg - scene.lamp.beam_sigma_deg,
-            "attenuation.k_per_m": parameters[K] - scene.effects["attenuation"]["k_per_m"],
-            "ambient.level_counts": parameters[BACKGROUND]
-            - scene.effects["ambient"]["level_counts"],
-        }
-        light, slopes = self.model.linearised(
-            poses, rolls, {name: np.full(len(poses), value) for name, value in offsets.items()}
+        sigma_deg = float(np.exp(parameters[SIGMA]))
+        offsets = parameters[:GAINS] - self._of_model
+        offsets[SIGMA] = sigma_deg - self.scene.lamp.beam_sigma_deg
+        turned = np.stack([turned_about_lamp(pose) for pose in poses])
+        light, by_own = self.model.linearised(
+            poses + turned @ parameters[AIMS],
+            rolls,
+            {self.names[i]: np.full(len(poses), offsets[i]) for i in self._own},
         )
+        slopes = np.zeros((*light.shape, 5 + GAINS))
+        slopes[..., :5] = by_own[..., :5]
+        slopes[..., [5 + i for i in self._own]] = by_own[..., 5:]
+        slopes[..., [5 + i for i in AIMS]] = by_own[..., :5] @ turned
         slopes[..., 5 + SIGMA] *= sigma_deg
         return light, slopes
 

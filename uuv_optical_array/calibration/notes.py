@@ -5,12 +5,17 @@ from scipy.special import chdtri
 
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
+    AIM_PITCH,
+    AIM_YAW,
+    AIMS,
     BACKGROUND,
+    COSINE_POWER,
     GAINS,
-    NAMES,
     NOISE,
     POWER,
+    SCATTER,
     SIGMA,
+    SIZE,
     K,
 )
 from uuv_optical_array.core.geometry import Array
@@ -24,6 +29,9 @@ FALSE_REFUSAL = 1e-6  # probability that a correct model is refused
 RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
+LEAST_AIM = 0.002  # rad, of the lamp off its frame, from where it is told
+TURN = "turn the array up to 30 deg while the lamp shines on it"
+ASIDE = "record poses on all sides of the beam's axis"
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
 ENOUGH = "are enough: record more images, with a brighter lamp, while you weave and turn"
 
@@ -35,6 +43,11 @@ def advice(fit: CalibrationFit, kind: int) -> str:
         SIGMA: _wider_angles(fit),
         K: _wider_ranges(fit),
         BACKGROUND: "record some images with the lamp off, out of its beam or far away",
+        SCATTER: _wider_angles(fit),
+        COSINE_POWER: TURN,
+        SIZE: TURN,
+        AIM_PITCH: ASIDE,
+        AIM_YAW: ASIDE,
         GAINS: "turn and shift the array so that the lamp shines on it",
     }[kind]
 
@@ -95,7 +108,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
         f"{agreement.freedoms} degrees of freedom, where noise gives at most {limit:.3g}"
     )
     cures = [CHECK]
-    if unknown := [NAMES[i] for i in range(GAINS) if i in fit.unknown]:
+    if unknown := [fit.likelihood.names[i] for i in range(GAINS) if i in fit.unknown]:
         cures.append(f"record what determines {', '.join(unknown)}")
     if independent:
         cures.append("give --noise: the residuals are independent")
@@ -104,7 +117,19 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
 
 def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
     """Return the notes of a fit, a line each; `scene` has the noise that the fit assumed."""
-    return (*_dead_detectors(fit), *_undetermined(fit), *_residuals(scene, fit))
+    return (*_dead_detectors(fit), *_undetermined(fit), *_aim(fit), *_residuals(scene, fit))
+
+
+def _aim(fit: CalibrationFit) -> list[str]:
+    """Say how far the lamp points off the beam's axis, where that is known."""
+    aims = fit.state.at.parameters[AIMS]
+    if {*AIMS} & fit.held() or np.abs(aims).max() < LEAST_AIM:
+        return []
+    down, port = np.degrees(aims)
+    return [
+        f"the lamp points {down:+.2f} deg in pitch and {port:+.2f} deg in yaw off the frame "
+        "beacon: turn the lamp or that frame by it; until then lamp_aim_std_deg covers it"
+    ]
 
 
 def _dead_detectors(fit: CalibrationFit) -> list[str]:
@@ -119,12 +144,13 @@ def _dead_detectors(fit: CalibrationFit) -> list[str]:
 def _undetermined(fit: CalibrationFit) -> list[str]:
     """Name what the images do not determine."""
     side = fit.likelihood.scene.array.detectors_per_side
-    notes = [f"{NAMES[i]} is not known: {advice(fit, i)}" for i in range(GAINS) if i in fit.unknown]
+    names = fit.likelihood.names
+    notes = [f"{names[i]} is not known: {advice(fit, i)}" for i in range(GAINS) if i in fit.unknown]
     gains = sorted(i for i in fit.unknown if i >= GAINS)
     for cause in sorted({fit.correlated[i] for i in gains if i in fit.correlated}):
         notes.append(
             "the gains are not known: they are correlated with the parameters above that are not "
-            f"known, most with {NAMES[cause]}; they keep their values"
+            f"known, most with {names[cause]}; they keep their values"
         )
     if unlit := [divmod(i - GAINS, side) for i in gains if i not in fit.correlated]:
         cells = ", ".join(f"[{row}, {column}]" for row, column in unlit)

@@ -1,8 +1,10 @@
 """What a calibration fits: the parameters in their order, their bounds, gauge and prior.
 
-In one row: the logarithm of the lamp's power, that of the beam's standard deviation, the
-attenuation K, the background, and the logarithm of each detector's gain. Power and mean gain are
-one product, so the geometric mean of the gains is 1: the gauge.
+In one row: the logarithm of the lamp's power, that of the beam's standard deviation, what dims the
+light with the range (K, or the absorption of a sea), the logarithm of the scattering, the power of
+the detectors' cosine, the logarithm of the sphere's radius, the aim of the lamp in pitch and yaw,
+the background, and the logarithm of each detector's gain. Power and mean gain are one product, so
+the geometric mean of the gains is 1: the gauge. What a scene does not have is held.
 """
 
 from collections.abc import Collection
@@ -13,27 +15,64 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.prior import PRIORS, PriorSettings
+from uuv_optical_array.forward.prior import (
+    ABSORPTION,
+    AMBIENT,
+    ATTENUATION,
+    BEAM_SIGMA,
+    PRIORS,
+    RADIUS,
+    RESPONSE,
+    SCATTERING,
+    PriorSettings,
+)
+from uuv_optical_array.forward.prior import POWER as LAMP_POWER
+from uuv_optical_array.forward.scene import Scene
 
-POWER, SIGMA, K, BACKGROUND, GAINS = range(5)
-NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")
-UNITS = ("counts m^2", "deg", "1/m", "counts")
+POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE, AIM_PITCH, AIM_YAW, BACKGROUND, GAINS = range(10)
+AIMS = [AIM_PITCH, AIM_YAW]
+AIM_NAMES = "lamp.aim_pitch_rad", "lamp.aim_yaw_rad"
+WATERS = ATTENUATION, ABSORPTION  # of which a scene has one
+# Every name that a scene may have before its gains.
+NAMES = (LAMP_POWER, BEAM_SIGMA, *WATERS, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT)
+UNITS = ("counts m^2", "deg", "1/m", "1/m", "", "m", "rad", "rad", "counts")
 NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
-# Bounds of power, beam, K and background: logarithms, 1/m and counts; and of a gain's logarithm.
-LOWEST, HIGHEST = (-50.0, np.log(0.1), 0.0, 0.0), (50.0, np.log(90), 10.0, 1e6)
+# Bounds in the order above, and of a gain's logarithm.
+LOWEST = (-50.0, np.log(0.1), 0.0, np.log(1e-6), 0.5, np.log(0.01), -0.3, -0.3, 0.0)
+HIGHEST = (50.0, np.log(90), 10.0, np.log(10), 1000.0, np.log(100), 0.3, 0.3, 1e6)
 GAIN_BOUND = np.log(1e3)
 PRIOR_KEYS = {
     POWER: "lamp_power_std",
     SIGMA: "beam_sigma_std_deg",
-    K: "k_std_per_m",
+    K: "",  # by the scene's water
+    SCATTER: "scattering_std",
+    COSINE_POWER: "cosine_power_std",
+    SIZE: "radius_std",
     BACKGROUND: "ambient_std_counts",
     GAINS: "gain_std",
 }
 
 
+def names_in(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the parameters of a scene before its gains, dotted as in scenes."""
+    water, _ = scene.attenuation
+    return tuple(name for name in NAMES if name == water or name not in WATERS)
+
+
+def lacking(scene: Scene) -> frozenset[int]:
+    """Return the parameters that a scene does not have."""
+    housed = "half_angle_deg" in scene.effects.get("field_of_view", {})
+    has = {
+        SCATTER: "sea" in scene.effects,
+        COSINE_POWER: not housed,
+        SIZE: scene.array.radius_m is not None,
+    }
+    return frozenset(i for i, there in has.items() if not there)
+
+
 def is_logarithm(size: int) -> NDArray[np.bool_]:
     """Say which of the parameters are logarithms, shape ``(size,)``."""
-    return ~np.isin(np.arange(size), [K, BACKGROUND])
+    return ~np.isin(np.arange(size), [K, COSINE_POWER, *AIMS, BACKGROUND])
 
 
 def bounds(size: int) -> tuple[Array, Array]:
@@ -57,19 +96,21 @@ def free_directions(held: Collection[int], size: int) -> Array:
 
 
 def calibrated_prior(
-    start: PriorSettings, values: Array, errors: Array, unknown: Collection[int], attenuates: bool
+    start: PriorSettings, values: Array, errors: Array, unknown: Collection[int], sea: bool
 ) -> dict[str, Any]:
     """Return the standard errors of a calibration as keys of `PriorSettings`, within their bounds.
 
     Parameters that were held, whose errors are nan, keep the prior of the starting scene. So do the
-    `unknown` ones, or they get that of a rig as bought where the start is exact. `attenuates` says
-    whether the scene has an attenuation.
+    `unknown` ones, or they get that of a rig as bought where the start is exact. `sea` says whether
+    the scene has one. A scene takes its lamp to point along the beam, so how far it does not stays
+    uncertain.
     """
     hints = get_type_hints(PriorSettings, include_extras=True)
     prior: dict[str, Any] = {"known": "calibrated"}
-    for i, key in PRIOR_KEYS.items():
+    keys = {**PRIOR_KEYS, K: "absorption_std_per_m" if sea else "k_std_per_m"}
+    for i, key in keys.items():
         rows = range(i, i + 1) if i < GAINS else range(GAINS, len(values))
-        stds = errors[rows] / (values[rows] if i in (POWER, GAINS) else 1.0)
+        stds = errors[rows] / (values[rows] if i in (POWER, SCATTER, SIZE, GAINS) else 1.0)
         stds, std = stds[np.isfinite(stds)], getattr(start, key)
         if any(row in unknown for row in rows):
             std = max([std or PRIORS["as_bought"][key], *stds])
@@ -77,6 +118,7 @@ def calibrated_prior(
             std = float(np.sqrt((stds**2).mean()))
         (quantity,) = hints[key].__metadata__
         prior[key] = float(f"{min(std, quantity.high):.3g}")
-    if not attenuates:
-        prior[PRIOR_KEYS[K]] = 0.0
+    if np.isfinite(errors[AIMS]).all() and not {*AIMS} & {*unknown}:
+        aim = float(np.degrees(np.sqrt((errors[AIMS] ** 2 + values[AIMS] ** 2).mean())))
+        prior["lamp_aim_std_deg"] = float(f"{min(aim, 10.0):.3g}")
     return prior

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
-from uuv_optical_array.calibration.parameters import NAMES
+from uuv_optical_array.calibration.parameters import NAMES, names_in
 from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
@@ -20,7 +20,8 @@ from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
-Fit the lamp (power, width of the beam), the water (K), the background and each detector's gain to a
+Fit the lamp (power, width of the beam, aim), the water (absorption and scattering, or K), the array
+(radius, response, each detector's gain) and the background to a
 recorded bag whose poses are known from both odometries, and write the resulting scene. Each value
 is printed with its standard error. What the bag does not determine keeps its value and is named,
 with what to record for it. Power and mean gain are one product, so the geometric mean of the gains
@@ -142,7 +143,8 @@ def report(result: Calibration, recording: Recording, path: Path, start: str) ->
     correlations = np.tril(np.nan_to_num(result.correlation), -1)
     i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
     if correlations[i, j]:
-        pair = f"{NAMES[i]} with {NAMES[j]} {correlations[i, j]:+.2f}"
+        names = names_in(result.scene)
+        pair = f"{names[i]} with {names[j]} {correlations[i, j]:+.2f}"
         lines.append(f"strongest correlation: {pair}")
     lines.append(
         f"mean squared residual {result.misfit:.3f} of {int(result.uncensored.sum())} readings "

@@ -38,7 +38,8 @@ class Bound:
         Fisher information of x, y, z, pitch and yaw, shape ``(..., 5, 5)``.
     covariance
         Its inverse, with what the aim of lamp and array adds, shape ``(..., 5, 5)``. An
-        unobservable degree of freedom has the variance inf and covariances nan; the block of the others is exact, not that of a pseudo-inverse.
+        unobservable degree of freedom has the variance inf and covariances nan; the block of the
+        others is exact, not that of a pseudo-inverse.
     observable
         Whether the image says anything of a degree of freedom, shape ``(..., 5)``.
     condition

@@ -40,7 +40,7 @@ def field_of_view(
     array: DetectorArray,
     *,
     cosine_power: Annotated[
-        float | None, Quantity("power of the cosine of incidence in all", "", 1, 1000)
+        float | None, Quantity("power of the cosine of incidence in all", "", 0.5, 1000)
     ] = None,
     half_angle_deg: Annotated[
         float | None, Quantity("incidence at which half is lost", "deg", 1, 90)

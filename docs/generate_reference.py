@@ -54,6 +54,7 @@ READ_MORE = {
     "study accuracy": "results/accuracy.md",
     "study robustness": "results/robustness.md",
     "study drives": "results/drives.md",
+    "study transport": "results/transport.md",
     "study tradeoff": "results/tradeoff.md",
     "study design": "results/design_study.md",
     "study paper": "results/paper.md",

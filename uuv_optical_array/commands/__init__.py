@@ -29,10 +29,11 @@ from uuv_optical_array.studies import (
     paper,
     robustness,
     tradeoff,
+    transport,
 )
 
 COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
-STUDIES = (accuracy, robustness, drives, tradeoff, design, paper, approach)
+STUDIES = (accuracy, robustness, drives, transport, tradeoff, design, paper, approach)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -19,6 +19,7 @@ from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.geometry import Array, lamp_in_body
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.array import DetectorArray
+from uuv_optical_array.forward.effects.waters import PETZOLD_PER_M
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import detect
 from uuv_optical_array.forward.scene import Scene
@@ -27,8 +28,7 @@ Phase: TypeAlias = Literal["fournier_forand", "henyey_greenstein"]
 
 INDEX, SLOPE = 1.10, 3.5835  # of Petzold's mean particles: backscatter 1.8 %
 ASYMMETRY = 0.924  # mean cosine of Henyey and Greenstein's function
-# Absorption and scattering at 514 nm, 1/m (Petzold 1972).
-WATERS = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
+WATERS = {name.removeprefix("petzold_"): sea for name, sea in PETZOLD_PER_M.items()}
 RADII_M: Array = np.linspace(1, 10, 19, dtype=float)  # of the spheres about the lamp
 EDGES: Array = np.pi * np.square(np.linspace(0, 1, 161, dtype=float))  # bins off the pencil, rad
 BEYOND_M = 3.0  # from the last sphere outwards, where photons are given up

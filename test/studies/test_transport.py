@@ -1,0 +1,120 @@
+"""``uuv_array study transport``: the law beside photons, poses from their images, the command."""
+
+import functools
+import json
+
+import command_line
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import uniform_poses
+from uuv_optical_array.studies.photon_transport import (
+    RADII_M,
+    PhotonSea,
+    load_pencil,
+    shipped_pencil,
+)
+from uuv_optical_array.studies.transport import (
+    CASES,
+    DEFAULT,
+    SCENES,
+    law_beside,
+    poses_between,
+    poses_by,
+    report_law,
+    report_poses,
+)
+
+run = functools.partial(command_line.run, "study", "transport")
+# What the law may differ from photons of a beam, counts of 1000: with a and b true, and fitted.
+GOALS = {
+    ("clear", 8.0): (0.1, 0.1),
+    ("coastal", 4.0): (0.9, 0.9),
+    ("coastal", 8.0): (0.4, 0.3),
+    ("coastal", 16.0): (0.5, 0.3),
+    ("harbour", 4.0): (1.7, 1.7),
+    ("harbour", 8.0): (0.8, 0.8),
+    ("harbour", 16.0): (1.7, 1.4),
+}
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_the_law_agrees_with_photons(case):
+    poses = uniform_poses(60, np.random.default_rng(1))
+    row = law_beside(*case, poses)
+    assert row["by_chance"] < 2e-3
+    assert row["rms_fitted"] <= row["rms_true"]
+    a, b = row["fitted"]
+    if row["phase"] == "fournier_forand":
+        true, fitted = GOALS[row["water"], row["beam_deg"]]
+        assert row["rms_true"] < true
+        assert row["rms_fitted"] < fitted
+        assert (a, b) == (pytest.approx(row["true"][0], rel=0.06), pytest.approx(b, rel=0.25))
+    else:  # another phase function is another scattering
+        assert b > 1.2 * row["true"][1]
+        assert row["rms_fitted"] < min(2.0, 0.3 * row["rms_true"])
+    text = report_law([row])
+    assert f"{row['rms_true']:.2f}" in text
+    assert f"{b:.3f}" in text
+
+
+@pytest.mark.parametrize("water", ["clear", "coastal"])
+def test_the_default_scene_answers_photons_with_true_covariances(water):
+    scene = load_scene(DEFAULT)
+    estimator = Estimator(scene, "least_squares").wait()
+    truth = PhotonSea(scene, shipped_pencil(water))
+    row = poses_by(estimator, truth, SCENES[water][1], 60, 1)
+    assert (row["frames"], row["answered"], row["beyond_6_sigma"]) == (60, 60, 0)
+    assert 1 < row["nees_mean"] < 7
+    assert row["rms_range_m"] < 0.5
+    text = report_poses([{"water": water, "scene": DEFAULT, "refusal": "", **row}])
+    assert "60 of 60" in text
+
+
+def test_poses_span_the_ranges_that_are_asked_for():
+    poses = poses_between((3.5, 6.0), 4000, np.random.default_rng(2))
+    assert poses[:, 0].min() == pytest.approx(-6.0, abs=0.01)
+    assert poses[:, 0].max() == pytest.approx(-3.5, abs=0.01)
+    assert np.degrees(np.abs(poses[:, 3:]).max()) == pytest.approx(20, abs=0.1)
+
+
+def test_a_refused_calibration_is_a_line_with_its_reason():
+    row = {"water": "harbour", "scene": "harbour, calibrated", "refusal": "no light"}
+    assert "harbour, calibrated       refused: no light" in report_poses([row])
+
+
+def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
+    picture = tmp_path / "transport.svg"
+    run("--poses", "3", "--output", str(picture), "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["complete"]
+    assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == [*CASES]
+    assert len(found["poses"]) == 3 * len(SCENES)
+    assert "photons" in picture.read_text(encoding="utf-8")
+
+
+def test_photons_are_made_again_on_demand(capsys, tmp_path):
+    run("--make", str(tmp_path / "flux"), "--photons", "1000", "--seed", "3")
+    made = sorted((tmp_path / "flux").glob("*"))
+    assert [path.name for path in made][:2] == [
+        "clear_fournier_forand.npz",
+        "clear_henyey_greenstein.npz",
+    ]
+    assert len(made) == 6
+    assert capsys.readouterr().out.split() == [str(path) for path in sorted(made, key=by_phase)]
+    pencil = load_pencil(made[-1])
+    assert pencil.photons == 1000
+    assert pencil.radial.shape[0] == len(RADII_M)
+
+
+def by_phase(path):
+    """Return the order in which files are made."""
+    water, _, phase = path.stem.partition("_")
+    return phase, ["clear", "coastal", "harbour"].index(water)
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "flux").write_text("full")
+    assert "--make" in run("--make", str(tmp_path / "flux"), code=2)

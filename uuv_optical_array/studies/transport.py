@@ -1,0 +1,309 @@
+"""``uuv_array study transport``: compare the law of the sea, and poses by it, with photons."""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import YAW, Array, X, Y
+from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import json_text, plain
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS, uniform_poses
+from uuv_optical_array.studies.photon_transport import (
+    PHASES,
+    RADII_M,
+    WATERS,
+    Lamp,
+    Phase,
+    PhotonSea,
+    shipped_pencil,
+    trace,
+)
+from uuv_optical_array.studies.shared.errors import answer_of, frame_errors
+from uuv_optical_array.studies.shared.results import until_interrupted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DESCRIPTION = """\
+Hold the scenes' law of the sea to photons: light that was followed through the water scattering by
+scattering, which knows nothing of the law. Images of clear, coastal and harbour water (Petzold
+1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true coefficients of the
+water and with fitted ones. Then poses are estimated from photon images by the default scene, by the
+ready scene of that water, and by a scene that was calibrated on a drive through it. The photons are
+in config/flux/; --make traces them again."""
+
+EPILOG = """\
+examples:
+  uuv_array study transport                       the law, poses, and a picture of the beam
+  uuv_array study transport --poses 1000 --json
+  uuv_array study transport --make flux           trace photons again, which needs Numba
+Ctrl-C ends it early and reports the poses it has."""
+
+PHOTONS, POSES = 10_000_000, 300
+BRIGHTEST = 1000.0  # of the images that the law is compared with, counts
+DRIVE_IMAGES = 400
+MIDDLE_M = 6.0  # where the error of the photons by chance is stated
+# Water, phase function and beam, deg.
+CASES: tuple[tuple[str, Phase, float], ...] = (
+    ("clear", "fournier_forand", 8.0),
+    *(("coastal", "fournier_forand", beam) for beam in (4.0, 8.0, 16.0)),
+    *(("harbour", "fournier_forand", beam) for beam in (4.0, 8.0, 16.0)),
+    *((water, "henyey_greenstein", 8.0) for water in WATERS),
+)
+# The ready scene of each water, and the range of its poses, m.
+SCENES = {
+    "clear": ("clear_ocean", (4.0, 8.0)),
+    "coastal": ("coastal", (4.0, 8.0)),
+    "harbour": ("harbour", (3.5, 6.0)),
+}
+DEFAULT = "follow"
+PROFILES_M, PROFILE_RAD = (4.0, 6.0, 8.0), np.radians(np.linspace(0, 30, 31))
+COLOURS = ("#1f6fb4", "#2c9c5a", "#e08a00")
+
+
+def ideal_scene(a: float, b: float, beam_deg: float) -> Scene:
+    """Return the reference scene in a sea of absorption a and scattering b, 1/m."""
+    settings = load_scene("reference").settings()
+    settings["lamp"]["beam_sigma_deg"] = beam_deg
+    settings["effects"].pop("attenuation", None)
+    settings["effects"]["sea"] = {"absorption_per_m": a, "scattering_per_m": b}
+    return scene_from_settings(settings, "reference")
+
+
+def poses_between(ranges_m: tuple[float, float], count: int, rng: np.random.Generator) -> Array:
+    """Draw poses as in the working volume, but between other ranges, m and rad, ``(count, 5)``."""
+    poses = uniform_poses(count, rng)
+    poses[:, X] = np.interp(poses[:, X], [LOW[X], HIGH[X]], [-ranges_m[1], -ranges_m[0]])
+    return poses
+
+
+def law_beside(water: str, phase: Phase, beam_deg: float, poses: Array) -> dict[str, Any]:
+    """Compare the law with photons at poses: RMS in counts, power fitted, then a and b, too."""
+    pencil = shipped_pencil(water, phase)
+    lamp = Lamp(pencil, np.radians(beam_deg))
+    seen = lamp.images(build_array(load_scene("reference").array), poses)
+    seen *= BRIGHTEST / seen.max()
+
+    def residual(logarithms: Array) -> Array:
+        a, b = map(float, np.exp(logarithms))
+        light = ForwardModel(ideal_scene(a, b, beam_deg)).light(poses)
+        return np.ravel((light * seen).sum() / (light * light).sum() * light - seen)
+
+    true = np.log([pencil.absorption_per_m, pencil.scattering_per_m])
+    fit = least_squares(residual, true, diff_step=1e-4)
+    i = int(np.argmin(np.abs(RADII_M - MIDDLE_M)))
+    flux = lamp.vector(np.array([MIDDLE_M]), np.zeros(1))[0] * MIDDLE_M**2
+    return plain(
+        {
+            "water": water,
+            "phase": phase,
+            "beam_deg": beam_deg,
+            "photons": pencil.photons,
+            "by_chance": lamp.error[i, 0] / flux[0],
+            "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
+            "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
+            "true": np.exp(true),
+            "fitted": np.exp(fit.x),
+        }
+    )
+
+
+def poses_by(
+    estimator: Estimator,
+    truth: PhotonSea,
+    ranges_m: tuple[float, float],
+    count: int,
+    seed: int,
+    over: Callable[..., Any] = iter,
+) -> dict[str, Any]:
+    """Return figures of poses from photon images; of fewer after Ctrl-C."""
+    rng = np.random.default_rng(seed)
+    poses: Array = np.empty((0, 5))
+    while len(poses) < count:
+        drawn = poses_between(ranges_m, count, rng)
+        peak = truth.light(drawn).max(axis=(1, 2))
+        poses = np.concatenate([poses, drawn[peak > MIN_PEAK_COUNTS]])
+    poses = poses[:count]
+    images = truth.model.read(truth.light(poses), rng)
+    answers = {"estimator": answer_of(estimator)}
+    frames = frame_errors(answers, truth.model, poses, images, over)["estimator"]
+    return plain({"frames": len(frames.errors), **frames.summary()})
+
+
+def measure_poses(
+    count: int, seed: int, progress: Callable[..., Any] = lambda frames, what: frames
+) -> Iterator[dict[str, Any]]:
+    """Yield the figures of each water by the default, the ready and the calibrated scene."""
+    default = load_scene(DEFAULT)
+    for water, (name, ranges_m) in SCENES.items():
+        pencil, ready = shipped_pencil(water), load_scene(name)
+        truth = PhotonSea(ready, pencil)
+        rng = np.random.default_rng((seed, 1))
+        drive = poses_between(ranges_m, DRIVE_IMAGES, rng)
+        fitted, refusal = _calibrated(ready, truth.model.read(truth.light(drive), rng), drive)
+        for scene, label, seen in (
+            (default, DEFAULT, PhotonSea(default, pencil)),
+            (ready, name, truth),
+            (fitted, f"{name}, calibrated", truth),
+        ):
+            row = {"water": water, "scene": label}
+            if scene is None:
+                yield {**row, "refusal": refusal}
+                continue
+
+            def over(frames: Any, what: str = f"{water}, {label}") -> Any:
+                return progress(frames, what=what)
+
+            estimator = Estimator(scene, "least_squares").wait()
+            figures = poses_by(estimator, seen, ranges_m, count, seed, over)
+            yield {**row, "refusal": "", **figures}
+            if figures["frames"] < count:
+                return
+
+
+def _calibrated(scene: Scene, images: Array, poses: Array) -> tuple[Scene | None, str]:
+    """Return the scene that a drive tells, or why there is none."""
+    try:
+        fitted = calibrate(scene, images, poses)
+    except ValueError as error:
+        return None, str(error)
+    return (None if fitted.refusal else fitted.scene), fitted.refusal
+
+
+def report_law(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows of `law_beside` as a table."""
+    lines = [
+        "law beside photons: RMS of images up to 1000 counts",
+        f"{'water':<9}{'phase function':<19}{'beam':>6}{'photons':>9}"
+        f"{'a, b true':>12}{'a, b fitted':>13}{'a':>9}{'(true)':>8}{'b':>8}{'(true)':>8}",
+    ]
+    for row in rows:
+        (a, b), (true_a, true_b) = row["fitted"], row["true"]
+        lines.append(
+            f"{row['water']:<9}{row['phase']:<19}{row['beam_deg']:>2g} deg"
+            f"{100 * row['by_chance']:>7.2f} %{row['rms_true']:>12.2f}{row['rms_fitted']:>13.2f}"
+            f"{a:>9.3f}{true_a:>8.3f}{b:>8.3f}{true_b:>8.3f}"
+        )
+    return "\n".join(lines)
+
+
+def report_poses(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows of `measure_poses` as a table."""
+    line = "{:<9}{:<24}{:>11}{:>16}{:>7}{:>11}{:>12}{:>13}"
+    heads = ("answered", "beyond 6 sigma", "NEES", "range (m)", "across (m)", "angle (deg)")
+    lines = ["poses from photon images: RMS errors", line.format("water", "scene", *heads)]
+    for row in rows:
+        if row["refusal"]:
+            lines.append(f"{row['water']:<9}{row['scene']:<24}  refused: {row['refusal']}")
+            continue
+        answered = f"{row['answered']} of {row['frames']}"
+        keys = ("nees_mean", "rms_range_m", "rms_across_m", "rms_angle_deg")
+        figures = ("-" if row[key] is None else f"{row[key]:.3g}" for key in keys)
+        about = row["water"], row["scene"], answered, row["beyond_6_sigma"]
+        lines.append(line.format(*about, *figures))
+    return "\n".join(lines)
+
+
+def draw(beam_deg: float = 8.0) -> "Figure":
+    """Draw the beam of the law and of photons in each water at `PROFILES_M`."""
+    from matplotlib.figure import Figure
+
+    from uuv_optical_array.plots.style import mark, plain_log_ticks
+
+    figure = Figure(figsize=(12, 6.4), layout="constrained")
+    grid = figure.subplots(2, len(WATERS), sharex=True, sharey="row", height_ratios=(2, 1))
+    middle = load_scene("reference").array.detectors_per_side // 2
+    for (profile, ratio), (water, (a, b)) in zip(grid.T, WATERS.items(), strict=True):
+        model = ForwardModel(ideal_scene(a, b, beam_deg))
+        lamp = Lamp(shipped_pencil(water), np.radians(beam_deg))
+        ahead = float(model.array.positions[:, X].max())
+        vacuum = model.power * np.exp(-a * np.array(PROFILES_M)) / np.array(PROFILES_M) ** 2
+        for range_m, dimmed, colour in zip(PROFILES_M, vacuum, COLOURS, strict=True):
+            # The middle detector faces the lamp.
+            poses = np.zeros((len(PROFILE_RAD), 5))
+            poses[:, X] = -(range_m + ahead) * np.cos(PROFILE_RAD)
+            poses[:, Y] = (range_m + ahead) * np.sin(PROFILE_RAD)
+            poses[:, YAW] = -PROFILE_RAD
+            law = model.light(poses)[:, middle, middle] / dimmed
+            seen = lamp.images(model.array, poses)[:, middle, middle] * model.power / dimmed
+            degrees = np.degrees(PROFILE_RAD)
+            profile.plot(degrees, law, color=colour, lw=1.5)
+            profile.plot(degrees, seen, "o", color=colour, ms=3.5)
+            ratio.plot(degrees, 100 * (law - seen) / seen[0], color=colour, lw=1.5)
+        straight = np.exp(-0.5 * (PROFILE_RAD / np.radians(beam_deg)) ** 2)
+        profile.plot(degrees, straight, color="0.5", lw=1, ls="--")
+        profile.set(yscale="log", ylim=(3e-3, 1.3))
+        plain_log_ticks(profile.yaxis)
+        profile.set_title(f"{water}: a {a:g}, b {b:g} /m")
+        ratio.set_xlabel("angle off the beam's axis (deg)")
+        for axes in (profile, ratio):
+            axes.grid(alpha=0.4)
+    grid[0, 0].set_ylabel("light, of the axis without scattering")
+    grid[1, 0].set_ylabel("law less photons\n(% of the axis)")
+    handles = [
+        *(mark(f"{r:g} m", "s", color=c) for r, c in zip(PROFILES_M, COLOURS, strict=True)),
+        mark("photons"),
+        mark("law", "", lw=1.5, ls="-"),
+        mark("without scattering", "", lw=1, ls="--"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    figure.suptitle(f"A beam of {beam_deg:g} deg in three waters, law and photons")
+    return figure
+
+
+def make(folder: Path, photons: int, seed: int) -> None:
+    """Trace the pencil of each water and phase function into files of a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for phase in PHASES:
+        for water, (a, b) in WATERS.items():
+            path = folder / f"{water}_{phase}.npz"
+            trace(a, b, phase, photons, np.random.default_rng(seed)).save(path)
+            print(path, flush=True)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    poses = Quantity("poses in each water", "", 1, 1e6)
+    options.add_number(parser, "poses", poses, POSES)
+    options.add_seed(parser)
+    options.add_json(parser)
+    outputs.add_picture(parser, "transport.png")
+    parser.add_argument(
+        "--make", type=Path, metavar="FOLDER", help="trace photons into files of a folder, no more"
+    )
+    photons = Quantity("photons of each file of --make", "", 1000, 1e10)
+    options.add_number(parser, "photons", photons, PHOTONS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study, print and draw it, or trace its photons."""
+    count, seed = args.poses, args.seed
+    if args.make is not None:
+        make(outputs.folder_to_write(args.make, "--make"), args.photons, seed)
+        return 0
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    from uuv_optical_array.plots.style import save  # matplotlib takes a second
+
+    save(draw(), output)
+    compared = uniform_poses(count, np.random.default_rng(seed))
+    law = [law_beside(*case, compared) for case in progress.over(CASES, unit="case")]
+    poses = until_interrupted(measure_poses(count, seed, progress.over))
+    complete = len(poses) == 3 * len(WATERS) and poses[-1].get("frames", count) == count
+    if args.json:
+        about = {"seed": seed, "complete": complete, "picture": str(output)}
+        print(json_text({**about, "law": law, "poses": poses}))
+    else:
+        print(f"{report_law(law)}\n\n{report_poses(poses)}\n\npicture: {output}")
+        if not complete:
+            print("interrupted: the table ends where the work ended")
+    return 0 if complete else options.INTERRUPTED

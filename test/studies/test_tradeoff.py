@@ -19,7 +19,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.forward.working_volume import lit_poses, volume_spread
+from uuv_optical_array.forward.working_volume import HIGH, LOW, lit_poses, volume_spread
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.shared import tradeoff_measurement
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
@@ -139,7 +139,11 @@ def test_rows_hold_the_errors_of_the_estimators(scene):
     poses = lit_poses(model, 12, rng)
     images = model.expose(poses, rng)
     parameters = key_parameters(images, inside.full_scale_counts, inside.signature.peak)
-    bound = np.sqrt(np.mean(cramer_rao_bound(model, poses).std ** 2, axis=0))
+    bounds = cramer_rao_bound(model, poses)
+    bound = np.sqrt(np.mean(bounds.std**2, axis=0))
+    # A pose in the volume is known as a Gaussian of the variance of its uniform distribution.
+    known = np.linalg.inv(bounds.information + np.diag(12 / (HIGH - LOW) ** 2))
+    floor = np.sqrt(np.mean(np.diagonal(known, axis1=1, axis2=2), axis=0))
     for method in METHODS:
         estimator, row = Estimator(build_table(inside), method).wait(), rows[method]
         estimates = map(estimator.estimate, images, parameters)
@@ -148,6 +152,8 @@ def test_rows_hold_the_errors_of_the_estimators(scene):
         assert row.position_m == pytest.approx(math.hypot(*rms[:3]), rel=1e-9)
         assert row.angle_deg == pytest.approx(math.degrees(math.hypot(*rms[3:])), rel=1e-9)
         assert row.bound_position_m == pytest.approx(math.hypot(*bound[:3]), rel=1e-9)
+        assert row.floor_position_m == pytest.approx(math.hypot(*floor[:3]), rel=1e-9)
+        assert row.floor_angle_deg == pytest.approx(math.degrees(math.hypot(*floor[3:])), rel=1e-9)
         assert row.table_rows == 4**5
         assert 0 < row.median_ms <= row.p99_ms
         assert row.models == pytest.approx(row.median_ms / row.model_ms)

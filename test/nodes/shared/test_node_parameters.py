@@ -142,6 +142,12 @@ def test_what_is_fixed_once_the_node_runs_is_refused_as_read_only(lab, name, sce
     assert fixed >= {"scene", "rate_hz", "seed", "base_frame"} & set(own_names(node))
 
 
+def test_words_to_choose_from_are_described(lab, scene_file):
+    node = begin(lab, "estimator_node", scene_file)
+    words = node.describe_parameter("method").additional_constraints
+    assert words == "sam or sam_interpolated or least_squares"
+
+
 def test_one_bad_value_among_several_changes_none(lab, scene_file):
     node = begin(lab, "formation_node", scene_file)
     result = node.set_parameters_atomically(

@@ -45,7 +45,7 @@ def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path
     picture = tmp_path / "harbour.png"
     run("--scene", "harbour", "--output", picture)
     said = capsys.readouterr().out
-    named = "attenuation, beam_spread, responsivity, photodiode, saturation, adc"
+    named = "sea, responsivity, photodiode, saturation, adc"
     assert f"scene harbour: {named}\n" in said
     assert f"picture: {picture}" in said
     pixels = imread(picture)

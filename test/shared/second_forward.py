@@ -325,7 +325,7 @@ def unnamed(side, effects, offsets):
 def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     """Return the light of a lamp of some power, shape ``(side, side)``."""
     offsets, array = offsets or {}, dict(scene["array"])
-    if "array.radius_m" in offsets:
+    if "array.radius_m" in offsets and array["shape"] == "curved":
         array["radius_m"] *= math.exp(offsets["array.radius_m"])
     lamp = dict(scene["lamp"])
     lamp["beam_sigma_deg"] += offsets.get("lamp.beam_sigma_deg", 0.0)

@@ -13,8 +13,7 @@ from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
-from uuv_optical_array.forward.prior import PRIORS, PriorSettings
-from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene
+from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import (
     is_file_name,
     layers,
@@ -79,16 +78,18 @@ def figures(scene: Scene) -> list[str]:
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
-        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior_text(scene.prior)}",
+        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior_text(scene)}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]
 
 
-def prior_text(prior: PriorSettings) -> str:
-    """Return the name of a prior, and the keys in which it differs from that."""
-    named = {**dataclasses.asdict(PriorSettings(prior.known)), **PRIORS[prior.known]}
-    others = [key for key, value in named.items() if getattr(prior, key) != value]
-    return prior.known + (f" but for {', '.join(others)}" if others else "")
+def prior_text(scene: Scene) -> str:
+    """Return the name of a scene's prior, and the keys in which it differs from that."""
+    known = scene.prior.known
+    named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
+    keys = (field.name for field in dataclasses.fields(named))
+    others = [key for key in keys if getattr(scene.prior, key) != getattr(named, key)]
+    return known + (f" but for {', '.join(others)}" if others else "")
 
 
 def list_text() -> str:

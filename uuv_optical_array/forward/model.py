@@ -99,9 +99,8 @@ class ForwardModel:
         }
         if self._of(forms.Scattering):
             named.append(SCATTERING)
-        if scene.array.radius_m is not None:
-            named.append(RADIUS)
-        self.nuisances = tuple(dict.fromkeys((POWER, BEAM_SIGMA, *named, *self._unknown)))
+        own = POWER, BEAM_SIGMA, RADIUS  # the radius of a planar array changes nothing
+        self.nuisances = tuple(dict.fromkeys((*own, *named, *self._unknown)))
         self.power = 1.0
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         # The slope by the power's logarithm is the lamp's light, without rounding by daylight.

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 NUMBA = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 MODEL = ForwardModel(load_scene("follow"))
 CONSTANTS = constants_of(MODEL)
-OFFSETS = np.array([0.1, -0.4, 0.01, 3.0, -2.0, 4.0])
+OFFSETS = np.array([0.1, -0.4, 0.01, 0.3, 0.1, -0.02, 3.0, -2.0, 4.0])
 WAYS = pytest.mark.parametrize(
     "fast", [False, pytest.param(True, marks=NUMBA)], ids=["plain", "compiled"]
 )

@@ -62,7 +62,6 @@ EFFECTS = {
     },
     "daylight": {
         **WATER,
-        "beam_spread": {"scattering_per_m": 0.1, "scattering_angle_deg": 2.0},
         "field_of_view": {"cosine_power": 1.5},
         "ambient": {"level_counts": 5.0},
         "forward_scatter": {"window_m": 0.25},

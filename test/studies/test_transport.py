@@ -91,7 +91,7 @@ def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
     found = json.loads(capsys.readouterr().out)
     assert found["complete"]
     assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == [*CASES]
-    assert len(found["poses"]) == 3 * len(SCENES)
+    assert [row["answered"] for row in found["poses"]] == 3 * len(SCENES) * [3]
     assert "photons" in picture.read_text(encoding="utf-8")
 
 

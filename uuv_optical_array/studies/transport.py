@@ -101,15 +101,15 @@ def law_beside(water: str, phase: Phase, beam_deg: float, poses: Array) -> dict[
 
     true = np.log([pencil.absorption_per_m, pencil.scattering_per_m])
     fit = least_squares(residual, true, diff_step=1e-4)
-    i = int(np.argmin(np.abs(RADII_M - MIDDLE_M)))
-    flux = lamp.vector(np.array([MIDDLE_M]), np.zeros(1))[0] * MIDDLE_M**2
+    i = np.abs(RADII_M - MIDDLE_M).argmin()
+    axis = lamp.vector(RADII_M[i : i + 1], np.zeros(1))[0] * RADII_M[i] ** 2
     return plain(
         {
             "water": water,
             "phase": phase,
             "beam_deg": beam_deg,
             "photons": pencil.photons,
-            "by_chance": lamp.error[i, 0] / flux[0],
+            "by_chance": lamp.error[i, 0] / axis[0],
             "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
             "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
             "true": np.exp(true),

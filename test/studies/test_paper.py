@@ -151,6 +151,7 @@ def test_every_choice_suits_every_scene():
     # With no blur at all, and with a noise that a reading without noise must leave out.
     settings = load_scene("follow").settings()
     settings["effects"] = {"shot_noise": {"electrons_per_count": 50.0}, "adc": {"bits": 12}}
+    settings["prior"] = {"known": "exactly"}
     other = scene_from_settings(settings, "other")
     for choice in alternatives(np.random.default_rng(1)):
         assert angles_deg(other, Conditions("planar", 7, 5.0, "yaw"), [20.0], choice) > 1

@@ -21,6 +21,7 @@ from uuv_optical_array.studies.transport import (
     DEFAULT,
     SCENES,
     law_beside,
+    make,
     poses_between,
     poses_by,
     report_law,
@@ -96,7 +97,7 @@ def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
 
 
 def test_photons_are_made_again_on_demand(capsys, tmp_path):
-    run("--make", str(tmp_path / "flux"), "--photons", "1000", "--seed", "3")
+    make(tmp_path / "flux", 1000, 3)
     made = sorted((tmp_path / "flux").glob("*"))
     assert [path.name for path in made][:2] == [
         "clear_fournier_forand.npz",

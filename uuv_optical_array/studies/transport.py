@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -12,12 +12,13 @@ from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import json_text, plain
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS, uniform_poses
+from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies.photon_transport import (
     PHASES,
     RADII_M,
@@ -30,9 +31,6 @@ from uuv_optical_array.studies.photon_transport import (
 )
 from uuv_optical_array.studies.shared.errors import answer_of, frame_errors
 from uuv_optical_array.studies.shared.results import until_interrupted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DESCRIPTION = """\
 Hold the scenes' law of the sea to photons: light that was followed through the water scattering by
@@ -214,13 +212,9 @@ def report_poses(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(beam_deg: float = 8.0) -> "Figure":
+def draw(beam_deg: float = 8.0) -> Any:
     """Draw the beam of the law and of photons in each water at `PROFILES_M`."""
-    from matplotlib.figure import Figure
-
-    from uuv_optical_array.plots.style import mark, plain_log_ticks
-
-    figure = Figure(figsize=(12, 6.4), layout="constrained")
+    figure = new_figure(12, 6.4)
     grid = figure.subplots(2, len(WATERS), sharex=True, sharey="row", height_ratios=(2, 1))
     middle = load_scene("reference").array.detectors_per_side // 2
     for (profile, ratio), (water, (a, b)) in zip(grid.T, WATERS.items(), strict=True):
@@ -281,29 +275,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--make", type=Path, metavar="FOLDER", help="trace photons into files of a folder, no more"
     )
-    photons = Quantity("photons of each file of --make", "", 1000, 1e10)
-    options.add_number(parser, "photons", photons, PHOTONS)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the study, print and draw it, or trace its photons."""
     count, seed = args.poses, args.seed
     if args.make is not None:
-        make(outputs.folder_to_write(args.make, "--make"), args.photons, seed)
+        make(outputs.folder_to_write(args.make, "--make"), PHOTONS, seed)
         return 0
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    from uuv_optical_array.plots.style import save  # matplotlib takes a second
-
     save(draw(), output)
     compared = uniform_poses(count, np.random.default_rng(seed))
     law = [law_beside(*case, compared) for case in progress.over(CASES, unit="case")]
     poses = until_interrupted(measure_poses(count, seed, progress.over))
     complete = len(poses) == 3 * len(WATERS) and poses[-1].get("frames", count) == count
-    if args.json:
-        about = {"seed": seed, "complete": complete, "picture": str(output)}
-        print(json_text({**about, "law": law, "poses": poses}))
-    else:
-        print(f"{report_law(law)}\n\n{report_poses(poses)}\n\npicture: {output}")
-        if not complete:
-            print("interrupted: the table ends where the work ended")
-    return 0 if complete else options.INTERRUPTED
+    result = {"seed": seed, "complete": complete, "picture": str(output)}
+    text = f"{report_law(law)}\n\n{report_poses(poses)}\n\npicture: {output}"
+    missing = "" if complete else "the table ends where the work ended"
+    return outputs.finish(args, {**result, "law": law, "poses": poses}, text, missing)

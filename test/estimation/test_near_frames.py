@@ -5,7 +5,7 @@ import pytest
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 # Taken a metre behind the lamp in `follow`, in seas drawn from its prior; from the three nearest
 # rows of the table fits end in a false minimum that explains them as well.
@@ -35,7 +35,12 @@ FRAMES = {
 
 @pytest.fixture(scope="module")
 def estimator(compiled_fit):
-    return Estimator(load_scene("follow")).wait()
+    values = load_scene("follow").settings()
+    del values["effects"]["sea"]
+    water = {"attenuation": {"k_per_m": 0.1}, "forward_scatter": {"window_m": 0.3}}
+    values["effects"] |= water
+    values["prior"] = {"known": "calibrated"}
+    return Estimator(scene_from_settings(values, "near")).wait()
 
 
 def distance(estimator, image, truth):

@@ -18,7 +18,7 @@ from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-NAMES = ("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts")
+NAMES = ("lamp.power", "lamp.beam_sigma_deg", "sea.absorption_per_m", "ambient.level_counts")
 STDS, GAIN_STD = np.array([0.1, 0.3, 0.02, 5.0]), 0.005
 FRAMES, STEP_S = 120, 0.25
 FOLLOW = load_scene("follow")
@@ -152,7 +152,8 @@ def test_what_the_power_does_to_the_range_is_one_error_of_all_poses(range_m):
     for k in range(count):
         track = tracker.update(1 + 1000 * k, pose, noise)
     # On the axis light goes with P exp(-K r) / r^2.
-    common = (std * range_m / (2 + 0.1 * range_m)) ** 2
+    k_per_m = constants.frame.k_per_m
+    common = (std * range_m / (2 + k_per_m * range_m)) ** 2
     assert track.covariance[0, 0] == pytest.approx(common + (0.25 - common) / count, rel=1e-3)
     assert track.covariance[1, 1] == pytest.approx(1 / count, rel=1e-3)
     learnt = track.constants[NAMES[0]]

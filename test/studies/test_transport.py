@@ -7,8 +7,9 @@ import command_line
 import numpy as np
 import pytest
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.photon_transport import (
     RADII_M,
@@ -20,6 +21,7 @@ from uuv_optical_array.studies.transport import (
     CASES,
     DEFAULT,
     SCENES,
+    _calibrated,
     law_beside,
     make,
     poses_between,
@@ -50,7 +52,7 @@ def test_the_law_agrees_with_photons(case):
     a, b = row["fitted"]
     if row["phase"] == "fournier_forand":
         true, fitted = GOALS[row["water"], row["beam_deg"]]
-        assert row["rms_true"] < true
+        assert 0.3 * true < row["rms_true"] < true
         assert row["rms_fitted"] < fitted
         assert (a, b) == (pytest.approx(row["true"][0], rel=0.06), pytest.approx(b, rel=0.25))
     else:  # another phase function is another scattering
@@ -72,6 +74,39 @@ def test_the_default_scene_answers_photons_with_true_covariances(water):
     assert row["rms_range_m"] < 0.5
     text = report_poses([{"water": water, "scene": DEFAULT, "refusal": "", **row}])
     assert "60 of 60" in text
+
+
+class Blind:
+    """Stands for an estimator: keeps the brightest reading of each image, and answers none."""
+
+    def __init__(self, scene):
+        self.scene, self.peaks = scene, []
+
+    def estimate(self, image, parameters):
+        self.peaks.append(image.max())
+        raise NoPose("blind")
+
+
+def test_images_without_light_do_not_count():
+    settings = load_scene(DEFAULT).settings()
+    settings["lamp"]["reference_counts"] = 40.0
+    scene = scene_from_settings(settings, "dim")
+    estimator, truth = Blind(scene), PhotonSea(scene, shipped_pencil("coastal"))
+    poses = poses_between((4.0, 8.0), 40, np.random.default_rng(1))
+    assert (truth.light(poses).max(axis=(1, 2)) < 15).any()
+    row = poses_by(estimator, truth, (4.0, 8.0), 40, 1)
+    assert (row["frames"], row["answered"], row["nees_mean"]) == (40, 0, None)
+    assert min(estimator.peaks) > 15
+    assert "0 of 40" in report_poses([{"water": "coastal", "scene": "dim", "refusal": "", **row}])
+
+
+def test_a_drive_that_does_not_fit_gives_a_reason_in_place_of_a_scene():
+    scene = load_scene("coastal")
+    poses = poses_between((4.0, 8.0), 60, np.random.default_rng(3))
+    images = PhotonSea(scene, shipped_pencil("coastal")).light(poses)
+    fitted, refusal = _calibrated(scene, images[..., ::-1], poses)
+    assert fitted is None
+    assert refusal
 
 
 def test_poses_span_the_ranges_that_are_asked_for():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
 from uuv_optical_array.estimation.tracking.root_filter import (
     Gaussian,
@@ -58,7 +59,7 @@ def test_a_correction_is_that_of_the_dense_formulas(given_problem, corrected):
     covariance, both, spread = dense(state, observation)
     best = np.linalg.solve(spread, both.T).T[:corrected]
     stds = np.sqrt(covariance.diagonal())
-    gain_of, distance = weigh(state, observation, corrected)
+    gain_of, distance, cost = weigh(state, observation, corrected)
     gain = gain_of()
     np.testing.assert_allclose(
         gain / stds[:corrected, None], best / stds[:corrected, None], atol=1e-9
@@ -74,6 +75,11 @@ def test_a_correction_is_that_of_the_dense_formulas(given_problem, corrected):
     else:  # as many directions as numbers: all of them count
         all_of_it = observation.innovation @ np.linalg.solve(spread, observation.innovation)
         assert distance == pytest.approx(np.sqrt(all_of_it), rel=1e-6)
+    wider = state._replace(root=np.concatenate([state.root, state.root[:, :1]], axis=1))
+    less = multivariate_normal(cov=spread).logpdf(observation.innovation)
+    less -= multivariate_normal(cov=dense(wider, observation)[2]).logpdf(observation.innovation)
+    more = weigh(wider, observation, corrected)[2] - cost
+    assert more == pytest.approx(2 * less, rel=1e-6, abs=1e-6)
     after = correct(state, observation, gain)
     padded = np.zeros((len(stds), len(observation.innovation)))
     padded[:corrected] = gain

@@ -65,3 +65,28 @@ def test_honest_frames_of_a_manoeuvre_pass_and_strays_among_them_do_not(path):
     share, _, caught = counted(path, outliers=0.05)
     assert share <= 0.002
     assert caught >= 0.98
+
+
+def reversing(seconds, rng):
+    """Turn at 30 deg/s, to port and back to starboard from one frame to the next."""
+    legs = np.abs((seconds / 1.3 + rng.random()) % 2 - 1)
+    return STATION + np.outer(legs - 0.5, [0, 0, 0, 0, math.radians(30 * 1.3)])
+
+
+def test_frames_of_an_abruptly_reversed_turn_are_in_the_track_and_no_sharper_than_they_are():
+    rng, squares, refused = np.random.default_rng(5), [], 0
+    noise = cramer_rao_bound(ForwardModel(load_scene("follow")), STATION).covariance
+    root, tracker = np.linalg.cholesky(noise), Tracker(TrackerSettings())
+    seconds = np.arange(0, SECONDS, STEP_S)
+    for k, pose in enumerate(reversing(seconds, rng)):
+        try:
+            seen = pose + root @ rng.standard_normal(5)
+            track = tracker.update(START_NS + round(k * STEP_S * 1e9), seen, noise)
+        except Outlier:
+            refused += 1
+            continue
+        off = track.pose - pose
+        assert np.abs(off / np.sqrt(track.covariance.diagonal())).max() < 6
+        squares.append(off @ np.linalg.solve(track.covariance, off))
+    assert refused <= 0.03 * len(seconds)
+    assert np.mean(squares) < 7

@@ -9,6 +9,7 @@ leave out the curvature of the light: either biases what is learnt, the same in 
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -64,6 +65,14 @@ class Deferred:
         return self._state
 
 
+class Corrected(NamedTuple):
+    """A state corrected by a frame, and distance and cost of the frame as `weigh` returns them."""
+
+    state: Deferred
+    distance: float
+    cost: float = 0.0
+
+
 class Correction:
     """Corrects states by frames.
 
@@ -117,24 +126,24 @@ class Correction:
             slopes[:, shades], root = math.sqrt(share) * root, math.sqrt(white) * root
         return self._white_share * root, slopes
 
-    def correct(self, state: Gaussian, frame: Measurement, learns: bool) -> tuple[Deferred, float]:
-        """Return a state corrected by a frame, and the distance of the frame from it.
+    def correct(self, state: Gaussian, frame: Measurement, learns: bool) -> Corrected:
+        """Return a state corrected by a frame.
 
         Constants and gain errors are corrected only where it `learns`, and by readings.
         """
         if frame.readings is None:
             return self._by_pose(state, frame)
         corrected = self._space.gains.stop if learns else SLOW
-        result, distance = self._by_readings(state, frame.readings, frame.relinearise, corrected)
-        return result, max(distance, pose_distance(state, frame))
+        result = self._by_readings(state, frame.readings, frame.relinearise, corrected)
+        return result._replace(distance=max(result.distance, pose_distance(state, frame)))
 
-    def _by_pose(self, state: Gaussian, frame: Measurement) -> tuple[Deferred, float]:
+    def _by_pose(self, state: Gaussian, frame: Measurement) -> Corrected:
         root, slopes = self.pose_errors(state, frame)
         innovation = wrapped(frame.pose - state.mean[POSE])
         white = solve_triangular(root, np.column_stack([innovation, slopes]), lower=True)
         observation = Observation(white[:, 0], white[:, 1:], np.ones(5), np.zeros(0))
-        gain, distance = weigh(state, observation, SLOW)
-        return Deferred(lambda: correct(state, observation, gain())), distance
+        gain, *fit = weigh(state, observation, SLOW)
+        return Corrected(Deferred(lambda: correct(state, observation, gain())), *fit)
 
     def _by_readings(
         self,
@@ -142,7 +151,7 @@ class Correction:
         readings: LinearisedReadings,
         relinearise: Relinearise | None,
         corrected: int,
-    ) -> tuple[Deferred, float]:
+    ) -> Corrected:
         coordinates, linear = self._coordinates, self._space.linear
         here = coordinates.of(state.mean[linear])
         _, slopes = coordinates.place(here)
@@ -150,7 +159,7 @@ class Correction:
         at = coordinates.of(readings.at)
         _, slopes = coordinates.place(at)
         observation = self._observation(before, readings, at, slopes)
-        gain_of, distance = weigh(before, observation, corrected)
+        gain_of, distance, cost = weigh(before, observation, corrected)
 
         def finished() -> Gaussian:
             used, gain = observation, gain_of()
@@ -168,7 +177,7 @@ class Correction:
             place, slopes = coordinates.place(after.mean[linear])
             return self._transformed(after, slopes, place)
 
-        return Deferred(finished), distance
+        return Corrected(Deferred(finished), distance, cost)
 
     def _transformed(self, state: Gaussian, slopes: Array, place: Array) -> Gaussian:
         """Return a state whose pose is in other coordinates; the constants are the same in all."""

@@ -89,8 +89,8 @@ def _upper_mask(size: int) -> Array:
 
 def weigh(
     state: Gaussian, observation: Observation, corrected: int
-) -> tuple[Callable[[], Array], float]:
-    """Return the gain of an observation and its distance from a state.
+) -> tuple[Callable[[], Array], float, float]:
+    """Return the gain of an observation, its distance from a state, and how improbable it is.
 
     Parameters
     ----------
@@ -109,6 +109,9 @@ def weigh(
         Mahalanobis distance of the innovation from 0 in the directions in which the first five
         entries move it: the likelihood ratio test of a jump in these (A. Willsky and H. Jones,
         1976, IEEE Trans. Automatic Control 21, 108), chi with five degrees of freedom.
+    cost
+        Twice the negative log-likelihood of the observation, but for what is the same for all
+        states.
     """
     _, root, consider = state
     innovation, slopes, noise, by_consider = observation
@@ -132,6 +135,8 @@ def weigh(
     jump = np.concatenate([white_slopes[:, :5], white[:, None]], axis=1)
     whitened, _ = lapack.dtrtrs(spread, jump, trans=1)
     distance = float(np.linalg.norm(_qr_factor(whitened)[:5, 5]))
+    volume = np.log(np.abs(spread.diagonal())).sum()
+    cost = float(whitened[:, 5] @ whitened[:, 5] + 2 * volume)
 
     def gain() -> Array:
         cross = spread_root @ root[:corrected].T
@@ -150,7 +155,7 @@ def weigh(
             result -= result @ slopes @ by_noise
         return result
 
-    return gain, distance
+    return gain, distance, cost
 
 
 def _qr_factor(stack: Array) -> Array:

@@ -23,10 +23,11 @@ A frame comes as a pose with its covariance, or with its readings, linearised (`
   constants, and none while a constant in which the light is not linear is known better than
   `LEAST_SHARE` of its prior.
 
-A frame beyond the gate is an outlier, unless a manoeuvre explains it: random motion several times
-stronger than usual for a moment (Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with
-Applications to Tracking and Navigation*, 2001, ch. 11); or unless the follower does not obey its
-commands, and its motion is random. Outliers that agree with each other become the track.
+The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
+is weighed as the first after a manoeuvre, by its likelihood and the manoeuvre's prior probability
+(Y. Bar-Shalom, X.-R. Li and T. Kirubarajan, *Estimation with Applications to Tracking and
+Navigation*, 2001, ch. 11). Where commands explain it in neither way, the follower does not obey
+them. A frame beyond the gate is an outlier; outliers that agree with each other become the track.
 """
 
 import math
@@ -42,6 +43,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import wrapped
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.correction import (
+    Corrected,
     Correction,
     Deferred,
     pose_distance,
@@ -70,8 +72,9 @@ from uuv_optical_array.forward.prior import AMBIENT, GRADIENTS
 
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
-# A manoeuvre is random motion so many times stronger for so long, s.
-MANOEUVRE, MANOEUVRE_S = 5.0, 0.2
+# A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s, in one frame of
+# a hundred; its cost is twice the negative logarithm of that.
+MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
 # Readings correct constants once in so long, s.
 LEARN_EVERY_S = 4.0
 # Least standard deviation, as a share of the prior's, at which readings correct constants.
@@ -312,19 +315,30 @@ class Tracker:
     def _fused(
         self, state: _State, frame: Measurement, manoeuvres: tuple[bool, ...] = (False,)
     ) -> _State:
-        """Return the state with a frame by the first motion that explains it, or the usual one."""
+        """Return the state with a frame by the likeliest motion that explains it, or the usual one.
+
+        Commands are contradicted only where no motion that obeys them explains it.
+        """
         usual = None
         for obeys in (True, False) if self._commanded(frame.stamp_ns) else (False,):
+            best, least = None, math.inf
             for manoeuvre in manoeuvres:
-                fused = self._fused_by(state, frame, obeys, manoeuvre)
-                if fused.distance <= self._gate:
-                    return fused
+                # A manoeuvre is wider and rarer, and no likelier than a usual motion that fits.
+                if best and best.distance**2 <= MANOEUVRE_COST:
+                    break
+                fused, cost = self._fused_by(state, frame, obeys, manoeuvre)
                 usual = usual or fused
+                if fused.distance <= self._gate and cost < least:
+                    best, least = fused, cost
+            if best:
+                return best
         assert usual is not None
         return usual
 
-    def _fused_by(self, state: _State, frame: Measurement, obeys: bool, manoeuvre: bool) -> _State:
-        """Return the state with a frame by one motion."""
+    def _fused_by(
+        self, state: _State, frame: Measurement, obeys: bool, manoeuvre: bool
+    ) -> tuple[_State, float]:
+        """Return the state with a frame by one motion, and twice its negative log-probability."""
         predicted = self._predicted(state, frame.stamp_ns, obeys, manoeuvre)
         predicted = predicted._replace(root=triangular(predicted.root))
         learns = (
@@ -334,19 +348,21 @@ class Tracker:
         )
         taken = frame.readings is not None or frame.shaded > 0.5 or not state.by_readings
         if taken:
-            corrected, distance = self._correction.correct(predicted, frame, learns)
+            corrected = self._correction.correct(predicted, frame, learns)
         else:
-            corrected, distance = Deferred(lambda: predicted), pose_distance(predicted, frame)
-        return _State(
+            still = Deferred(lambda: predicted)
+            corrected = Corrected(still, pose_distance(predicted, frame))
+        fused = _State(
             frame,
-            corrected,
+            corrected.state,
             frame.stamp_ns if learns else state.learnt_ns,
             self._own_motion_at(frame.stamp_ns, obeys=obeys),
             frame.stamp_ns if taken else state.taken_ns,
             state.by_readings or frame.readings is not None,
             state.frames + taken,
-            distance,
+            corrected.distance,
         )
+        return fused, corrected.cost + manoeuvre * MANOEUVRE_COST
 
     def _worth_learning(self, state: Gaussian) -> bool:
         """Say whether no constant in which the light is not linear is known well."""
@@ -367,7 +383,7 @@ class Tracker:
         if frame.readings is not None:
             mean[POSE] = frame.readings.at[:5]
             unknown = Gaussian(mean, block_diag(np.diag(POSE_STD), rate, slow), consider)
-            corrected, _ = self._correction.correct(unknown, frame, True)
+            corrected = self._correction.correct(unknown, frame, True).state
             return _State(frame, corrected, stamp_ns, own_motion, stamp_ns, True)
         white, slopes = self._correction.pose_errors(state, frame)
         root, by_slow = block_diag(white, rate, slow), -slopes[:, SLOW:]
@@ -376,16 +392,17 @@ class Tracker:
         state = Gaussian(mean, root, consider)
         return _State(frame, Deferred(lambda: state), stamp_ns, own_motion, stamp_ns, False)
 
-    def _predicted(
-        self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool = False
-    ) -> Gaussian:
+    def _predicted(self, state: _State, stamp_ns: int, obeys: bool, manoeuvre: bool) -> Gaussian:
         """Return a state at a later stamp, where the follower obeys its commands or does not."""
         start_ns, before = state.frame.stamp_ns, state.corrected()
         step_s = (stamp_ns - start_ns) * 1e-9
         mean, root, consider = self._space.drifted(before, step_s)
+        changes = [MANOEUVRE_STD] if manoeuvre else []
         if obeys != (state.own_motion == "told"):  # it is another rate
+            changes.append(RATE_STD)
+        for change in changes:
             start = np.zeros((self._space.size, 5))
-            start[RATE] = np.diag(RATE_STD)
+            start[RATE] = np.diag(change)
             root = np.hstack([root, start])
         for part in (mean, root, consider):
             part[POSE] += step_s * part[RATE]
@@ -393,11 +410,8 @@ class Tracker:
         if obeys:
             own = self._own_motion.displacement(start_ns, stamp_ns)
             mean[POSE] += in_beacon(before.mean[POSE], own)
-        walks = [walk_noise(self._rate_walk, step_s)]
-        if manoeuvre:
-            walks.append(MANOEUVRE * walk_noise(self._rate_walk, MANOEUVRE_S))
-        noise = np.zeros((self._space.size, 10 * len(walks)))
-        noise[:SLOW] = np.hstack(walks)
+        noise = np.zeros((self._space.size, 10))
+        noise[:SLOW] = walk_noise(self._rate_walk, step_s)
         return Gaussian(wrapped(mean), np.hstack([root, noise]), consider)
 
     def _commanded(self, stamp_ns: int) -> bool:

@@ -99,6 +99,9 @@ class Estimate:
         Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
     clear
         Probability that the image is lit as the scene says: by no shade, nor else unevenly.
+    left_out
+        Rows and columns, from 0, of detectors whose readings were left out as faulty: dead, stuck,
+        dirty or in a glint.
     """
 
     pose: Array
@@ -112,6 +115,7 @@ class Estimate:
     readings: LinearisedReadings | None = None
     stretch: float = 1.0
     clear: float = 1.0
+    left_out: tuple[tuple[int, int], ...] = ()
 
 
 class Estimator:
@@ -171,7 +175,7 @@ class Estimator:
         self._source, self._asked = source, compiled
         self.scene = scene = source.scene if isinstance(source, SignatureTable) else source
         self.settings = EstimatorSettings(method, max_angle_rad, neighbours, candidates, max_misfit)
-        self._bounds = bounds(scene)
+        self._bounds, self._side = bounds(scene), scene.array.detectors_per_side
         axes = grid_axes(scene.table)
         # A pose is known no better than its cell of the grid, uniform: step^2 / 12.
         steps = [(axis[-1] - axis[0]) / max(len(axis) - 1, 1) for axis in axes]
@@ -360,7 +364,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted, clear, _ = self._fit(readings, parameters, roll, expected, near)
+        fitted, clear, _, _ = self._fit(readings, parameters, roll, expected, near)
         off = wrapped(match.pose - fitted.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -388,7 +392,7 @@ class Estimator:
         fit = self._fit
         if readings.min() >= self._model.noise.high:
             return self._saturated(roll)
-        fitted, clear, near = fit(readings, parameters, roll, expected)
+        fitted, clear, near, left_out = fit(readings, parameters, roll, expected)
         runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
         return Estimate(
             fitted.pose,
@@ -402,6 +406,7 @@ class Estimator:
             near if clear > CLEAR else None,
             fitted.stretch,
             clear,
+            tuple(divmod(place, self._side) for place in left_out.tolist()),
         )
 
     def lineariser(
@@ -417,7 +422,8 @@ class Estimator:
             As it was given them.
         """
         readings = self._readings(image)
-        return lambda at: self._fit.near(readings, at, roll, estimate.stretch)
+        left_out = [self._side * row + column for row, column in estimate.left_out]
+        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, left_out)
 
     def _saturated(self, roll: float) -> Estimate:
         fitted = self._fit.saturated(roll)

@@ -25,8 +25,8 @@ def result(pose, std, outcome=FITTED):
 
 def test_a_mixture_has_the_moments_of_draws_from_both():
     one, other = result([-5, 0, 0, 0, 0], 0.1), result([-6, 0.2, 0, 0.1, 0], 0.3)
-    found, first = mixture([one, other], np.log([0.75, 0.25]) + 7)
-    assert first == pytest.approx(0.75)
+    found, shares = mixture([one, other], np.log([0.75, 0.25]) + 7)
+    np.testing.assert_allclose(shares, [0.75, 0.25])
     rng = np.random.default_rng(1)
     draws = np.where(
         rng.random((400_000, 1)) < 0.75,
@@ -39,9 +39,9 @@ def test_a_mixture_has_the_moments_of_draws_from_both():
 
 def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
     one, other = result([-5, 0, 0, 0, 0], 0.1, MISFIT), result([-6, 0, 0, 0, 0], 0.3)
-    found, first = mixture([one, other], np.array([50.0, 0.0]))
+    found, shares = mixture([one, other], np.array([50.0, 0.0]))
     np.testing.assert_array_equal(found.pose, other.pose)
-    assert first == 0
+    assert shares.tolist() == [0, 1]
     assert mixture([one, one], np.zeros(2))[0].outcome == MISFIT
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import unowned
-from uuv_optical_array.core.numerics.linear_algebra import cholesky
+from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
@@ -20,7 +20,9 @@ from uuv_optical_array.estimation.least_squares.posterior import (
 )
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
+    FEW_STEPS,
     INFORMATION,
+    MANY_STEPS,
     MOST_STEPS,
     POSE,
     USUAL,
@@ -41,8 +43,13 @@ LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all th
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
 NEGLIGIBLE = 12.0
+# Minima that are this much less likely are as good an answer, at most `DISTINCT` away, however
+# little of the prior leads there.
+RIVAL = 6.0
 # Steps after which a start is known to lead to a minimum that is among those already.
 LONG_STEPS: Any = np.int64(2)
+# Near the lamp valleys are long and bent: so many minima are followed to their end, in more steps.
+FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 
@@ -56,6 +63,8 @@ class Guide(NamedTuple):
         Directions of signatures, of length one, by columns, shape ``(6, m)``.
     poses
         Theirs, m and rad, shape ``(m, 5)``.
+    roots
+        Square roots of their readings, shape ``(m, n)``.
     weights
         Of the five key parameters, and the constant that is appended, shape ``(6,)``.
     candidates
@@ -70,6 +79,7 @@ class Guide(NamedTuple):
 
     units: Array
     poses: Array
+    roots: Array
     weights: Array
     candidates: int
     max_score: float
@@ -106,6 +116,9 @@ class FrameResult(NamedTuple):
         Pose of the next minimum; nan where there is none.
     angle, runner_up_angle
         Spectral angles to the two nearest rows, rad.
+    wider
+        Whether the covariance is wider than the posterior's, to cover a minimum that is about as
+        likely as the best.
     """
 
     outcome: int
@@ -121,6 +134,7 @@ class FrameResult(NamedTuple):
     nodes: int
     log_evidence: float
     strict_score: float
+    wider: bool = False
 
 
 def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
@@ -140,11 +154,13 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
 
 
 def lit(problem: Problem) -> int:
-    """Count the readings that are clearly lit and not at a limit."""
+    """Count the readings that are clearly lit, less those at full scale."""
     clear = max(3 * np.sqrt(problem.noise.variance), LIT_SHARE * problem.readings.max())
     count = 0
     for reading in problem.readings:
-        if clear < reading < problem.noise.high:
+        if reading >= problem.noise.high:
+            count -= 1
+        elif reading > clear:
             count += 1
     return count
 
@@ -175,13 +191,13 @@ def insert(minima: list[State], state: State) -> None:
             minima[i], minima[i - 1] = minima[i - 1], minima[i]
 
 
-def descend(problem: Problem, minima: list[State], start: Array) -> None:
+def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> None:
     """Refine coordinates, unless they lead to one of the minima."""
     state = refine(problem, start, LONG_STEPS)
     for known in minima:
         if is_near(state.parts, known.parts):
             return
-    insert(minima, refine(problem, state.parts[AT], MOST_STEPS))
+    insert(minima, refine(problem, state.parts[AT], steps))
 
 
 def start_at(problem: Problem, pose: Array) -> Array:
@@ -214,8 +230,9 @@ def find_minima(
         minima.clear()
     tried, best_misfit, first = 1, Misfit(np.inf, np.inf, 1.0), True
     while True:
+        steps = MOST_STEPS if count == guide.candidates else FEW_STEPS
         for i in range(tried, count):
-            descend(problem, minima, start_at(problem, guide.poses[rows[i]]))
+            descend(problem, minima, start_at(problem, guide.poses[rows[i]]), steps)
         if first and problem.frame.share > 0 and len(minima) > 0:
             start = minima[0].parts[AT].copy()
             for _ in range(3):
@@ -230,6 +247,13 @@ def find_minima(
             break
         tried, count, first = count, min(4 * count, most), False
         rows, _ = nearest_rows(guide.units, unit, count)
+    if count > guide.candidates:
+        found = minima[:FOLLOWED]
+        minima = minima[:0]
+        for state in found:
+            insert(minima, refine(problem, state.parts[AT], MANY_STEPS))
+        if len(minima) > 0:
+            best_misfit = misfit(problem, minima[0].parts[AT])
     return minima, best_misfit, angle, second_angle
 
 
@@ -290,6 +314,27 @@ def whole_posterior(problem: Problem, minima: list[State]) -> PosteriorMoments:
     return moments
 
 
+def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
+    """Widen a covariance until it covers each minimum that is about as likely as the best.
+
+    Returns whether it had to be wider.
+    """
+    wider = False
+    for state in minima:
+        off = state.parts[POSE, :5] - pose
+        factor, weighed = covariance.copy(), off.copy()
+        if state.cost - minima[0].cost > RIVAL or not cholesky(factor):
+            continue
+        solve_lower(factor, weighed)
+        excess = 1 / DISTINCT**2 - 1 / max((weighed * weighed).sum(), 1e-9)
+        if excess > 0:
+            wider = True
+            for i in range(5):
+                for j in range(5):
+                    covariance[i, j] += excess * (off[i] * off[j])
+    return wider
+
+
 def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
     """Estimate the pose of one image.
 
@@ -316,7 +361,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
     outcome, pose, nodes, evidence = NO_START, nothing, 0, -np.inf
-    runner_up, runner_up_score = nothing, np.nan
+    runner_up, runner_up_score, wider = nothing, np.nan, False
     if len(minima) > 0:
         for i in range(len(at)):
             at[i] = minima[0].parts[POSE if i < 5 else AT, i]
@@ -326,6 +371,7 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
             moments = laplace(minima[0]) if guide.gaussian else whole_posterior(problem, minima)
             pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
             covariance = best.stretch * moments.covariance
+            wider = cover(minima, pose, covariance)
             if not np.isfinite(evidence) or not cholesky(covariance.copy()):
                 outcome = NO_COVARIANCE
             if len(minima) > 1:
@@ -345,4 +391,5 @@ def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameRe
         nodes,
         evidence,
         best.score,
+        wider,
     )

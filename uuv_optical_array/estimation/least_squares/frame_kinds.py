@@ -122,7 +122,7 @@ def is_doubtful(clear: FrameResult, share: float) -> bool:
 
 def weighed(
     kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
-) -> tuple[FrameResult, float]:
+) -> tuple[FrameResult, Array]:
     """Return the mixture of what the first kinds make of an image, as `mixture` does."""
     evidence, widened = [], []
     for kind, problem, frame in zip(kinds, problems, frames, strict=False):
@@ -132,11 +132,12 @@ def weighed(
     return mixture(widened, np.array(evidence))
 
 
-def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, float]:
-    """Return what different kinds of frame make of one image together."""
+def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, Array]:
+    """Return what different kinds of frame make of one image together, and their probabilities."""
     fitted = [i for i, frame in enumerate(frames) if frame.outcome == FITTED]
+    shares = np.zeros(len(frames))
     if not fitted:
-        return frames[0], 0.0
+        return frames[0], shares
     best = max(fitted, key=lambda i: evidence[i])
     weights = np.exp(evidence[fitted] - evidence[best])
     weights /= weights.sum()
@@ -146,6 +147,6 @@ def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, fl
     covariance = (weights[:, None] * off).T @ off
     for weight, i in zip(weights, fitted, strict=True):
         covariance += weight * frames[i].covariance
-    first = float(weights[0]) if fitted[0] == 0 else 0.0
+    shares[fitted] = weights
     together = frames[best]._replace(pose=pose, covariance=0.5 * (covariance + covariance.T))
-    return together, first
+    return together, shares

@@ -1,10 +1,11 @@
 """An image fitted: its posterior of the pose, over what else the scene leaves unknown."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
@@ -12,6 +13,11 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
+from uuv_optical_array.estimation.least_squares.faults import (
+    leave_out,
+    log_evidence,
+    most_faulty,
+)
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -21,12 +27,13 @@ from uuv_optical_array.estimation.least_squares.frame import (
     estimate_frame,
 )
 from uuv_optical_array.estimation.least_squares.frame_kinds import (
+    FrameKind,
     expecting,
     frame_kinds,
     is_doubtful,
     weighed,
 )
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
+from uuv_optical_array.estimation.least_squares.problem import USUAL, PosePrior, Problem
 from uuv_optical_array.estimation.least_squares.saturated import (
     SaturatedPosterior,
     saturated_posterior,
@@ -51,6 +58,8 @@ BENT, FAR = 0.5, 0.1
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to.
 NEAR_STARTS, NEAREST = 512, 0.2
+# Score from which detectors may be faulty: of one valid image of two hundred.
+DOUBTED = 2.576
 # Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
 SURELY_CLEAR = 0.994
 
@@ -67,18 +76,21 @@ class Fitted(NamedTuple):
     readings
         The likelihood of the image near its best fit as a clear one, where the fit was told what is
         expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
+    left_out
+        Places of the readings that are probably those of faulty detectors.
     """
 
     result: FrameResult
     clear: float
     readings: LinearisedReadings | None
+    left_out: NDArray[np.intp]
 
 
 def nearly_gaussian(frame: FrameResult) -> bool:
     """Say whether the posterior of a frame is nearly Gaussian, and its image as good as linear."""
     off, covariance = wrapped(frame.best[:5] - frame.pose), frame.covariance / frame.stretch
     known = covariance[X, X] < (FAR * frame.pose[X]) ** 2
-    return bool(known and off @ np.linalg.solve(covariance, off) < BENT**2)
+    return bool(known and not frame.wider and off @ np.linalg.solve(covariance, off) < BENT**2)
 
 
 class ImageFit:
@@ -119,19 +131,21 @@ class ImageFit:
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
         self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
         self._pose_precision = np.diag(1 / np.square(prior_std))
-        poses, parameters = self._starts(axes)
+        poses, images = self._starts(axes)
+        full_scale, peak = scene.full_scale_counts, scene.signature.peak
         side = model.array.side
-        vectors = lifted(parameters, scene.signature, side)
+        vectors = lifted(key_parameters(images, full_scale, peak), scene.signature, side)
         self.guide = Guide(
             np.ascontiguousarray(unit_vectors(vectors).T),
             poses,
+            np.sqrt(np.maximum(images, 0.0)).reshape(len(poses), -1),
             lifted(np.ones(5), scene.signature, side),
             candidates,
             float(-ndtri(max_misfit)),
             False,
             side,
-            float(scene.full_scale_counts),
-            scene.signature.peak == "subdetector",
+            float(full_scale),
+            peak == "subdetector",
         )
         self.run(compiled)
 
@@ -147,16 +161,20 @@ class ImageFit:
         kinds = frame_kinds(model, self._prior, compiled)
         lineariser = Lineariser(model, constants.names, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
+        leave: Callable[..., None] = leave_out
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
             example = kinds[0].problem, self.guide, np.ones((5, 1))
             frame = compilation.prepare(estimate_frame, *example)
+            own = kinds[0].problem._replace(readings=self.guide.roots[0] ** 2)
+            leave = compilation.prepare(leave_out, own, self.guide, 1)
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
+        self._leave_out = leave
         self.compiled = compiled
 
     def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
-        """Return poses that fits may start from, and their key parameters."""
+        """Return poses that fits may start from, and their images."""
         rng = np.random.default_rng(0)  # the same in every run: an image has one answer
         # Points of the grid: from its edges fits find minima that they miss from within.
         poses = np.stack([rng.choice(axis, STARTS) for axis in axes], axis=-1)
@@ -166,12 +184,9 @@ class ImageFit:
         poses = np.concatenate([poses, near])
         images = self._model.converted(self._model.light(poses))
         lit = images.max(axis=(1, 2)) >= MIN_PEAK_COUNTS
-        scene = self._model.scene
         if not lit.any():
-            raise no_light(scene)
-        return poses[lit], key_parameters(
-            images[lit], scene.full_scale_counts, scene.signature.peak
-        )
+            raise no_light(self._model.scene)
+        return poses[lit], images[lit]
 
     @np.errstate(all="ignore")  # of light too dim and places too far for a float64
     def __call__(
@@ -211,39 +226,75 @@ class ImageFit:
         for kind in kinds:
             if kind.rare and not is_doubtful(frames[0], kind.share):
                 break
-            problems.append(kind.knowing(expected))
-            of_image = problems[-1]._replace(readings=readings, roll=roll)
+            problems.append(kind.knowing(expected)._replace(readings=readings, roll=roll))
             if kind.rare and not guide.gaussian:
                 # The integral takes several times as long as a clear one, and few images need it.
-                linear = self._frame(of_image, guide._replace(gaussian=True), parameters)
-                _, clear = weighed(kinds, problems, [*frames, linear])
-                if clear > SURELY_CLEAR:
+                linear = self._frame(problems[-1], guide._replace(gaussian=True), parameters)
+                _, shares = weighed(kinds, problems, [*frames, linear])
+                if shares[0] > SURELY_CLEAR:
                     break
-            frames.append(self._frame(of_image, guide, parameters))
-        result, clear = frames[0], 1.0
+            frames.append(self._frame(problems[-1], guide, parameters))
+        kinds, problems = kinds[: len(frames)], problems[: len(frames)]
+        faults = not guide.gaussian and self._add_faults(kinds, problems, frames)
+        result, shares = frames[0], np.ones(1)
         if len(frames) > 1:
-            result, clear = weighed(kinds, problems, frames)
+            result, shares = weighed(kinds, problems, frames)
+        # A frame with faulty detectors is lit as the scene says, too.
+        main = len(frames) - 1 if faults and shares[-1] > shares[0] else 0
+        clear = float(shares[0] + (shares[-1] if faults else 0.0))
         if result.outcome == NO_START:
             raise NoPose("no fit: no start led to a finite likelihood")
         if result.outcome == MISFIT:
             raise self._misfit(result.score)
         if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
-        fitted = len(kinds[0].places)
+        fitted, best = len(kinds[0].places), frames[main].best
+        left_out = np.flatnonzero(problems[main].weights == 0)
         if expected is None or (guide.gaussian and len(expected.mean) == fitted):
-            return Fitted(result, clear, None)
-        at = np.concatenate([frames[0].best[:5], kinds[0].constants(frames[0].best[5:], expected)])
-        near = self.near(readings, at, roll, result.stretch)
+            return Fitted(result, clear, None, left_out)
+        at = np.concatenate([best[:5], kinds[0].constants(best[5:], expected)])
+        near = self.near(readings, at, roll, result.stretch, left_out)
         if len(expected.mean) > fitted and clear > 0:
             # What the clear fit was given is not known exactly.
-            precision = block_diag(self._pose_precision, problems[0].nuisance_precision)
+            precision = block_diag(self._pose_precision, problems[main].nuisance_precision)
             slopes = near.pose_slopes(precision, self._constants.gain_std)
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
             covariance = result.covariance + 0.5 * (spread + spread.T)
             result = result._replace(covariance=covariance)
-        return Fitted(result, clear, near if nearly_gaussian(frames[0]) else None)
+        return Fitted(result, clear, near if nearly_gaussian(frames[main]) else None, left_out)
 
-    def near(self, readings: Array, at: Array, roll: float, stretch: float) -> LinearisedReadings:
+    def _add_faults(
+        self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
+    ) -> bool:
+        """Add a clear frame with faulty detectors, where that explains what a clear one does not.
+
+        Returns whether it did.
+        """
+        readings, guide = problems[0].readings, self.guide
+        count = most_faulty(len(readings))
+        if not count or (frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED):
+            return False
+        problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
+        self._leave_out(problem, guide, count)
+        if problem.weights.all():
+            return False
+        frame = self._frame(problem, guide, np.full((5, 1), np.nan))
+        if frame.outcome != FITTED or frame.strict_score > USUAL:
+            return False
+        share = kinds[0].share * np.exp(log_evidence(problem))
+        kinds.append(kinds[0]._replace(share=share))
+        problems.append(problem)
+        frames.append(frame)
+        return True
+
+    def near(
+        self,
+        readings: Array,
+        at: Array,
+        roll: float,
+        stretch: float,
+        left_out: Sequence[int] | NDArray[np.intp] = (),
+    ) -> LinearisedReadings:
         """Return the likelihood of an image near a place, of pose and constants.
 
         Parameters
@@ -254,9 +305,13 @@ class ImageFit:
             Pose and offsets of the constants, shape ``(5 + q,)``.
         stretch
             Of the fit, as its result has it.
+        left_out
+            Places of readings that say nothing.
         """
         near = self._linearise(readings, at, roll)
-        return near._replace(variances=stretch * near.variances)
+        variances = stretch * near.variances
+        variances[np.array(left_out, dtype=int)] = np.inf
+        return near._replace(variances=variances)
 
     @np.errstate(under="ignore")  # what is that improbable counts as nothing
     def saturated(self, roll: float) -> SaturatedPosterior:

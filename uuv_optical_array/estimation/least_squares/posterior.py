@@ -48,12 +48,13 @@ COARSE = 1.8  # spacing in standard deviations anywhere that asks for a finer la
 WEIGHTY = 4.0  # below the largest weight's logarithm, down to where that is asked
 NEGLIGIBLE = 7.5  # below it, from where nodes are left out
 LEAST_NODES = 5  # below which there is no covariance
-MOST_NODES = 1200
+MOST_NODES = 400
 HALF_WIDTH = 100  # nodes from the minimum to the edge of the map
 FINER = 4  # times the lattice may be made finer
 NEAR = 3.0  # standard deviations from a node within which a minimum belongs to it
 # Decrement that all else may still have at a node; Laplace's approximation takes it into account.
 SETTLED = 0.3
+UNSETTLED = 3.0  # decrement at a node from which the approximation means nothing
 CORRECTIONS = 12  # steps of all else at a node
 
 
@@ -129,6 +130,8 @@ def write_node(problem: Problem, start: Array, lattice: Lattice, node: int) -> N
             damping *= 0.1
         else:
             damping = max(10 * damping, 0.1)
+    if decrement > UNSETTLED:
+        lattice.logs[node] = -np.inf
 
 
 def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import sqrt
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
@@ -36,7 +36,11 @@ from uuv_optical_array.forward.optics import (
 )
 
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
-MOST_STEPS: Any = np.int64(40)  # of NumPy's kind, as Numba compiles anew for each literal
+STEEPEST = np.pi / 3  # pitch of a vehicle, rad
+# Of NumPy's kind, as Numba compiles anew for each literal.
+FEW_STEPS: Any = np.int64(10)
+MOST_STEPS: Any = np.int64(40)
+MANY_STEPS: Any = np.int64(300)
 # Decrement from which the next step arrives: it is a tenth of a standard deviation, and what it
 # leaves is second order of that.
 ARRIVED = 5e-3
@@ -81,6 +85,8 @@ class Problem(NamedTuple):
         Longest step of a fit by coordinate, shape ``(p,)``.
     readings
         Counts, finite, shape ``(n,)``.
+    weights
+        1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.
     roll
         Of the follower, rad.
     """
@@ -94,6 +100,7 @@ class Problem(NamedTuple):
     nuisance_precision: Array
     reach: Array
     readings: Array
+    weights: Array
     roll: float
 
 
@@ -145,6 +152,7 @@ def problem_of(
         np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
         np.zeros(model.array.side**2),
+        np.ones(model.array.side**2),
         0.0,
     )
 
@@ -185,7 +193,13 @@ def evaluate(problem: Problem, at: Array) -> State:
     detect(optics, nuisances, image)
     likelihood = workspace(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
-    cost = -likelihood[0].sum()
+    for i in range(3):
+        for j in indices(n):
+            likelihood[i, j] *= problem.weights[j]
+    # A vehicle does not stand on its tail, and its body hides a lamp behind its array.
+    x, y, z = lamp[0] - frame.centre_x, lamp[1] - frame.centre_y, lamp[2] - frame.centre_z
+    possible = abs(pose[PITCH]) < STEEPEST and x > -0.5 * sqrt(x * x + y * y + z * z)
+    cost = -likelihood[0].sum() if possible else np.inf
     parts = np.empty((INFORMATION + size, size))
     normal_equations(image, likelihood, parts)
     write_volume_slopes(frame, lamp, lamp_slopes, parts)
@@ -313,6 +327,8 @@ def misfit(problem: Problem, at: Array) -> Misfit:
         expected = np.minimum(np.maximum(light[j], noise.low), noise.high)
         off, spread = problem.readings[j] - expected, reading_variance(light[j], noise)
         square, around = residual_moments(light[j], sqrt(spread), noise)
+        counts = problem.weights[j]
+        off, square, around = off * counts, square * counts, around * counts
         lenient = 1 + (LENIENCE - 1) * noise.square * light[j] * light[j] / spread
         squares += total(off * off / spread)
         mean += total(square)

@@ -1,0 +1,116 @@
+"""Faulty detectors are found, named and left out, and take nothing else with them."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.least_squares.faults import most_faulty, trim
+from uuv_optical_array.estimation.least_squares.frame import start_at
+from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
+from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
+
+FAULTS = {
+    "dead": lambda reading: 0.0,
+    "stuck": lambda reading: 700.0,
+    "full": lambda reading: 1023.0,
+    "dirty": lambda reading: round(0.8 * reading),
+    "glint": lambda reading: reading + 50,
+}
+
+
+@pytest.fixture(scope="module")
+def estimator(compiled_fit):
+    return Estimator(load_scene("follow")).wait()
+
+
+def spoilt(images, fault, count, rng):
+    """Return images of which some readings are faulty, and where."""
+    images, places = images.copy(), []
+    for image in images:
+        # One that reads much, so that the fault is one.
+        bright = np.flatnonzero(image.ravel() > 0.5 * image.max())
+        at = rng.choice(bright, count, replace=False)
+        image.flat[at] = [FAULTS[fault](reading) for reading in image.flat[at]]
+        places.append({divmod(int(place), 5) for place in at})
+    return images, places
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faulty_detectors_are_named_and_the_pose_is_right(estimator, fault, count):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(11)
+    poses = lit_poses(model, 200, rng)
+    poses = poses[model.light(poses).max(axis=(1, 2)) > 150][:12]
+    images, places = spoilt(model.expose(poses, rng), fault, count, rng)
+    for pose, image, faulty in zip(poses, images, places, strict=True):
+        estimate = estimator.estimate(image)
+        assert faulty <= set(estimate.left_out)
+        off = np.abs(estimate.pose - pose) / np.sqrt(estimate.covariance.diagonal())
+        assert (off < 6).all()
+
+
+def test_an_image_without_a_fault_loses_no_reading(estimator):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(5)
+    for image in model.expose(lit_poses(model, 60, rng), rng):
+        assert estimator.estimate(image).left_out == ()
+
+
+def test_four_faults_are_refused(estimator):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(6)
+    images = model.expose(np.tile([-4.5, 0.1, 0.0, 0.05, 0.0], (10, 1)), rng)
+    for image in spoilt(images, "stuck", 4, rng)[0]:
+        with pytest.raises(NoPose, match="no fit"):
+            estimator.estimate(image)
+
+
+def test_what_a_faulty_detector_reads_has_no_part_in_the_pose(estimator):
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(7)
+    image = model.expose(np.array([-5.0, 0.2, -0.1, 0.05, 0.1]), rng)
+    estimates = []
+    for reading in (0.0, 600.0, 1023.0):
+        image[1, 3] = reading
+        estimates.append(estimator.estimate(image))
+        assert estimates[-1].left_out == ((1, 3),)
+    for other in estimates[1:]:
+        std = np.sqrt(other.covariance.diagonal())
+        np.testing.assert_allclose(other.pose, estimates[0].pose, atol=0.02 * std.min())
+        np.testing.assert_allclose(other.covariance, estimates[0].covariance, rtol=0.05)
+
+
+def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
+    """By trying each pair, from the true pose, in a fit without it."""
+    model, rng = ForwardModel(estimator.scene), np.random.default_rng(8)
+    pose = np.array([-5.0, 0.2, -0.1, 0.05, 0.1])
+    image = model.expose(pose, rng)
+    image[[0, 3], [2, 1]] = [0.0, 500.0]
+    fit = estimator._fit
+    problem = frame_kinds(model, fit._prior, compiled=False)[0].problem
+    problem = problem._replace(readings=image.ravel())
+    costs = {}
+    for pair in combinations(range(25), 2):
+        weights = np.ones(25)
+        weights[list(pair)] = 0
+        if not {2, 16} & set(pair):
+            continue  # both faults stay: far off
+        trial = problem._replace(weights=weights)
+        costs[pair] = refine(trial, start_at(trial, pose), MOST_STEPS).cost
+    best = min(costs, key=costs.__getitem__)
+    assert estimator.estimate(image).left_out == tuple(divmod(place, 5) for place in best)
+
+
+def test_the_largest_squares_have_no_weight():
+    rng = np.random.default_rng(2)
+    squares, weights = rng.random(25), np.ones(25)
+    assert trim(squares, 3, weights)
+    assert set(np.flatnonzero(weights == 0)) == set(np.argsort(squares)[-3:])
+    assert not trim(squares, 3, weights)
+
+
+def test_few_detectors_leave_none_to_spare():
+    assert [most_faulty(side**2) for side in (2, 3, 4, 5, 7)] == [0, 1, 2, 3, 3]

@@ -16,6 +16,7 @@ from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
 from uuv_optical_array.calibration.notes import MISFIT, advice, notes_of, refusal
 from uuv_optical_array.calibration.parameters import (
+    AIMS,
     BACKGROUND,
     COSINE_POWER,
     GAINS,
@@ -77,7 +78,7 @@ class Calibration:
     gains, gain_std
         Geometric mean 1, shape ``(side, side)``; the standard error is nan where one was held.
     correlation
-        Of the parameters before the gains, shape ``(9, 9)``; nan where one was held.
+        Of the parameters before the gains, shape ``(11, 11)``; nan where one was held.
     mean, residuals
         Of every reading, counts and standard deviations, shape ``(m, n)``.
     used
@@ -254,14 +255,14 @@ def _result(
 def _reference(scene: Scene, fit: CalibrationFit) -> tuple[float, Array]:
     """Return the reference reading, and the slope of its logarithm by the parameters."""
     values = fit.state.at.parameters.copy()
-    values[BACKGROUND] = 0.0
+    values[[*AIMS, BACKGROUND]] = 0.0
     aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
     light, slopes = fit.likelihood.light(values, aligned, np.zeros(1))
     readings = light[0] * np.exp(values[GAINS:]) * ~fit.likelihood.faulty
     brightest = int(readings.argmax())
     slope = np.zeros(len(values))
     slope[:GAINS] = slopes[0, brightest, 5:] / light[0, brightest]
-    slope[BACKGROUND], slope[GAINS + brightest] = 0.0, 1.0
+    slope[[*AIMS, BACKGROUND]], slope[GAINS + brightest] = 0.0, 1.0
     return float(readings[brightest]), slope
 
 

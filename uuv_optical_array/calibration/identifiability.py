@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.parameters import (
-    AIM_PITCH,
-    AIM_YAW,
+    AIMS,
     BACKGROUND,
     COSINE_POWER,
     GAINS,
@@ -30,8 +29,7 @@ LARGEST_STD = {
     SCATTER: 0.5,
     COSINE_POWER: 0.2,
     SIZE: 0.03,
-    AIM_PITCH: 0.02,
-    AIM_YAW: 0.02,
+    **dict.fromkeys(AIMS, 0.02),
     BACKGROUND: 0.02,
     GAINS: 0.15,
 }
@@ -40,7 +38,7 @@ LARGEST_STD = {
 MAX_GAIN_SHIFT = 0.005
 # Which of several correlated parameters is held first; the power absorbs what the others leave.
 HOLD_ORDER = (
-    *(SIZE, COSINE_POWER, SCATTER, AIM_PITCH, AIM_YAW),
+    *(SIZE, COSINE_POWER, SCATTER, *AIMS),
     *(K, SIGMA, BACKGROUND, GAINS, POWER),
 )
 

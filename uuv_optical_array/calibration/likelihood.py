@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     BACKGROUND,
@@ -20,7 +21,7 @@ from uuv_optical_array.calibration.parameters import (
     lacking,
     names_in,
 )
-from uuv_optical_array.core.geometry import Array, turned_about_lamp
+from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
 from uuv_optical_array.forward.model import ForwardModel
@@ -132,8 +133,7 @@ class CalibrationLikelihood:
                 np.log(scene.effects.get("sea", {}).get("scattering_per_m", 1.0)),
                 scene.effects.get("field_of_view", {}).get("cosine_power", 1.0),
                 np.log(scene.array.radius_m or 1.0),
-                0.0,
-                0.0,
+                *np.zeros(len(AIMS)),
                 scene.effects["ambient"]["level_counts"] * common,
                 *np.log(gains / common),
             ]
@@ -148,16 +148,17 @@ class CalibrationLikelihood:
         sigma_deg = float(np.exp(parameters[SIGMA]))
         offsets = parameters[:GAINS] - self._of_model
         offsets[SIGMA] = sigma_deg - self.scene.lamp.beam_sigma_deg
-        turned = np.stack([turned_about_lamp(pose) for pose in poses])
+        seen, seen_rolls, by_seen = appearing(
+            poses, rolls, parameters[AIMS], self.scene.array.bow_m
+        )
         light, by_own = self.model.linearised(
-            poses + turned @ parameters[AIMS],
-            rolls,
+            seen,
+            seen_rolls,
             {self.names[i]: np.full(len(poses), offsets[i]) for i in self._own},
         )
         slopes = np.zeros((*light.shape, 5 + GAINS))
-        slopes[..., :5] = by_own[..., :5]
         slopes[..., [5 + i for i in self._own]] = by_own[..., 5:]
-        slopes[..., [5 + i for i in AIMS]] = by_own[..., :5] @ turned
+        slopes[..., [*range(5), *(5 + i for i in AIMS)]] = by_own[..., :5] @ by_seen
         slopes[..., 5 + SIGMA] *= sigma_deg
         return light, slopes
 

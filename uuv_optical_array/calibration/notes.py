@@ -5,12 +5,12 @@ from scipy.special import chdtri
 
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
-    AIM_PITCH,
-    AIM_YAW,
     AIMS,
+    ARRAY_AIM,
     BACKGROUND,
     COSINE_POWER,
     GAINS,
+    LAMP_AIM,
     NOISE,
     POWER,
     SCATTER,
@@ -29,7 +29,7 @@ FALSE_REFUSAL = 1e-6  # probability that a correct model is refused
 RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
-LEAST_AIM = 0.002  # rad, of the lamp off its frame, from where it is told
+LEAST_AIM = 0.002  # rad off its frame, from where it is told
 TURN = "turn the array up to 30 deg while the lamp shines on it"
 ASIDE = "record poses on all sides of the beam's axis"
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
@@ -46,8 +46,7 @@ def advice(fit: CalibrationFit, kind: int) -> str:
         SCATTER: _wider_angles(fit),
         COSINE_POWER: TURN,
         SIZE: TURN,
-        AIM_PITCH: ASIDE,
-        AIM_YAW: ASIDE,
+        **dict.fromkeys(AIMS, ASIDE),
         GAINS: "turn and shift the array so that the lamp shines on it",
     }[kind]
 
@@ -121,15 +120,21 @@ def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
 
 
 def _aim(fit: CalibrationFit) -> list[str]:
-    """Say how far the lamp points off the beam's axis, where that is known."""
-    aims = fit.state.at.parameters[AIMS]
-    if {*AIMS} & fit.held() or np.abs(aims).max() < LEAST_AIM:
-        return []
-    down, port = np.degrees(aims)
-    return [
-        f"the lamp points {down:+.2f} deg in pitch and {port:+.2f} deg in yaw off the frame "
-        "beacon: turn the lamp or that frame by it; until then lamp_aim_std_deg covers it"
-    ]
+    """Say how far lamp and array are turned off their frames, where that is known."""
+    notes = []
+    for rows, part, frame, prior in (
+        (LAMP_AIM, "lamp", "the frame beacon", "lamp_aim_std_deg"),
+        (ARRAY_AIM, "array", "base_link's static transform", "aim_std_deg"),
+    ):
+        aims = fit.state.at.parameters[rows]
+        if {*rows} & fit.held() or np.abs(aims).max() < LEAST_AIM:
+            continue
+        pitch, yaw = np.degrees(aims)
+        notes.append(
+            f"the {part} is turned by {pitch:+.2f} deg in pitch and {yaw:+.2f} deg in yaw: turn it "
+            f"back, or {frame} by as much; until then {prior} covers it"
+        )
+    return notes
 
 
 def _dead_detectors(fit: CalibrationFit) -> list[str]:

@@ -2,9 +2,10 @@
 
 In one row: the logarithm of the lamp's power, that of the beam's standard deviation, what dims the
 light with the range (K, or the absorption of a sea), the logarithm of the scattering, the power of
-the detectors' cosine, the logarithm of the sphere's radius, the aim of the lamp in pitch and yaw,
-the background, and the logarithm of each detector's gain. Power and mean gain are one product, so
-the geometric mean of the gains is 1: the gauge. What a scene does not have is held.
+the detectors' cosine, the logarithm of the sphere's radius, pitch and yaw of the lamp on the leader
+and of the array on its mount, the background, and the logarithm of each detector's gain. Power and
+mean gain are one product, so the geometric mean of the gains is 1: the gauge. What a scene does not
+have is held.
 """
 
 from collections.abc import Collection
@@ -29,17 +30,21 @@ from uuv_optical_array.forward.prior import (
 from uuv_optical_array.forward.prior import POWER as LAMP_POWER
 from uuv_optical_array.forward.scene import Scene
 
-POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE, AIM_PITCH, AIM_YAW, BACKGROUND, GAINS = range(10)
-AIMS = [AIM_PITCH, AIM_YAW]
-AIM_NAMES = "lamp.aim_pitch_rad", "lamp.aim_yaw_rad"
+POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE = range(6)
+LAMP_AIM, ARRAY_AIM = [6, 7], [8, 9]  # pitch and yaw
+AIMS = [*LAMP_AIM, *ARRAY_AIM]
+BACKGROUND, GAINS = 10, 11
+AIM_NAMES = tuple(
+    f"{part}.aim_{angle}_rad" for part in ("lamp", "array") for angle in ("pitch", "yaw")
+)
 WATERS = ATTENUATION, ABSORPTION  # of which a scene has one
 # Every name that a scene may have before its gains.
 NAMES = (LAMP_POWER, BEAM_SIGMA, *WATERS, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT)
-UNITS = ("counts m^2", "deg", "1/m", "1/m", "", "m", "rad", "rad", "counts")
+UNITS = ("counts m^2", "deg", "1/m", "1/m", "", "m", *["rad"] * len(AIMS), "counts")
 NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
 # Bounds in the order above, and of a gain's logarithm.
-LOWEST = (-50.0, np.log(0.1), 0.0, np.log(1e-6), 0.5, np.log(0.01), -0.3, -0.3, 0.0)
-HIGHEST = (50.0, np.log(90), 10.0, np.log(10), 1000.0, np.log(100), 0.3, 0.3, 1e6)
+LOWEST = (-50.0, np.log(0.1), 0.0, np.log(1e-6), 0.5, np.log(0.01), *[-0.3] * 4, 0.0)
+HIGHEST = (50.0, np.log(90), 10.0, np.log(10), 1000.0, np.log(100), *[0.3] * 4, 1e6)
 GAIN_BOUND = np.log(1e3)
 PRIOR_KEYS = {
     POWER: "lamp_power_std",
@@ -48,6 +53,8 @@ PRIOR_KEYS = {
     SCATTER: "scattering_std",
     COSINE_POWER: "cosine_power_std",
     SIZE: "radius_std",
+    LAMP_AIM[0]: "lamp_aim_std_deg",
+    ARRAY_AIM[0]: "aim_std_deg",
     BACKGROUND: "ambient_std_counts",
     GAINS: "gain_std",
 }
@@ -102,15 +109,20 @@ def calibrated_prior(
 
     Parameters that were held, whose errors are nan, keep the prior of the starting scene. So do the
     `unknown` ones, or they get that of a rig as bought where the start is exact. `sea` says whether
-    the scene has one. A scene takes its lamp to point along the beam, so how far it does not stays
-    uncertain.
+    the scene has one. A scene takes lamp and array to point along their frames, so how far they do
+    not stays uncertain.
     """
     hints = get_type_hints(PriorSettings, include_extras=True)
     prior: dict[str, Any] = {"known": "calibrated"}
+    relative = np.where(is_logarithm(len(values)), values, 1.0)
+    relative[SIGMA] = 1.0
+    sizes = errors / relative
+    sizes[AIMS] = np.degrees(np.hypot(errors[AIMS], values[AIMS]))
     keys = {**PRIOR_KEYS, K: "absorption_std_per_m" if sea else "k_std_per_m"}
     for i, key in keys.items():
-        rows = range(i, i + 1) if i < GAINS else range(GAINS, len(values))
-        stds = errors[rows] / (values[rows] if i in (POWER, SCATTER, SIZE, GAINS) else 1.0)
+        count = len(values) - GAINS if i == GAINS else 2 if i in AIMS else 1
+        rows = range(i, i + count)
+        stds = sizes[rows]
         stds, std = stds[np.isfinite(stds)], getattr(start, key)
         if any(row in unknown for row in rows):
             std = max([std or PRIORS["as_bought"][key], *stds])
@@ -118,7 +130,4 @@ def calibrated_prior(
             std = float(np.sqrt((stds**2).mean()))
         (quantity,) = hints[key].__metadata__
         prior[key] = float(f"{min(std, quantity.high):.3g}")
-    if np.isfinite(errors[AIMS]).all() and not {*AIMS} & {*unknown}:
-        aim = float(np.degrees(np.sqrt((errors[AIMS] ** 2 + values[AIMS] ** 2).mean())))
-        prior["lamp_aim_std_deg"] = float(f"{min(aim, 10.0):.3g}")
     return prior

@@ -1,0 +1,83 @@
+"""Where lamp and array appear that do not point exactly as their frames say.
+
+The light is that of a lamp and an array that point exactly, at another pose. Finite turns and their
+slopes, where `geometry.turned_about_lamp` and `geometry.turned_on_mount` are small ones.
+"""
+
+import numpy as np
+
+from uuv_optical_array.core.geometry import (
+    PITCH,
+    YAW,
+    Array,
+    X,
+    Y,
+    Z,
+    roll_pitch_yaw,
+    rotation_matrix,
+)
+
+
+def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Array, Array, Array]:
+    """Return the poses and rolls of which lamp and array would give the same light if they aimed.
+
+    Parameters
+    ----------
+    poses, rolls
+        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    aims
+        Pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, shape ``(4,)``.
+    bow_m
+        How far ahead of ``base_link`` the array turns.
+
+    Returns
+    -------
+    poses, rolls
+        Shapes as given.
+    slopes
+        From slopes of the light by the former poses to those by the given poses and by the aims,
+        shape ``(m, 5, 9)``. The follower's bow is not abeam.
+    """
+    lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
+    body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])
+    given = poses[:, :3]
+    bow = given + body @ ahead
+    place = bow - body @ mount @ ahead
+    roll, pitch, yaw = roll_pitch_yaw(lamp.T @ body @ mount)
+    seen = np.column_stack([place @ lamp, pitch, yaw])
+    # Each angle turns the array about an axis through a point, all in the beacon.
+    turns = [
+        (_axes(poses[:, YAW]), given),
+        (-_axes(aims[1]), np.zeros(3)),
+        (body @ _axes(aims[3]), bow),
+    ]
+    motion = np.zeros((len(poses), 6, 9))
+    motion[:, :3, :3] = np.eye(3)
+    for i, (axes, pivot) in enumerate(turns):
+        columns = slice(3 + 2 * i, 5 + 2 * i)
+        motion[:, :3, columns] = np.cross(axes, (place - pivot)[..., None], axis=-2)
+        motion[:, 3:, columns] = axes
+    motion = (motion.reshape(-1, 2, 3, 9).swapaxes(2, 3) @ lamp).swapaxes(2, 3)
+    return seen, roll, _by_motion(seen) @ motion.reshape(-1, 6, 9)
+
+
+def _axes(yaw: Array | float) -> Array:
+    """Return the axes about which pitch and yaw turn, shape ``(..., 3, 2)``."""
+    axes = np.zeros((*np.shape(yaw), 3, 2))
+    axes[..., X, 0], axes[..., Y, 0], axes[..., Z, 1] = -np.sin(yaw), np.cos(yaw), 1.0
+    return axes
+
+
+def _by_motion(poses: Array) -> Array:
+    """Return how slopes by a pose give those by a shift and a turn of the body, ``(m, 5, 6)``.
+
+    A turn of all about the beam changes nothing, so the slope by the turn about x follows.
+    """
+    _, y, z, _, yaw = poses.T
+    slopes = np.zeros((len(poses), 5, 6))
+    slopes[:, :3, :3] = np.eye(3)
+    slopes[:, Y, 3], slopes[:, Z, 3] = z, -y
+    slopes[:, PITCH, 4] = 1 / np.cos(yaw)
+    slopes[:, :3, 4] = slopes[:, :3, 3] * np.tan(yaw)[:, None]
+    slopes[:, YAW, 5] = 1.0
+    return slopes

@@ -13,7 +13,7 @@ from uuv_optical_array.calibration.likelihood import (
 from uuv_optical_array.calibration.parameters import bounds, free_directions, is_logarithm
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 
-MAX_STEPS = 60
+MAX_STEPS = 500  # where gains and response make up for each other, a long bent valley
 CONVERGED = 1e-5  # decrement of the negative log-likelihood from which a step is the last
 MAX_STEP = 1.0  # of a logarithm
 REGULARISATION = 1e-12  # added to the information, relative to its largest

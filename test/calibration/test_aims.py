@@ -13,7 +13,7 @@ AIMS = np.array([0.07, -0.04, -0.06, 0.09])
 
 
 def detectors_seen(array, pose, roll, aims):
-    """Return places and normals of the detectors of a turned array in the frame of a turned lamp."""
+    """Return places and normals of a turned array's detectors in the frame of a turned lamp."""
     lamp, mount = (
         Rotation.from_euler("ZYX", [yaw, pitch, 0.0]) for pitch, yaw in aims.reshape(2, 2)
     )

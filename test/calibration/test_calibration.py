@@ -7,36 +7,30 @@ import re
 import numpy as np
 import pytest
 import second_forward
-from calibrated_seas import HIGHEST, LOWEST, drive, recorded, sea, truth_of
+from calibrated_seas import (
+    AIMS,
+    HIGHEST,
+    LOWEST,
+    TURNED,
+    drive,
+    exposed,
+    largest_pull,
+    named,
+    pulls,
+    recorded,
+    sea,
+    seen,
+    truth_of,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.parameters import NAMES
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
 reproducible = settings(max_examples=12)
-
-
-def fitted(found):
-    return np.array([p.value for p in found.parameters[:4]])
-
-
-def errors_of(found):
-    return np.array([p.std for p in found.parameters[:4]])
-
-
-def normalised(found, scene):
-    """Return the errors of all that was fitted, in standard errors."""
-    lamp, gains = truth_of(scene)
-    return np.concatenate(
-        [
-            (fitted(found) - lamp) / errors_of(found),
-            ((found.gains - gains) / found.gain_std).ravel(),
-        ]
-    )
 
 
 def test_light_and_least_squares_written_a_second_time_find_the_same():
@@ -48,75 +42,90 @@ def test_light_and_least_squares_written_a_second_time_find_the_same():
     scene = dataclasses.replace(scene, effects=effects)
     bare = {"attenuation": {"k_per_m": 0.1}, "sensor_noise": effects["sensor_noise"]}
     start = dataclasses.replace(load_scene("reference"), effects=bare)
-    images, poses, rolls = recorded(scene, 60, seed=2)
+    rng = np.random.default_rng(2)
+    poses, rolls = drive(rng, 60)
+    images = exposed(scene, poses, rng, rolls, TURNED)
     found = calibrate(start, images, poses, rolls)
 
-    readings = images.reshape(60, 25)
-    array = start.settings()["array"]
-    rays = [second_forward.rays(array, pose, roll) for pose, roll in zip(poses, rolls, strict=True)]
+    readings, plain = images.reshape(60, 25), start.settings()
+    names = [
+        *("lamp.power", "lamp.beam_sigma_deg", "attenuation.k_per_m", "ambient.level_counts"),
+        *("field_of_view.cosine_power", "array.radius_m", *AIMS),
+    ]
+    count = len(names)
 
     @functools.cache
-    def unit_light(sigma_deg, k):
+    def unit_light(sigma_deg, k, cosine_power, log_radius, *aims):
+        water = {"attenuation": {"k_per_m": k}}
+        offsets = {
+            "lamp.beam_sigma_deg": sigma_deg - plain["lamp"]["beam_sigma_deg"],
+            "field_of_view.cosine_power": cosine_power - 1,
+            "array.radius_m": log_radius - np.log(plain["array"]["radius_m"]),
+        }
+        views = zip(*seen(poses, rolls, aims, plain["array"]["bow_m"]), strict=True)
         return np.array(
             [
-                [
-                    second_forward.ideal(ray, sigma_deg) * second_forward.attenuation(ray, None, k)
-                    for ray in image
-                ]
-                for image in rays
+                second_forward.image_of(plain, 1.0, water, pose, roll, offsets=offsets).ravel()
+                for pose, roll in views
             ]
         )
 
-    def light(power, sigma_deg, k, background, gains):
-        return gains * (power * unit_light(float(sigma_deg), float(k)) + background)
-
     def residuals(x):
-        gains = np.exp(x[4:] - x[4:].mean())
-        return np.append(
-            (readings - light(np.exp(x[0]), x[1], x[2], x[3], gains)).ravel(), x[4:].sum()
-        )
+        gains = np.exp(x[count:] - x[count:].mean())
+        light = np.exp(x[0]) * unit_light(x[1], x[2], *x[4:count]) + x[3]
+        return np.append((readings - gains * light).ravel(), x[count:].sum())
 
-    other = optimize.least_squares(residuals, [9.0, 8.0, 0.1, 0.0, *np.zeros(25)], x_scale="jac")
-    values = np.array([np.exp(other.x[0]), *other.x[1:4]])
+    first = [9.0, 8.0, 0.1, 0.0, 1.0, np.log(0.32), *np.zeros(4), *np.zeros(25)]
+    other = optimize.least_squares(residuals, first, "3-point", x_scale="jac")
     covariance = np.linalg.inv(other.jac.T @ other.jac)
-    std = np.sqrt(np.diag(covariance)[:4]) * [values[0], 1, 1, 1]
-    np.testing.assert_allclose(errors_of(found), std, rtol=5e-3)
-    np.testing.assert_allclose(fitted(found), values, atol=0.01 * std.min(), rtol=1e-6)
-    gains = np.exp(other.x[4:] - other.x[4:].mean())
-    np.testing.assert_allclose(found.gains.ravel(), gains, rtol=1e-6)
+    units = np.ones(count)
+    units[[0, 5]] = np.exp(other.x[[0, 5]])
+    values = np.where(units == 1, other.x[:count], units)
+    std = np.sqrt(np.diag(covariance)[:count]) * units
+    parameters = [named(found)[name] for name in names]
+    np.testing.assert_allclose([p.std for p in parameters], std, rtol=5e-3)
+    np.testing.assert_allclose(([p.value for p in parameters] - values) / std, 0, atol=0.01)
+    gains = np.exp(other.x[count:] - other.x[count:].mean())
+    np.testing.assert_allclose(found.gains.ravel(), gains, rtol=1e-5)
     project = np.eye(25) - 1 / 25
-    gain_std = gains * np.sqrt(np.diag(project @ covariance[4:, 4:] @ project))
+    gain_std = gains * np.sqrt(np.diag(project @ covariance[count:, count:] @ project))
     np.testing.assert_allclose(found.gain_std.ravel(), gain_std, rtol=5e-3)
-    assert found.misfit == pytest.approx((residuals(other.x) ** 2).sum() / (1500 - 28), rel=1e-6)
+    freedoms = 1500 - count - 24
+    assert found.misfit == pytest.approx((residuals(other.x) ** 2).sum() / freedoms, rel=1e-6)
 
 
-def check_consistency(scene, start, fits, count, rng, pose_std=None, **options):
+def check_consistency(scene, start, fits, count, rng, pose_std=None, aims=TURNED):
     """Fit many data sets; errors over standard errors must be those of a normal distribution."""
-    model, squares, joint = ForwardModel(scene), [], []
+    squares, of_gains, misfits = [], [], []
     for _ in range(fits):
         poses, rolls = drive(rng, count)
-        images = model.expose(poses, rng, rolls)
+        images = exposed(scene, poses, rng, rolls, aims)
         told = poses if pose_std is None else poses + rng.normal(size=poses.shape) * pose_std
-        found = calibrate(start, images, told, rolls, pose_std=pose_std, **options)
-        reference = found.parameters[4]
-        assert reference.name == "lamp.reference_counts"
-        off = (reference.value - scene.lamp.reference_counts) / reference.std
-        squares.append(np.append(off, normalised(found, scene)) ** 2)
-        joint.append(found.misfit)
-    squares = np.array(squares)
-    lamp = squares[:, :5].mean(axis=0)
+        found = calibrate(start, images, told, rolls, pose_std=pose_std)
+        fitted, gains = pulls(found, scene, aims)
+        squares.append(fitted)
+        of_gains.append(gains)
+        misfits.append(found.misfit)
+    assert squares[0].keys() == named(found).keys()
     low, high = stats.chi2.ppf(stats.norm.cdf([-4, 4]), fits) / fits
-    assert (lamp > low).all(), lamp
-    assert (lamp < high).all(), lamp
-    gains = squares[:, 5:].mean()
+    for name in squares[0]:
+        mean = np.mean([fitted[name] ** 2 for fitted in squares])
+        assert low < mean < high, name
+    gains = np.mean(np.square(of_gains))
     assert 1 - 5 * np.sqrt(2 / (24 * fits)) < gains < 1 + 5 * np.sqrt(2 / (24 * fits)), gains
-    return np.mean(joint)
+    return np.mean(misfits)
 
 
 def test_errors_are_as_large_as_the_standard_errors_say():
     rng = np.random.default_rng(11)
     misfit = check_consistency(sea(), load_scene("reference"), 40, 25, rng)
     assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (40 * 600)))
+
+
+def test_so_they_are_in_a_sea_that_absorbs_and_scatters():
+    rng = np.random.default_rng(21)
+    misfit = check_consistency(sea("follow"), load_scene("follow"), 25, 60, rng)
+    assert misfit == pytest.approx(1.0, abs=5 * np.sqrt(2 / (25 * 1400)))
 
 
 def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_limits():
@@ -154,7 +163,7 @@ def test_a_pose_that_is_off_by_far_more_than_told_is_left_out():
     told[21, 4] += 0.12  # twelve standard deviations of the yaw
     found = calibrate(load_scene("reference"), images, told, rolls, pose_std=std)
     assert found.outlying_images == (21,)
-    assert np.abs(normalised(found, scene)).max() < 5
+    assert largest_pull(found, scene) < 5
 
 
 def test_pose_errors_that_are_not_told_are_noticed():
@@ -194,30 +203,43 @@ def test_any_sea_is_found_from_the_ready_scene(sigma, reference, k, ambient, spr
             for some in (start, scene)
         )
     found = calibrate(start, *recorded(scene, 60, seed))
-    assert np.abs(normalised(found, scene)).max() < 5.5
+    assert largest_pull(found, scene) < 5.5
     assert found.misfit == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_written_scene_reads_back_and_gives_the_light_of_the_fit(tmp_path):
-    start = sea("coastal", gains=(0.02, 1), lamp__reference_counts=800.0)  # a water type, a spread
-    images, poses, rolls = recorded(sea("coastal"), 50, seed=5)
-    found = calibrate(start, images, poses, rolls)
+    start = load_scene("coastal")  # a water type, a spread
+    rng = np.random.default_rng(5)
+    poses, rolls = drive(rng, 50)
+    found = calibrate(
+        start, images := exposed(sea("coastal"), poses, rng, rolls, TURNED), poses, rolls
+    )
     save_scene(found.scene, tmp_path / "found.yaml", "Found.")
     again = load_scene(tmp_path / "found.yaml")
     assert again.settings() == found.scene.settings()
-    light = ForwardModel(again).light(poses, rolls).reshape(50, 25)
-    np.testing.assert_allclose(light, found.mean, rtol=1e-7)
-    fixed = {"lamp", "attenuation", "ambient", "responsivity"}
+    # The lamp and the array of a scene are straight.
+    aims = [named(found)[name].value for name in AIMS]
+    light = ForwardModel(again).light(*seen(poses, rolls, aims, again.array.bow_m))
+    np.testing.assert_allclose(light.reshape(50, 25), found.mean, rtol=1e-7)
+    fixed = {"sea", "field_of_view", "ambient", "responsivity"}
     for name in again.effects.keys() - fixed:
         assert again.effects[name] == start.effects[name]
-    reference = found.parameters[4]
-    assert reference.name == "lamp.reference_counts"
     dark = dataclasses.replace(again, effects={**again.effects, "ambient": {"level_counts": 0.0}})
     aligned = ForwardModel(dark).light([-4.0, 0, 0, 0, 0])
+    reference = named(found)["lamp.reference_counts"]
     assert aligned.max() == pytest.approx(reference.value, rel=1e-7)
+    power = named(found)["lamp.power"].value
+    common = stats.gmean(again.effects["responsivity"]["gains"], axis=None)
+    assert ForwardModel(again).power * common == pytest.approx(power, rel=1e-7)
     # Fitted again from its own answer it stays there.
     same = calibrate(again, images, poses, rolls)
-    np.testing.assert_allclose(fitted(same), fitted(found), rtol=1e-6)
+    assert_same(same, found)
+
+
+def assert_same(found, other):
+    for name, parameter in named(found).items():
+        off = parameter.value - named(other)[name].value
+        assert abs(off) < 1e-3 * parameter.std, name
 
 
 def images_at(poses, rng, **changes):
@@ -233,11 +255,10 @@ def test_one_range_does_not_tell_attenuation_from_power():
     poses[:, 3:] = 0.0
     scene, images = images_at(poses, rng)
     found = calibrate(load_scene("reference"), images, poses)
-    power, sigma, k, _, _ = found.parameters
+    power, k = (named(found)[name] for name in ("lamp.power", "attenuation.k_per_m"))
     assert (k.value, k.note) == (0.1, "not known")
     assert np.isnan(k.std)
     assert power.note == "only together with attenuation.k_per_m"
-    assert abs(sigma.value - 6.5) < 5 * sigma.std
     note = next(note for note in found.notes if note.startswith("attenuation.k_per_m is not known"))
     array = scene.settings()["array"]
     rays = [ray for pose in poses for ray in second_forward.rays(array, pose)]
@@ -251,10 +272,9 @@ def test_one_range_does_not_tell_attenuation_from_power():
     # Held at its true value, the power is the true one.
     told = sea(gains=None, ambient__level_counts=0.0)
     held = calibrate(told, images, poses, hold=["attenuation.k_per_m"])
-    assert held.parameters[2].note == "held"
-    assert held.parameters[0].note == ""
-    off = (held.parameters[0].value - truth_of(scene)[0][0]) / held.parameters[0].std
-    assert abs(off) < 4
+    assert named(held)["attenuation.k_per_m"].note == "held"
+    assert named(held)["lamp.power"].note == ""
+    assert abs(pulls(held, scene)[0]["lamp.power"]) < 4
 
 
 def test_one_pose_tells_little_and_says_so():
@@ -263,12 +283,14 @@ def test_one_pose_tells_little_and_says_so():
     _, images = images_at(poses, rng)
     start = sea(gains=None, ambient__level_counts=5.0, lamp__beam_sigma_deg=8.0)
     found = calibrate(start, images, poses)
-    assert [p.note for p in found.parameters[1:4]] == ["not known"] * 3
-    assert [p.value for p in found.parameters[1:4]] == pytest.approx([8.0, 0.17, 5.0])
-    assert "only together" in found.parameters[0].note
+    parameters = named(found)
+    power, _ = parameters.pop("lamp.power"), parameters.pop("lamp.reference_counts")
+    assert {p.note for p in parameters.values()} == {"not known"}
+    assert [p.value for p in parameters.values()] == [p.start for p in parameters.values()]
+    assert "only together" in power.note
     text = " ".join(found.notes)
-    # A corner of the array, by hand: 0.2 m aside and 0.2 m up, at 4.6 m and the sphere's bulge.
-    assert "16 deg off the beam's axis; here the farthest lit detector was 3.6 deg" in text
+    # A corner of the array, by hand: 0.2 m aside and 0.2 m up, at 4.6 m less 0.17 m of bulge.
+    assert "16 deg off the beam's axis; here the farthest lit detector was 3.7 deg" in text
     assert "lamp off" in text
     np.testing.assert_array_equal(found.gains, 1.0)
     assert "gains are not known" in text
@@ -327,7 +349,7 @@ def test_a_start_that_is_far_off_does_not_hide_what_can_be_known(sigma, referenc
         attenuation__k_per_m=k,
     )
     found = calibrate(start, images, poses, rolls)
-    assert np.abs(normalised(found, scene)).max() < 5
+    assert largest_pull(found, scene) < 5
     assert found.used.all()
 
 
@@ -345,7 +367,7 @@ def test_bad_frames_are_left_out_counted_and_named_and_do_no_harm():
     assert not found.used[5, 13]
     assert not found.used[99, 0]
     assert found.used.sum() == 117 * 25 - 2
-    assert np.abs(normalised(found, scene)).max() < 5
+    assert largest_pull(found, scene) < 5
     assert found.misfit == pytest.approx(1.0, abs=0.15)
 
 
@@ -361,16 +383,16 @@ def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
         "detector [1, 4] always reads 0",
         "detector [3, 0] always reads 512",
     ]
-    lamp, _ = truth_of(scene)
-    off = (fitted(found) - lamp) / errors_of(found)
-    assert np.abs(off[1:3]).max() < 4
-    named = {"dead": [[1, 4]], "stuck": [[3, 0]], "stuck_counts": 512.0}
-    effects = {**load_scene("reference").effects, "detector_faults": named}
+    off, _ = pulls(found, scene)
+    del off["lamp.power"], off["lamp.reference_counts"], off["ambient.level_counts"]
+    assert np.abs(list(off.values())).max() < 4
+    faults = {"dead": [[1, 4]], "stuck": [[3, 0]], "stuck_counts": 512.0}
+    effects = {**load_scene("reference").effects, "detector_faults": faults}
     start = scene_from_settings({**load_scene("reference").settings(), "effects": effects}, "named")
     again = calibrate(start, images, poses, rolls)
     assert not again.notes
-    np.testing.assert_allclose(fitted(again), fitted(found), rtol=1e-6)
-    assert again.scene.effects["detector_faults"] == named
+    assert_same(again, found)
+    assert again.scene.effects["detector_faults"] == faults
 
 
 def test_a_background_that_would_be_negative_is_at_its_bound():
@@ -382,7 +404,7 @@ def test_a_background_that_would_be_negative_is_at_its_bound():
         poses, rolls = drive(rng, 60)
         images = ForwardModel(scene).expose(poses, rng, rolls) - 0.5  # an amplifier's offset
         found = calibrate(scene, images, poses, rolls)
-        background = found.parameters[3]
+        background = named(found)["ambient.level_counts"]
         assert (background.value, background.note) == (0.0, "at its bound")
         assert background.std > 0
 
@@ -393,7 +415,7 @@ def test_noise_is_found_from_the_residuals(true, started):
     images, poses, rolls = recorded(scene, 200, seed=20)
     start = sea(gains=None, sensor_noise__sigma_counts=started)
     found = calibrate(start, images, poses, rolls, fit_noise=True)
-    noise = found.parameters[-1]
+    noise = named(found)["sensor_noise.sigma_counts"]
     assert noise.start == started
     assert abs(noise.value - true) < 4 * noise.std
     # That of a standard deviation from n numbers, but for the rounding.
@@ -401,7 +423,7 @@ def test_noise_is_found_from_the_residuals(true, started):
     assert noise.std == pytest.approx(total / true / np.sqrt(2 * 5000), rel=0.1)
     assert found.scene.effects["sensor_noise"]["sigma_counts"] == noise.value
     assert found.misfit == pytest.approx(1.0, abs=1e-3)
-    assert np.abs(normalised(found, scene)).max() < 5
+    assert largest_pull(found, scene) < 5
 
 
 @pytest.mark.parametrize(
@@ -429,14 +451,21 @@ def test_bad_input_is_refused_by_name(change, words):
         calibrate(**given)
 
 
-@pytest.mark.parametrize("held", [(NAMES[0], NAMES[2]), (NAMES[1], NAMES[3], "gains")])
+@pytest.mark.parametrize(
+    "held",
+    [
+        ("lamp.power", "attenuation.k_per_m", *AIMS[:2]),
+        ("lamp.beam_sigma_deg", "array.radius_m", "ambient.level_counts", "gains"),
+    ],
+)
 def test_what_is_held_stays(held):
     start = sea(gains=(0.03, 2), lamp__reference_counts=620.0)
     found = calibrate(start, *recorded(sea(), 40, seed=22), held)
-    lamp, gains = truth_of(start)
+    values, gains = truth_of(start)
     assert np.isnan(found.gain_std).all() == ("gains" in held)
     assert np.allclose(found.gains, gains) == ("gains" in held)
-    for parameter, value in zip(found.parameters, lamp, strict=False):
+    for parameter in found.parameters:
         assert (parameter.note == "held") == (parameter.name in held)
         assert np.isnan(parameter.std) == (parameter.name in held)
-        assert (parameter.value == pytest.approx(value)) == (parameter.name in held)
+        same = parameter.value == pytest.approx(values[parameter.name], rel=1e-9)
+        assert same == (parameter.name in held)

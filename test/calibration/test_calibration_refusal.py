@@ -5,22 +5,41 @@ import importlib.util
 import numpy as np
 import pytest
 from bags import image_message, odometry_message, write_bag
-from calibrated_seas import HIGHEST, LOWEST
+from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, named, pulls
 from command_line import run
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.identifiability import LARGEST_STD
+from uuv_optical_array.calibration.parameters import (
+    BACKGROUND,
+    COSINE_POWER,
+    LAMP_AIM,
+    POWER,
+    SCATTER,
+    SIGMA,
+    SIZE,
+    K,
+)
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.prior import (
+    ABSORPTION,
+    AMBIENT,
+    BEAM_SIGMA,
+    PRIORS,
+    RADIUS,
+    RESPONSE,
+    SCATTERING,
+)
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
 MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0])  # other axes: y and z, pitch and yaw
 
 
 def scene_of(lamp=(), prior="calibrated", **effects):
-    """Return `follow` with nine detectors and a background, to be fast, and other values."""
-    plain = load_scene("follow").settings()
+    """Return `reference` with nine detectors and a background, to be fast, and other values."""
+    plain = load_scene("reference").settings()
     plain["array"]["detectors_per_side"] = 3
     plain["lamp"] |= dict(lamp)
     plain["prior"] = {"known": prior}
@@ -97,9 +116,10 @@ def test_errors_hold_what_is_held_because_it_is_not_known():
         poses = drive(rng, 25)
         poses[:, :3] *= (6.0 / np.linalg.norm(poses[:, :3], axis=1))[:, None]
         poses[:, 3:] = 0.0
-        found = calibrate(scene_of(), ForwardModel(scene).expose(poses, rng), poses)
-        power, _, attenuation, _, _ = found.parameters
-        assert attenuation.note == "not known"
+        images = ForwardModel(scene).expose(poses, rng)
+        found = calibrate(scene_of(), images, poses, hold=(RESPONSE, RADIUS, *AIMS))
+        power = named(found)["lamp.power"]
+        assert named(found)["attenuation.k_per_m"].note == "not known"
         pulls.append((power.value - ForwardModel(scene).power) / power.std)
         told.append(power.std / power.value)
         assert np.abs((found.gains - 1) / found.gain_std).max() < 5
@@ -107,6 +127,68 @@ def test_errors_hold_what_is_held_because_it_is_not_known():
     assert np.mean(told) == pytest.approx(0.02 * 5.4, rel=0.05)
     low, high = np.sqrt(stats.chi2.ppf([1e-4, 1 - 1e-4], len(pulls)) / len(pulls))
     assert low < np.sqrt(np.mean(np.square(pulls))) < high
+
+
+def rig_like(start, rng):
+    """Return a scene off in all that a calibration may hold, by as much as it takes that to be."""
+    settings = start.settings()
+    lamp, array, effects = settings["lamp"], settings["array"], settings["effects"]
+
+    def off(kind):
+        return LARGEST_STD[kind] * rng.standard_normal()
+
+    lamp["beam_sigma_deg"] *= np.exp(off(SIGMA))
+    lamp["reference_counts"] *= np.exp(off(POWER))
+    array["radius_m"] *= np.exp(off(SIZE))
+    effects["sea"]["absorption_per_m"] += off(K)
+    effects["sea"]["scattering_per_m"] *= np.exp(off(SCATTER))
+    effects["field_of_view"] = {"cosine_power": 1 + off(COSINE_POWER)}
+    effects["ambient"] = {"level_counts": abs(off(BACKGROUND)) * start.full_scale_counts}
+    effects["responsivity"] = {"spread": 0.01, "seed": int(rng.integers(10**6))}
+    aims = LARGEST_STD[LAMP_AIM[0]] * rng.standard_normal(4)
+    return scene_from_settings(settings, "rig"), aims
+
+
+@pytest.mark.parametrize(
+    ("near_m", "far_m", "aside_m", "swing", "unknown"),
+    [
+        (
+            6.0,
+            6.0,
+            0.0,
+            0.0,
+            {BEAM_SIGMA, ABSORPTION, SCATTERING, RESPONSE, RADIUS, *AIMS, AMBIENT},
+        ),
+        (3.0, 8.0, 0.0, 0.0, {SCATTERING}),
+        (3.0, 8.0, 0.8, 0.0, set()),
+        (6.0, 6.0, 0.8, 0.1, {ABSORPTION}),
+    ],
+    ids=["on one spot", "on the axis", "without a turn", "at one range"],
+)
+def test_a_poor_drive_names_what_it_does_not_tell_and_the_errors_hold_it(
+    near_m, far_m, aside_m, swing, unknown
+):
+    rng, squares = np.random.default_rng(12), []
+    high = np.array([0.0, aside_m, aside_m, swing, swing])
+    start, fits = load_scene("follow"), 8
+    for _ in range(fits):
+        scene, aims = rig_like(start, rng)
+        poses = rng.uniform(-high, high, (80, 5))
+        ranges = rng.uniform(near_m, far_m, 80)
+        poses[:, 0] = -np.sqrt(ranges**2 - (poses[:, 1:3] ** 2).sum(axis=1))
+        found = calibrate(start, exposed(scene, poses, rng, aims=aims), poses)
+        assert {name for name, one in named(found).items() if one.note == "not known"} == unknown
+        assert all(
+            any(note.startswith(f"{name} is not") for note in found.notes) for name in unknown
+        )
+        off, of_gains = pulls(found, scene, aims)
+        squares.append({name: pull**2 for name, pull in off.items()})
+        if of_gains.size:
+            squares[-1]["gains"] = np.mean(of_gains**2)
+    low, high = stats.chi2.ppf(stats.norm.cdf([-4, 4]), fits) / fits
+    for name in squares[0]:
+        mean = np.mean([square[name] for square in squares])
+        assert low < mean < high, name
 
 
 def test_ranges_that_suffice_are_not_asked_for_again():
@@ -124,12 +206,23 @@ def test_the_scene_carries_the_standard_errors_as_its_prior():
     poses = drive(rng, 40)
     images = ForwardModel(scene_of()).expose(poses, rng)
     found = calibrate(scene_of(), images, poses, hold=["ambient.level_counts"])
-    power, sigma, k, _, _ = found.parameters
-    prior = found.scene.prior
+    prior, parameters = found.scene.prior, named(found)
     assert prior.known == "calibrated"
-    assert prior.lamp_power_std == pytest.approx(power.std / power.value, rel=5e-3)
-    assert prior.beam_sigma_std_deg == pytest.approx(sigma.std, rel=5e-3)
-    assert prior.k_std_per_m == pytest.approx(k.std, rel=5e-3)
+    for key, name in (("lamp_power_std", "lamp.power"), ("radius_std", "array.radius_m")):
+        parameter = parameters[name]
+        relative = parameter.std / parameter.value
+        assert getattr(prior, key) == pytest.approx(relative, rel=5e-3)
+    for key, name in (
+        ("beam_sigma_std_deg", "lamp.beam_sigma_deg"),
+        ("k_std_per_m", "attenuation.k_per_m"),
+        ("cosine_power_std", "field_of_view.cosine_power"),
+    ):
+        assert getattr(prior, key) == pytest.approx(parameters[name].std, rel=5e-3)
+    for key, part in (("lamp_aim_std_deg", "lamp"), ("aim_std_deg", "array")):
+        # The scene goes on taking them for straight.
+        aims = [parameters[f"{part}.aim_{angle}_rad"] for angle in ("pitch", "yaw")]
+        square = np.mean([aim.value**2 + aim.std**2 for aim in aims])
+        assert getattr(prior, key) == pytest.approx(np.degrees(np.sqrt(square)), rel=5e-3)
     rms = np.sqrt(np.mean((found.gain_std / found.gains) ** 2))
     assert prior.gain_std == pytest.approx(rms, rel=5e-3)
     assert prior.ambient_std_counts == PRIORS["calibrated"]["ambient_std_counts"]  # held
@@ -144,7 +237,10 @@ def test_what_is_not_known_is_not_exact(known, kept):
     rng = np.random.default_rng(9)
     start = scene_of(prior=known)
     found = calibrate(start, ForwardModel(start).expose(still(30), rng), still(30))
-    for key in ("beam_sigma_std_deg", "k_std_per_m", "ambient_std_counts", "gain_std"):
+    for key in (
+        *("beam_sigma_std_deg", "k_std_per_m", "cosine_power_std", "radius_std"),
+        *("aim_std_deg", "lamp_aim_std_deg", "ambient_std_counts", "gain_std"),
+    ):
         assert getattr(found.scene.prior, key) == PRIORS[kept][key], key
 
 

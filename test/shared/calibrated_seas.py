@@ -2,12 +2,16 @@
 
 import numpy as np
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 LOWEST = np.array([-8.0, -0.8, -0.8, -0.35, -0.35])
 HIGHEST = np.array([-3.0, 0.8, 0.8, 0.35, 0.35])
+# Pitch and yaw of the lamp, and of the array on its mount, rad.
+STRAIGHT, TURNED = np.zeros(4), np.array([0.03, -0.02, -0.025, 0.015])
+AIMS = "lamp.aim_pitch_rad", "lamp.aim_yaw_rad", "array.aim_pitch_rad", "array.aim_yaw_rad"
 
 
 def sea(start="reference", gains=(0.05, 9), **changes):
@@ -16,10 +20,15 @@ def sea(start="reference", gains=(0.05, 9), **changes):
     plain["effects"]["ambient"] = {"level_counts": 12.0}
     if gains:
         plain["effects"]["responsivity"] = dict(zip(("spread", "seed"), gains, strict=True))
+    water = {"attenuation.k_per_m": 0.17}
+    if "sea" in plain["effects"]:
+        water = {"sea.absorption_per_m": 0.17, "sea.scattering_per_m": 0.16}
     named = {
         "lamp.beam_sigma_deg": 6.5,
         "lamp.reference_counts": 600.0,
-        "attenuation.k_per_m": 0.17,
+        "field_of_view.cosine_power": 1.15,
+        "array.radius_m": 0.33,
+        **water,
         **{name.replace("__", "."): value for name, value in changes.items()},
     }
     for name, value in named.items():
@@ -33,30 +42,70 @@ def drive(rng, count, low=LOWEST, high=HIGHEST):
     return rng.uniform(low, high, (count, 5)), rng.uniform(-0.1, 0.1, count)
 
 
+def seen(poses, rolls, aims, bow_m):
+    """Return poses and rolls as they appear to a turned lamp and a turned array, by SciPy."""
+    lamp, mount = Rotation.from_euler("yz", np.reshape(aims, (2, 2)))
+    body = Rotation.from_euler("ZYX", np.column_stack([poses[:, 4], poses[:, 3], rolls]))
+    bow = np.array([bow_m, 0.0, 0.0])
+    places = poses[:, :3] + body.apply(bow) - (body * mount).apply(bow)
+    yaw, pitch, roll = (lamp.inv() * body * mount).as_euler("ZYX").T
+    return np.column_stack([lamp.inv().apply(places), pitch, yaw]), roll
+
+
+def exposed(scene, poses, rng, rolls=0.0, aims=STRAIGHT):
+    """Return the images of a lamp and an array that may be turned."""
+    rolls = np.broadcast_to(rolls, len(poses))
+    poses, rolls = seen(poses, rolls, aims, scene.array.bow_m)
+    return ForwardModel(scene).expose(poses, rng, rolls)
+
+
 def recorded(scene, count, seed):
     """Return images, poses and rolls of a drive through a sea."""
     rng = np.random.default_rng(seed)
     poses, rolls = drive(rng, count)
-    return ForwardModel(scene).expose(poses, rng, rolls), poses, rolls
+    return exposed(scene, poses, rng, rolls), poses, rolls
 
 
-def truth_of(scene):
-    """Return power, sigma, K and background in the gauge of the fit, and the gains."""
-    model = ForwardModel(scene)
-    side = scene.array.detectors_per_side
-    spec = scene.effects.get("responsivity")
+def truth_of(scene, aims=STRAIGHT):
+    """Return what a fit should find by name, in its gauge, and the gains."""
+    side, effects = scene.array.detectors_per_side, scene.effects
     gains = np.ones((side, side))
-    if spec:
+    if spec := effects.get("responsivity"):
         draws = np.random.default_rng(spec["seed"]).standard_normal((side, side))
         gains = 1 + spec["spread"] * draws
     common = stats.gmean(gains, axis=None)
-    ambient = scene.effects.get("ambient", {"level_counts": 0.0})["level_counts"]
-    lamp = np.array(
-        [
-            model.power * common,
-            scene.lamp.beam_sigma_deg,
-            scene.effects["attenuation"]["k_per_m"],
-            ambient * common,
-        ]
-    )
-    return lamp, gains / common
+    values = {
+        "lamp.power": ForwardModel(scene).power * common,
+        "lamp.beam_sigma_deg": scene.lamp.beam_sigma_deg,
+        "lamp.reference_counts": scene.lamp.reference_counts,
+        "field_of_view.cosine_power": effects.get("field_of_view", {}).get("cosine_power", 1.0),
+        "array.radius_m": scene.array.radius_m,
+        **dict(zip(AIMS, aims, strict=True)),
+        "ambient.level_counts": effects.get("ambient", {"level_counts": 0})["level_counts"]
+        * common,
+    }
+    for water in ("attenuation", "sea"):
+        values |= {f"{water}.{key}": value for key, value in effects.get(water, {}).items()}
+    return values, gains / common
+
+
+def named(found):
+    """Return the parameters of a calibration by name."""
+    return {parameter.name: parameter for parameter in found.parameters}
+
+
+def pulls(found, scene, aims=STRAIGHT):
+    """Return the errors of what was fitted, in standard errors: by name, and of the gains."""
+    values, gains = truth_of(scene, aims)
+    fitted = {
+        name: (parameter.value - values[name]) / parameter.std
+        for name, parameter in named(found).items()
+        if name in values and np.isfinite(parameter.std)
+    }
+    off = ((found.gains - gains) / found.gain_std).ravel()
+    return fitted, off[np.isfinite(off)]
+
+
+def largest_pull(found, scene, aims=STRAIGHT):
+    fitted, gains = pulls(found, scene, aims)
+    return np.abs([*fitted.values(), *gains]).max()

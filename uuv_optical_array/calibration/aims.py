@@ -51,14 +51,13 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
         (-_axes(aims[1]), np.zeros(3)),
         (body @ _axes(aims[3]), bow),
     ]
-    motion = np.zeros((len(poses), 6, 9))
-    motion[:, :3, :3] = np.eye(3)
+    motion = np.zeros((len(poses), 2, 3, 9))  # shift and turn
+    motion[:, 0, :, :3] = np.eye(3)
     for i, (axes, pivot) in enumerate(turns):
         columns = slice(3 + 2 * i, 5 + 2 * i)
-        motion[:, :3, columns] = np.cross(axes, (place - pivot)[..., None], axis=-2)
-        motion[:, 3:, columns] = axes
-    motion = (motion.reshape(-1, 2, 3, 9).swapaxes(2, 3) @ lamp).swapaxes(2, 3)
-    return seen, roll, _by_motion(seen) @ motion.reshape(-1, 6, 9)
+        motion[:, 0, :, columns] = np.cross(axes, (place - pivot)[..., None], axis=-2)
+        motion[:, 1, :, columns] = axes
+    return seen, roll, _by_motion(seen) @ (lamp.T @ motion).reshape(-1, 6, 9)
 
 
 def _axes(yaw: Array | float) -> Array:

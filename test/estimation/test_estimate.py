@@ -222,3 +222,12 @@ def test_a_scene_whose_working_volume_is_dark_is_refused_by_the_fit_too():
     ahead_of_the_lamp = grid_scene(3, x_m=[1.0, 5.0, 3])
     with pytest.raises(ValueError, match="no pose of the table has 1 count of light; move"):
         Estimator(ahead_of_the_lamp, "least_squares", compiled=False)
+
+
+def test_an_image_beyond_the_converter_is_refused():
+    image = ForwardModel(load_scene("follow")).expose(
+        [-5.0, 0.1, 0.0, 0.0, 0.1], np.random.default_rng(1)
+    )
+    image[2, 2] = 4092
+    with pytest.raises(NoPose, match="above full scale: 4092 counts, but the scene reads at most"):
+        Estimator(load_scene("follow"), compiled=False).estimate(image)

@@ -265,6 +265,16 @@ def test_least_squares_joins_image_and_signature_by_their_stamp(shower, images, 
     assert 1e-3 < float(values["misfit"]) <= 1
 
 
+def test_a_faulty_detector_is_named_while_poses_go_on(shower, images):
+    spoilt = images[0].copy()
+    spoilt[1, 3] = 0
+    shower.show(spoilt, 1)
+    status = shower.lab.report(shower.node, WARN, "faulty detector: row 1 column 3")
+    assert "cure: faulty detector" in {pair.key for pair in status.values}
+    shower.show(images[1], 2)
+    shower.lab.report(shower.node, OK)
+
+
 def test_a_signature_whose_image_never_comes_is_given_up_with_the_reason(shower, images):
     for seconds in range(1, 30):
         shower.clouds.publish(shower.message(shower.signature(images[0]), seconds))

@@ -29,7 +29,11 @@ from uuv_optical_array.estimation.information.linearised import LinearisedReadin
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.signature.plausibility import bounds, check_parameters
+from uuv_optical_array.estimation.signature.plausibility import (
+    bounds,
+    check_full_scale,
+    check_parameters,
+)
 from uuv_optical_array.estimation.signature_table import (
     SignatureTable,
     build_table,
@@ -319,6 +323,7 @@ class Estimator:
             raise NoPose(
                 f"no image: {seen}; {self.settings.method} needs {side} x {side} finite readings"
             )
+        check_full_scale(readings, self.scene)
         return readings.reshape(-1)
 
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:

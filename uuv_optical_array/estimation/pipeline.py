@@ -9,7 +9,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.signature.features import FeatureSettings, no_pattern
-from uuv_optical_array.estimation.signature.plausibility import FrozenFrames, check_full_scale
+from uuv_optical_array.estimation.signature.plausibility import FrozenFrames
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import POSE, Track
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -67,7 +67,7 @@ class Pipeline:
         tracking: TrackerSettings | None = DEFAULT_TRACKING,
         min_peak_counts: float = FeatureSettings.min_peak_counts,
     ) -> None:
-        self._scene, self._min_peak_counts = estimator.scene, min_peak_counts
+        self._min_peak_counts = min_peak_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
         self.estimator = estimator
         self.track_with(tracking)
@@ -112,7 +112,6 @@ class Pipeline:
         NoPose
             With the reason.
         """
-        check_full_scale(image, self._scene)
         if reason := no_pattern(image, self._min_peak_counts):
             raise NoPose(reason)
         self._frozen.check(image, lambda: np.asarray(image))

@@ -315,6 +315,7 @@ class EstimatorNode(Node):
     ) -> None:
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
+        self.diagnostics.warn(faults(estimate))
         self.log_state_of_fit(pipeline.estimator)
         below_base = self.parameters["tf_parent"] == "base"
         if self.leaders.heard or below_base:
@@ -379,6 +380,12 @@ class EstimatorNode(Node):
             },
             **{f"scene_{change.key}": change.text for change in changes},
         }
+
+
+def faults(estimate: Estimate) -> str:
+    """Name the detectors that an estimate left out; empty where it left out none."""
+    places = ", ".join(f"row {row} column {column}" for row, column in estimate.left_out)
+    return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

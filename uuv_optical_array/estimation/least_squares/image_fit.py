@@ -323,8 +323,8 @@ class ImageFit:
 
     def _misfit(self, score: float) -> NoPose:
         return NoPose(
-            f"no fit: an honest image leaves such residuals with a chance of {ndtr(-score):.1e}, "
-            f"less than max_misfit {self._max_misfit:g}; the image is not of this scene"
+            f"no fit: an image of this scene leaves such residuals with a probability of "
+            f"{ndtr(-score):.1e}, less than max_misfit {self._max_misfit:g}"
         )
 
     def unobservable(self, covariance: Array) -> tuple[str, ...]:

@@ -141,6 +141,11 @@ WARNINGS = {
         "Set the clocks (NTP, PTP); check who publishes `/clock`.",
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
+    "faulty detector": Reason(
+        "A reading fits no pose that explains the others: a detector is dead, stuck or dirty, or in "
+        "a glint. The pose is that of the others.",
+        "Clean or repair the detector; until then name it in `effects.detector_faults`.",
+    ),
     "follower waits": Reason(
         "The demonstration's follower is alone and starts behind the leader that it finds.",
         "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",

@@ -29,7 +29,7 @@ FALSE_REFUSAL = 1e-6  # probability that a correct model is refused
 RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
-LEAST_AIM = 0.002  # rad off its frame, from where it is told
+LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
 TURN = "turn the array up to 30 deg while the lamp shines on it"
 ASIDE = "record poses on all sides of the beam's axis"
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
@@ -121,15 +121,16 @@ def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
 
 def _aim(fit: CalibrationFit) -> list[str]:
     """Say how far lamp and array are turned off their frames, where that is known."""
-    notes = []
+    notes, values = [], fit.state.at.parameters
+    errors = np.sqrt(np.diag(fit.covariance(max(1.0, fit.agreement.misfit))))
+    certain = np.abs(values) > np.maximum(LEAST_AIM, SURE * errors)
     for rows, part, frame, prior in (
         (LAMP_AIM, "lamp", "the frame beacon", "lamp_aim_std_deg"),
         (ARRAY_AIM, "array", "base_link's static transform", "aim_std_deg"),
     ):
-        aims = fit.state.at.parameters[rows]
-        if {*rows} & fit.held() or np.abs(aims).max() < LEAST_AIM:
+        if {*rows} & fit.held() or not certain[rows].any():
             continue
-        pitch, yaw = np.degrees(aims)
+        pitch, yaw = np.degrees(values[rows])
         notes.append(
             f"the {part} is turned by {pitch:+.2f} deg in pitch and {yaw:+.2f} deg in yaw: turn it "
             f"back, or {frame} by as much; until then {prior} covers it"

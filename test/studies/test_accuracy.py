@@ -219,6 +219,22 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, t
         assert error.startswith(row["known"])
 
 
+def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
+    scene = load_scene("coastal")
+    found = accuracy.costs(scene, 40, 3)
+    assert list(found)[:2] == ["as it is", "lamp_power_std"]
+    assert "k_std_per_m" not in found, "coastal has absorption"
+    poses = lit_poses(ForwardModel(scene), 40, np.random.default_rng(3))
+    settings = scene.settings()
+    for key in ("lamp_power_std", "cosine_power_std", "lamp_aim_std_deg"):
+        settings["prior"] = {**scene.settings()["prior"], key: 0.0}
+        model = ForwardModel(scene_from_settings(settings, "known"))
+        square = [cramer_rao_bound(model, pose).std ** 2 for pose in poses]
+        rms = np.sqrt(np.mean(square, axis=0)) * [1, 1, 1, 180 / np.pi, 180 / np.pi]
+        assert list(found[key].values()) == pytest.approx(rms.tolist())
+        assert max(np.divide(rms, list(found["as it is"].values()))) <= 1
+
+
 @pytest.fixture
 def answers_of(capsys, tmp_path):
     """What the study answers in another reference scene, without an option and with it."""

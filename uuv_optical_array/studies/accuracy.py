@@ -1,6 +1,7 @@
 """``uuv_array study accuracy``: measure errors of estimates beside bound and covariances."""
 
 import argparse
+import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -34,8 +35,9 @@ DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances of the estimates. --known measures what it costs to know less of the sea: seas are drawn
-from each of the priors exactly, calibrated and as_bought, and a picture shows the errors. --moving
-takes each image at a random time, so that flicker, drift and clouds act, which no estimator knows.
+from each of the priors exactly, calibrated and as_bought, and a picture shows the errors; a table
+says how much better the bound is where one more setting of the prior is known. --moving takes each
+image at a random time, so that flicker, drift and clouds act, which no estimator knows.
 --drawn draws what the scene's prior leaves uncertain, such as the lamp's power, for each image.
 docs/results/accuracy.md explains every figure."""
 
@@ -150,6 +152,26 @@ def compare_known(
             return
 
 
+def costs(scene: Scene, count: int, seed: int) -> dict[str, dict[str, float]]:
+    """Return the RMS bound of a scene, and what it is where one more setting is known, m and deg.
+
+    Settings are keys of the prior. Poses are those of `compare_known`.
+    """
+    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
+
+    def bound(**known: float) -> dict[str, float]:
+        prior = dataclasses.replace(scene.prior, **known)
+        model = ForwardModel(dataclasses.replace(scene, prior=prior))
+        blocks = [poses[start : start + BLOCK_POSES] for start in range(0, count, BLOCK_POSES)]
+        square = np.concatenate([cramer_rao_bound(model, block).std ** 2 for block in blocks])
+        rms = np.sqrt(square.mean(axis=0)) * IN_DEGREES
+        return dict(zip(DOF_NAMES, rms.tolist(), strict=True))
+
+    keys = [field.name for field in dataclasses.fields(scene.prior) if "std" in field.name]
+    uncertain = [key for key in keys if getattr(scene.prior, key) > 0]
+    return {"as it is": bound(), **{key: bound(**{key: 0.0}) for key in uncertain}}
+
+
 def _fixed(value: float | None) -> str:
     return "inf" if value is None else f"{value:.4f}"
 
@@ -187,6 +209,14 @@ def comparison(rows: Sequence[dict[str, Any]]) -> str:
         lines.append(line.format(row["known"], "error", *errors, f"{nees:.2f}", beyond, without))
         lines.append(line.format("", "bound", *bounds, "", "", "").rstrip())
     return "\n".join(lines)
+
+
+def cost_table(bounds: dict[str, dict[str, float]]) -> str:
+    """Return the `costs` of a scene as text."""
+    line = "{:<28}" + 5 * "{:>8}"
+    rows = [line.format("bound, with this known", *DOF_NAMES), line.format("", *DOF_UNITS).rstrip()]
+    rows += [line.format(key, *map(_fixed, bound.values())) for key, bound in bounds.items()]
+    return "\n".join(rows)
 
 
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
@@ -269,8 +299,9 @@ def run(args: argparse.Namespace) -> int:
         picture = outputs.file_to_write(args.known, "--known", outputs.PICTURE)
         cases = compare_known(scene, count, seed, progress.over)
         rows = until_interrupted(cases)
-        result = {"poses": count, "known": rows, "picture": str(picture)}
-        text = f"{comparison(rows)}\n\npicture: {picture}"
+        bounds = costs(scene, count, seed)
+        result = {"poses": count, "known": rows, "costs": bounds, "picture": str(picture)}
+        text = f"{comparison(rows)}\n\n{cost_table(bounds)}\n\npicture: {picture}"
         complete = len(rows) == len(get_args(Known)) and rows[-1]["poses"] == count
         save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
     else:

@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.calibration.calibrate import FittedParameter, calibrate
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -17,12 +17,35 @@ IMAGES = 300
 DRIVES = {
     "on the beam's axis at 6 m": (6.0, 6.0, 0.0, 0.0, None),
     "on the axis, 3 to 8 m": (3.0, 8.0, 0.0, 0.0, None),
+    "the same, nosing about": (3.0, 8.0, 0.0, 20.0, None),
+    "weaving, 3 to 8 m": (3.0, 8.0, 0.9, 0.0, None),
     "weaving and nosing about at 6 m": (6.0, 6.0, 0.9, 20.0, None),
     "the same, 5 to 7 m": (5.0, 7.0, 0.9, 20.0, None),
     "the same, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
     "the same, odometry good to 0.02 m, 0.5 deg": (3.0, 8.0, 0.9, 20.0, (0.02, 0.5)),
     "the same, odometry good to 0.1 m, 2 deg": (3.0, 8.0, 0.9, 20.0, (0.1, 2.0)),
 }
+# Columns: parameters whose largest error is shown, its unit in that of the parameter; a relative
+# one is in per cent.
+COLUMNS = {
+    "power (%)": (["lamp.power"], None),
+    "sigma (deg)": (["lamp.beam_sigma_deg"], 1.0),
+    "a (1/m)": (["sea.absorption_per_m"], 1.0),
+    "b (%)": (["sea.scattering_per_m"], None),
+    "response": (["field_of_view.cosine_power"], 1.0),
+    "radius (mm)": (["array.radius_m"], 1e-3),
+    "lamp's aim (deg)": (["lamp.aim_pitch_rad", "lamp.aim_yaw_rad"], np.pi / 180),
+    "array's aim (deg)": (["array.aim_pitch_rad", "array.aim_yaw_rad"], np.pi / 180),
+    "background": (["ambient.level_counts"], 1.0),
+}
+
+
+def cell(parameters: list[FittedParameter], unit: float | None) -> str:
+    """Return the largest standard error, or that there is none."""
+    notes = [parameter.note for parameter in parameters if parameter.note]
+    if notes:
+        return "not known" if "not known" in notes else "not by itself"
+    return f"{max(p.std / (unit or p.value / 100) for p in parameters):.2g}"
 
 
 def main() -> None:
@@ -34,8 +57,8 @@ def main() -> None:
         "responsivity": {"spread": 0.03, "seed": 5, "drift_per_c": 0.0},
     }
     model = ForwardModel(dataclasses.replace(start, effects=effects))
-    print("| drive | power (%) | sigma (deg) | K (1/m) | background | a gain (%) | misfit |")
-    print("|---|---|---|---|---|---|---|")
+    print(f"| drive | {' | '.join(COLUMNS)} | a gain (%) | misfit |")
+    print("|---" * (len(COLUMNS) + 3) + "|")
     for name, (near, far, aside, swing, odometry) in DRIVES.items():
         rng = np.random.default_rng(1)
         angle = np.radians(swing)
@@ -49,14 +72,8 @@ def main() -> None:
             std = np.array([*[odometry[0]] * 3, *[np.radians(odometry[1])] * 2])
             poses = poses + std * rng.standard_normal(poses.shape)
         found = calibrate(start, images, poses, pose_std=std)
-        power, sigma, k, background = found.parameters[:4]
-        cells = (
-            (f"{100 * power.std / power.value:.2g}", power),
-            (f"{sigma.std:.2g}", sigma),
-            (f"{k.std:.2g}", k),
-            (f"{background.std:.2g}", background),
-        )
-        told = [parameter.note or error for error, parameter in cells]
+        named = {parameter.name: parameter for parameter in found.parameters}
+        told = [cell([named[key] for key in keys], unit) for keys, unit in COLUMNS.values()]
         errors = found.gain_std[np.isfinite(found.gain_std)]
         gain = f"{100 * np.median(errors):.2g}" if errors.size else "not known"
         misfit = f"{found.misfit:.2f}" + (", refused" if found.refusal else "")

@@ -1,4 +1,4 @@
-"""Lamp, water, background and gains, fitted to images at known poses by maximum likelihood.
+"""A scene fitted to images at known poses by maximum likelihood.
 
 Power and mean gain are one product, so the geometric mean of the gains is 1: the gauge. Parameters
 that the images do not determine keep their values and are named. Usage:
@@ -122,7 +122,7 @@ def calibrate(
     fit_noise: bool = False,
     on_step: Callable[[], object] = int,
 ) -> Calibration:
-    """Fit lamp, water, background and gains to images at known poses.
+    """Fit lamp, water, array, aims and background to images at known poses.
 
     Parameters
     ----------

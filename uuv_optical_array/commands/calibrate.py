@@ -20,12 +20,13 @@ from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
 
 DESCRIPTION = """\
-Fit the lamp (power, width of the beam, aim), the water (absorption and scattering, or K), the array
-(radius, response, each detector's gain) and the background to a
-recorded bag whose poses are known from both odometries, and write the resulting scene. Each value
-is printed with its standard error. What the bag does not determine keeps its value and is named,
-with what to record for it. Power and mean gain are one product, so the geometric mean of the gains
-is 1. Where the residuals show that the model is wrong, no scene is written; the exit code is 1."""
+Fit the lamp (power and width of the beam), the water (absorption and scattering, or K), the array
+(response, radius of the sphere, each detector's gain), the aim of lamp and array, and the
+background to a recorded bag whose poses are known from both odometries, and write the resulting
+scene. Each value is printed with its standard error. What the bag does not determine keeps its
+value and is named, with what to record for it. Power and mean gain are one product, so the
+geometric mean of the gains is 1. Where the residuals show that the model is wrong, no scene is
+written; the exit code is 1."""
 
 EPILOG = """\
 examples:

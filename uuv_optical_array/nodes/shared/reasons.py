@@ -142,8 +142,8 @@ WARNINGS = {
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
     "faulty detector": Reason(
-        "A reading fits no pose that explains the others: a detector is dead, stuck or dirty, or in "
-        "a glint. The pose is that of the others.",
+        "A reading fits no pose that explains the others: a detector is dead, stuck or dirty, or "
+        "in a glint. The pose is that of the others.",
         "Clean or repair the detector; until then name it in `effects.detector_faults`.",
     ),
     "follower waits": Reason(

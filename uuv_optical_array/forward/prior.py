@@ -21,6 +21,7 @@ POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
 RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
+LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 # A shade is smooth: each order of its modes over the array is weaker than the one before by this

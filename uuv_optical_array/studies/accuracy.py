@@ -159,7 +159,7 @@ def costs(scene: Scene, count: int, seed: int) -> dict[str, dict[str, float]]:
     """
     poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
 
-    def bound(**known: float) -> dict[str, float]:
+    def bound(**known: Any) -> dict[str, float]:
         prior = dataclasses.replace(scene.prior, **known)
         model = ForwardModel(dataclasses.replace(scene, prior=prior))
         blocks = [poses[start : start + BLOCK_POSES] for start in range(0, count, BLOCK_POSES)]

@@ -22,14 +22,14 @@ def learnt(*offsets):
     return {name: Learnt(offset, 1e-3) for name, offset in zip(NAMES, offsets, strict=True)}
 
 
-def changed(changes):
+def changed(changes, model=MODEL):
     """Return the model's scene with changes written into it, by their dotted keys."""
-    settings = MODEL.scene.settings()
+    settings = model.scene.settings()
     for change in changes:
         group, *rest = change.key.split(".")
         target = settings[group]
         for key in rest[:-1]:
-            target = target[key]
+            target = target.setdefault(key, {})
         target[rest[-1]] = change.value
     return ForwardModel(scene_from_settings(settings, "changed"))
 
@@ -42,6 +42,23 @@ def test_the_changed_scene_gives_the_light_that_was_found(offsets):
     known = dict(zip(NAMES, np.array(offsets), strict=True))
     light = changed(scene_changes(MODEL, CONSTANTS, found)).light(POSES)
     expected = np.array([MODEL.light(pose, offsets=known) for pose in POSES])
+    np.testing.assert_allclose(light, expected, rtol=1e-9)
+
+
+def test_water_and_array_are_changed_to_what_was_found():
+    sea = {"absorption_per_m": 0.1, "scattering_per_m": 0.2}
+    model = ForwardModel(scene_with({"sea": sea}))
+    offsets = {
+        "sea.absorption_per_m": 0.07,
+        "sea.scattering_per_m": 1.2,
+        "field_of_view.cosine_power": 0.4,
+        "array.radius_m": 0.08,
+    }
+    constants = Constants(tuple(offsets), (0.02, 0.3, 0.1, 0.02))
+    found = {name: Learnt(offset, 1e-3) for name, offset in offsets.items()}
+    light = changed(scene_changes(model, constants, found), model).light(POSES)
+    known = {name: np.array(offset) for name, offset in offsets.items()}
+    expected = np.array([model.light(pose, offsets=known) for pose in POSES])
     np.testing.assert_allclose(light, expected, rtol=1e-9)
 
 

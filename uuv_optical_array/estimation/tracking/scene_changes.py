@@ -1,5 +1,6 @@
 """What to change in a scene when the sea turns out to be another."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -8,7 +9,8 @@ import numpy as np
 from uuv_optical_array.estimation.tracking.track import Learnt
 from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import GRADIENTS, POWER
+from uuv_optical_array.forward.prior import GRADIENTS, LOGARITHMS, POWER, RESPONSE
+from uuv_optical_array.forward.scene import GROUPS
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
@@ -59,14 +61,13 @@ def scene_changes(
     }
     changes = []
     for name in off:
-        if name == POWER or name in GRADIENTS:  # which no scene can hold
-            continue
         group, setting = name.split(".")
-        if group == "lamp":
-            key, value = name, getattr(scene.lamp, setting)
-        else:
-            key, value = f"effects.{name}", scene.effects.get(group, {}).get(setting, 0.0)
-        value = max(value + learnt[name].mean, 0.0)
+        written = scene.settings().get(group, scene.effects.get(group, {}))
+        if name == POWER or name in GRADIENTS or "half_angle_deg" in written:
+            continue  # no scene can hold it
+        key = name if group in GROUPS else f"effects.{name}"
+        value, by = written.get(setting, 1.0 if name == RESPONSE else 0.0), learnt[name].mean
+        value = value * math.exp(by) if name in LOGARITHMS else max(value + by, 0.0)
         text = f"{_reason(name, off[name])}; write {key}: {value:.4g}"
         changes.append(SceneChange(key, value, text))
     if off:

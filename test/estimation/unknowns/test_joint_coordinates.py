@@ -19,11 +19,17 @@ offsets = st.tuples(
 )
 
 
+SEA = {"sea": {"absorption_per_m": 0.1, "scattering_per_m": 0.5}}
+SEA_NAMES = ("sea.scattering_per_m", "lamp.power", "lamp.beam_sigma_deg", "sea.absorption_per_m")
+
+
+@pytest.mark.parametrize(("effects", "names"), [(WATER, NAMES), (SEA, SEA_NAMES)])
 @pytest.mark.parametrize("shape", SHAPES)
 @settings(max_examples=60)
 @given(pose=poses, offset=offsets)
-def test_there_and_back_with_slopes_that_are_differences(shape, pose, offset):
-    joint = JointCoordinates(frame_of(ForwardModel(scene_with(WATER, shape))), NAMES)
+def test_there_and_back_with_slopes_that_are_differences(shape, effects, names, pose, offset):
+    joint = JointCoordinates(frame_of(ForwardModel(scene_with(effects, shape))), names)
+    offset = (0.1 * offset[0], *offset[1:])
     at = np.array([*pose, *offset])
     coordinates = joint.of(at)
     back, slopes = joint.place(coordinates)
@@ -31,14 +37,22 @@ def test_there_and_back_with_slopes_that_are_differences(shape, pose, offset):
     assert_close(slopes, differentiate(lambda c: joint.place(c)[0], coordinates))
 
 
-def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light():
+@pytest.mark.parametrize(
+    ("effects", "names"),
+    [
+        (WATER, ("lamp.power", "attenuation.k_per_m")),
+        (SEA, ("lamp.power", "sea.absorption_per_m")),
+        (SEA, ("lamp.power", "sea.scattering_per_m")),
+    ],
+)
+def test_a_wrong_constant_that_keeps_the_coordinates_keeps_the_light(effects, names):
     # Along the valley, where power, water and range make up for each other.
-    model = ForwardModel(scene_with(WATER, "curved"))
-    names = ("lamp.power", "attenuation.k_per_m")
+    model = ForwardModel(scene_with(effects, "curved"))
     joint = JointCoordinates(frame_of(model), names)
     at = np.array([-6.0, 0.4, -0.3, 0.1, -0.08, 0.0, 0.0])
     coordinates, light = joint.of(at), model.light(at[:5])
-    for wrong in ([0.2, 0.0], [0.0, 0.04], [-0.2, 0.04]):
+    step = 0.3 if names[1] == "sea.scattering_per_m" else 0.04
+    for wrong in ([0.2, 0.0], [0.0, step], [-0.2, step]):
         place, _ = joint.place(np.array([*coordinates[:5], *wrong]))
         assert abs(place[0] - at[0]) > 0.1
         known = dict(zip(names, np.array(wrong), strict=True))

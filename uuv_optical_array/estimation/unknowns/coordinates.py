@@ -46,6 +46,8 @@ class CoordinateFrame(NamedTuple):
         Attenuation, 1/m, >= 0.
     share
         The ``s / (s + 3)`` of a planar array; 0 for any other.
+    scattered_per_m
+        How much of the attenuation is by scattering, 1/m.
     """
 
     centre_x: float
@@ -54,6 +56,7 @@ class CoordinateFrame(NamedTuple):
     beam_sigma_rad: float
     k_per_m: float
     share: float
+    scattered_per_m: float = 0.0
 
 
 def frame_of(model: ForwardModel) -> CoordinateFrame:
@@ -62,16 +65,18 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
     In water that scatters, attenuation and width are those of the light in the table's middle.
     """
     scene, optics = model.scene, model.optics()
-    sigma, (_, k_per_m) = optics.beam_sigma_rad, scene.attenuation
+    sigma, (_, absorption) = optics.beam_sigma_rad, scene.attenuation
+    scattered = 0.0
     if optics.scattering_per_m > 0:
         range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)
         on_axis = range_m, 0.0, 1.0, 1.0, 1.0, -1.0
         flux = scattered_light(*on_axis, 1.0, sigma, optics.scattering_per_m)
-        k_per_m -= float(flux[1] + 2 / range_m)
+        scattered = -float(flux[1] + 2 / range_m)
         sigma = float((-flux[2]) ** -0.5)
     planar = model.scene.array.shape == "planar"
     x, y, z = model.array.positions.mean(axis=0).tolist()
-    return CoordinateFrame(x, y, z, sigma, k_per_m, 1 / (1 + 3 * sigma**2) if planar else 0.0)
+    share = 1 / (1 + 3 * sigma**2) if planar else 0.0
+    return CoordinateFrame(x, y, z, sigma, absorption + scattered, share, scattered)
 
 
 @law

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import sqrt
+from numpy import exp, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation, wrapped
 from uuv_optical_array.core.numerics import compilation
@@ -29,7 +29,13 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     write_slopes,
 )
 from uuv_optical_array.forward.optics import DEGREE
-from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER
+from uuv_optical_array.forward.prior import (
+    ABSORPTION,
+    ATTENUATION,
+    BEAM_SIGMA,
+    POWER,
+    SCATTERING,
+)
 
 LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant makes it
 
@@ -41,7 +47,7 @@ class Joint(NamedTuple):
     ----------
     frame
         Of the scene, as `coordinates.frame_of` returns it.
-    power, water, width
+    power, water, width, scattering
         Places of the constants that change the attenuation, from 5 on; -1: known.
     """
 
@@ -49,19 +55,21 @@ class Joint(NamedTuple):
     power: int
     water: int
     width: int
+    scattering: int
 
 
 def frame_with(joint: Joint, at: Any) -> CoordinateFrame:
     """Return the frame of the pose's coordinates under constants, shape ``(5 + q,)``."""
     frame = joint.frame
     k_per_m, sigma = frame.k_per_m, frame.beam_sigma_rad
+    if joint.scattering >= 0:
+        k_per_m = k_per_m + frame.scattered_per_m * (exp(at[joint.scattering]) - 1)
     if joint.water >= 0:
         k_per_m = max(k_per_m + at[joint.water], 0.0)
     if joint.width >= 0:
         sigma = max(sigma + DEGREE * at[joint.width], LEAST_WIDTH * sigma)
-    return CoordinateFrame(
-        frame.centre_x, frame.centre_y, frame.centre_z, sigma, k_per_m, frame.share
-    )
+    x, y, z, scattered = frame.centre_x, frame.centre_y, frame.centre_z, frame.scattered_per_m
+    return CoordinateFrame(x, y, z, sigma, k_per_m, frame.share, scattered)
 
 
 def coordinates_of(joint: Joint, at: Any) -> Any:
@@ -96,6 +104,9 @@ def write_place(joint: Joint, coordinates: Any, at: Any, slopes: Any) -> None:
             slopes[i, joint.power] = -0.5 * gives_way
         if joint.water >= 0:
             slopes[i, joint.water] = 0.5 * range_m * gives_way
+        if joint.scattering >= 0:
+            scattered = frame.scattered_per_m * exp(coordinates[joint.scattering])
+            slopes[i, joint.scattering] = 0.5 * range_m * scattered * gives_way
         if joint.width >= 0:
             slopes[i, joint.width] = -2 * DEGREE * loss / frame.beam_sigma_rad * gives_way
 
@@ -104,7 +115,7 @@ def prepare(constants: Constants) -> None:
     """Compile what `JointCoordinates` run from then on in this process."""
     if constants.frame is None:
         return
-    joint, at = Joint(constants.frame, -1, -1, -1), np.ones(5 + len(constants.names))
+    joint, at = Joint(constants.frame, -1, -1, -1, -1), np.ones(5 + len(constants.names))
     compilation.prepare(coordinates_of, joint, at)
     compilation.prepare(write_place, joint, at, at.copy(), np.eye(len(at)))
 
@@ -149,7 +160,7 @@ class JointCoordinates(AsTheyAre):
             return 5 + names.index(name) if name in names else -1
 
         water = max(place(ATTENUATION), place(ABSORPTION))
-        self._joint = Joint(frame, place(POWER), water, place(BEAM_SIGMA))
+        self._joint = Joint(frame, place(POWER), water, place(BEAM_SIGMA), place(SCATTERING))
 
     def of(self, at: Array) -> Array:
         """Return the coordinates of pose and constants."""

@@ -21,7 +21,7 @@ from tracks import (
 from uuv_optical_array.core.geometry import X, Y, Z
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
-from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE, MANOEUVRE_S, RATE_STD, Tracker
+from uuv_optical_array.estimation.tracking.tracker import MANOEUVRE_STD, RATE_STD, Tracker
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -81,9 +81,9 @@ def test_an_outlier_is_refused_with_its_distance_and_the_track_goes_on_without_i
 def test_the_gate_lets_pass_what_lies_within_and_refuses_what_lies_beyond():
     # The first frame's rate is uncertain; both spreads are diagonal, so x alone sets the distance.
     options = TrackerSettings(common_share=0.0)
-    (_, noise), (_, moment) = motion(0.1, options), motion(MANOEUVRE_S, options)
-    noise = noise + MANOEUVRE**2 * moment
-    spread = 2 * STD[0] ** 2 + (RATE_STD[0] * 0.1) ** 2 + noise[0, 0]
+    _, noise = motion(0.1, options)
+    rate = np.hypot(RATE_STD[0], MANOEUVRE_STD[0])
+    spread = 2 * STD[0] ** 2 + (rate * 0.1) ** 2 + noise[0, 0]
     edge = GATE * math.sqrt(spread)
     for off, refused in ((0.999 * edge, False), (1.001 * edge, True)):
         tracker = Tracker(options)

@@ -20,7 +20,7 @@ A frame comes as a pose with its covariance, or with its readings, linearised (`
 - Readings correct the scene's unknown constants and the detectors' gain errors as well, while the
   vehicles move. As the readings are linearised near noisy poses, they contain less information
   about the constants than their covariance says. So only one frame in `LEARN_EVERY_S` corrects
-  constants, and none while a constant in which the light is not linear is known better than
+  constants, and none while one that trades with the range (`BENT`) is known better than
   `LEAST_SHARE` of its prior.
 
 The rate changes at random, and now and then at once: a frame that the usual motion hardly explains
@@ -68,7 +68,7 @@ from uuv_optical_array.estimation.tracking.track import (
     Track,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
-from uuv_optical_array.forward.prior import AMBIENT, GRADIENTS
+from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER
 
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
@@ -77,8 +77,9 @@ POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unkno
 MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
 # Readings correct constants once in so long, s.
 LEARN_EVERY_S = 4.0
-# Least standard deviation, as a share of the prior's, at which readings correct constants.
-LEAST_SHARE = 0.6
+# Least standard deviation, as a share of the prior's, at which readings correct constants: of those
+# that give way to the range where an image stays as bright, so that their valley is bent.
+LEAST_SHARE, BENT = 0.6, (POWER, BEAM_SIGMA, ATTENUATION, ABSORPTION)
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,8 @@ class Tracker:
         )
         self._space = StateSpace(c, s.constants_hold_s)
         self._correction = Correction(self._space, c, s.common_share, self._gate)
-        nonlinear = [name not in (AMBIENT, *GRADIENTS) for name in c.names]
-        self._least_stds = np.where(nonlinear, LEAST_SHARE * np.array(c.stds), 0.0)
+        bent = [name in BENT for name in c.names]
+        self._least_stds = np.where(bent, LEAST_SHARE * np.array(c.stds), 0.0)
 
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
@@ -365,7 +366,7 @@ class Tracker:
         return fused, corrected.cost + manoeuvre * MANOEUVRE_COST
 
     def _worth_learning(self, state: Gaussian) -> bool:
-        """Say whether no constant in which the light is not linear is known well."""
+        """Say whether no constant that trades with the range is known well."""
         stds = np.linalg.norm(state.full_root[self._space.constants], axis=1)
         return bool((stds >= self._least_stds).all())
 

@@ -5,7 +5,7 @@ import importlib.util
 import numpy as np
 import pytest
 from bags import image_message, odometry_message, write_bag
-from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, named, pulls
+from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, largest_pull, named, pulls, sea
 from command_line import run
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -189,6 +189,47 @@ def test_a_poor_drive_names_what_it_does_not_tell_and_the_errors_hold_it(
     for name in squares[0]:
         mean = np.mean([square[name] for square in squares])
         assert low < mean < high, name
+
+
+@pytest.mark.parametrize("seed", [0, 2, 5])
+def test_what_is_not_known_was_held_and_what_is_known_was_fitted(seed):
+    """In the light of a dim lamp, at one range, some are determined at one place of a fit alone."""
+    rng = np.random.default_rng(seed)
+    settings = load_scene("follow").settings()
+    settings["lamp"]["reference_counts"] = 60.0
+    start = scene_from_settings(settings, "dim")
+    scene, aims = rig_like(start, rng)
+    poses = rng.uniform([-6, -0.8, -0.8, -0.1, -0.1], [-6, 0.8, 0.8, 0.1, 0.1], (60, 5))
+    poses[:, 0] = -np.sqrt(36 - (poses[:, 1:3] ** 2).sum(axis=1))
+    found = calibrate(start, exposed(scene, poses, rng, aims=aims), poses)
+    for parameter in found.parameters:
+        held = parameter.value == parameter.start
+        assert held == (parameter.note == "not known"), parameter.name
+    assert largest_pull(found, scene, aims) < 4
+
+
+def test_a_long_bent_valley_is_followed_to_its_end():
+    """On the axis gains, response, radius and beam nearly make up for each other."""
+    rng = np.random.default_rng(4)
+    scene = sea(
+        "follow",
+        gains=(0.01, 3),
+        lamp__reference_counts=1400.0,
+        lamp__beam_sigma_deg=8.8,
+        sea__absorption_per_m=0.165,
+        sea__scattering_per_m=0.05,
+        field_of_view__cosine_power=0.88,
+        array__radius_m=0.328,
+        ambient__level_counts=1.0,
+    )
+    aims = np.array([0.03, 0.005, 0.0, 0.0])
+    poses = np.zeros((100, 5))
+    poses[:, 0] = -rng.uniform(3, 8, 100)
+    found = calibrate(load_scene("follow"), exposed(scene, poses, rng, aims=aims), poses)
+    assert largest_pull(found, scene, aims) < 4
+    told = [note for note in found.notes if "turned by" in note]
+    assert len(told) == 1, "the array's aim is not known to 0.002 rad"
+    assert told[0].startswith("the lamp is turned by +1.")
 
 
 def test_ranges_that_suffice_are_not_asked_for_again():

@@ -1,5 +1,6 @@
 """The fit of a calibration: outliers are left out, and undetermined parameters are held."""
 
+import itertools
 from collections.abc import Callable, Collection
 
 import numpy as np
@@ -30,7 +31,7 @@ from uuv_optical_array.core.geometry import Array
 OUTLIER = 5.0  # standard deviations; noise alone exceeds it once in two million readings
 OUTLYING_IMAGE = 0.25  # share of outliers among an image's readings from which none is used
 OUTLIER_ROUNDS = 10
-IDENTIFIABILITY_ROUNDS = 6
+FREE_ROUNDS = 3  # of finding what is determined, in which a held parameter may be released
 POOR_MISFIT = 2.0  # mean squared residual from which held parameters are released once
 CONSTANT_IMAGES = 10  # a reading that is the same in so many images is a fault,
 EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
@@ -96,10 +97,12 @@ class CalibrationFit:
     def _fit_determined(self) -> None:
         """Fit until the parameters determined at the fit are those that were fitted."""
         released = False
-        for _ in range(IDENTIFIABILITY_ROUNDS):
+        for rounds in itertools.count():
             self._fit()
-            # Without the misfit, which is large while a parameter is held at a wrong value.
-            before, self.unknown = self.unknown, self._undetermined()
+            # Without the misfit, which is large while a parameter is held at a wrong value. What is
+            # known at one place and not at another stays held in the end.
+            before = self.unknown
+            self.unknown = self._undetermined(keep=before if rounds >= FREE_ROUNDS else ())
             if self.unknown == before:
                 if released or not before or self.agreement.misfit < POOR_MISFIT:
                     break
@@ -138,10 +141,13 @@ class CalibrationFit:
         shifts = held_shifts(self.state.information, own, self.unknown, self._largest)
         return misfit * own + shifts @ shifts.T
 
-    def _undetermined(self, misfit: float = 1.0) -> frozenset[int]:
-        """Return what the images do not determine, and note what correlates with it."""
+    def _undetermined(self, misfit: float = 1.0, keep: Collection[int] = ()) -> frozenset[int]:
+        """Return what the images do not determine, and note what correlates with it.
+
+        What is to `keep` counts as such.
+        """
         unknown, self.correlated = undetermined(
-            self.state.information, self._given(), self._largest, misfit
+            self.state.information, self._given(), self._largest, misfit, keep
         )
         return unknown
 

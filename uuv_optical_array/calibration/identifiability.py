@@ -85,15 +85,20 @@ def held_shifts(
 
 
 def undetermined(
-    information: Array, given: frozenset[int], largest: Array, misfit: float = 1.0
+    information: Array,
+    given: frozenset[int],
+    largest: Array,
+    misfit: float = 1.0,
+    keep: Collection[int] = (),
 ) -> tuple[frozenset[int], dict[int, int]]:
     """Return the parameters to hold so that the images determine all others, and correlated ones.
 
-    Those `given` are held anyway; `misfit` is a factor of the variances. A correlated parameter is
+    Those `given` are held anyway, those to `keep` are among the result; `misfit` is a factor of the
+    variances. A correlated parameter is
     determined only while another, the value, is held, or it is held with it.
     """
     correlated: dict[int, int] = {}
-    unknown: set[int] = set()
+    unknown = set(keep)
     own = np.diag(information) * largest**2
     while True:
         covariances = covariance(information, given | unknown, largest)

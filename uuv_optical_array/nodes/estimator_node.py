@@ -315,7 +315,8 @@ class EstimatorNode(Node):
     ) -> None:
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
-        self.diagnostics.warn(faults(estimate))
+        mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
+        self.diagnostics.warn(faults(estimate) or mismatch)
         self.log_state_of_fit(pipeline.estimator)
         below_base = self.parameters["tf_parent"] == "base"
         if self.leaders.heard or below_base:

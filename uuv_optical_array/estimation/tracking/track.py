@@ -65,6 +65,9 @@ class Track:
         are not.
     own_motion
         Whether the follower's commands are known at that instant, or contradicted by the images.
+    mismatch
+        What would explain best that the frames of the last half minute are not of the scene; empty
+        where they may be. The covariance then has how far that moves the pose.
     """
 
     stamp_ns: int
@@ -76,6 +79,7 @@ class Track:
     constants: Mapping[str, Learnt] = field(default_factory=dict)
     gains: Array = field(default_factory=lambda: np.zeros(0))
     own_motion: OwnMotionIs = "not told"
+    mismatch: str = ""
 
     @property
     def covariance(self) -> Array:

@@ -32,6 +32,7 @@ them. A frame beyond the gate is an outlier; outliers that agree with each other
 
 import math
 from bisect import bisect_left
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,7 +55,13 @@ from uuv_optical_array.estimation.tracking.measurement import (
     checked_pose,
     checked_readings,
 )
-from uuv_optical_array.estimation.tracking.motion import OwnMotion, in_beacon, walk_noise
+from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
+from uuv_optical_array.estimation.tracking.motion import (
+    LONG_AGO_NS,
+    OwnMotion,
+    in_beacon,
+    walk_noise,
+)
 from uuv_optical_array.estimation.tracking.root_filter import Gaussian, triangular
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.state import SLOW, StateSpace
@@ -112,6 +119,7 @@ class Tracker:
         self._history: list[tuple[Measurement, _State]] = []
         self._previous: _State | None = None  # the last state of the track before this one
         self._own_motion = OwnMotion()
+        self._tested_ns = LONG_AGO_NS  # stamp of the newest frame that was tested for a mismatch
         self._settings, s = settings, settings
         self._constants = c = constants or Constants()
         self._rate_walk = np.array(
@@ -122,6 +130,7 @@ class Tracker:
             round(time_s * 1e9) for time_s in (s.buffer_s, s.reset_after_s, s.command_timeout_s)
         )
         self._space = StateSpace(c, s.constants_hold_s)
+        self._residuals = LastingResiduals(c)
         self._correction = Correction(self._space, c, s.common_share, self._gate)
         bent = [name in BENT for name in c.names]
         self._least_stds = np.where(bent, LEAST_SHARE * np.array(c.stds), 0.0)
@@ -263,6 +272,13 @@ class Tracker:
         if newest.frame.readings is None:
             root = newest.frame.root
             joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
+        elif newest.frame.relinearise and stamp_ns > self._tested_ns:
+            self._tested_ns = stamp_ns
+            near = newest.frame.relinearise(mean[self._space.linear])
+            with suppress(ValueError):  # not finite there
+                self._residuals.add(stamp_ns, checked_readings(near, self._constants))
+        shift = self._residuals.shift
+        joint[POSE, POSE] += np.outer(shift, shift)
         return Track(
             stamp_ns,
             mean[POSE].copy(),
@@ -273,6 +289,7 @@ class Tracker:
             dict(zip(self._constants.names, learnt, strict=True)),
             mean[self._space.gains].copy(),
             own_motion,
+            self._residuals.mismatch,
         )
 
     def expected(self, stamp_ns: int) -> Expected:

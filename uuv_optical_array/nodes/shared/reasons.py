@@ -135,6 +135,13 @@ WARNINGS = {
         "Two nodes publish on a topic that must have one publisher: two runs are mixed.",
         "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     ),
+    "mismatch": Reason(
+        "The images of the last half minute differ from the scene by more than its prior says. The "
+        "text names what would explain them best, and the track's covariance has what that does to "
+        "the pose.",
+        "Look at what is named: clean or repair the detector, cover other lamps, check the lamp's "
+        "battery; then calibrate, or widen the scene's `prior`.",
+    ),
     "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
     "future stamps": Reason(
         _OLD_CLOCK + " With `use_sim_time`, no `/clock` may have come yet.",

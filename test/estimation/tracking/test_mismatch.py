@@ -1,0 +1,85 @@
+"""What lasts in the residuals of many frames is found and named, and nothing where nothing does."""
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
+from uuv_optical_array.estimation.unknowns.constants import Constants
+
+SIDE, GAIN_STD, STDS = 5, 0.005, np.array([0.1, 5.0])
+NAMES = ("lamp.power", "ambient.level_counts")
+CONSTANTS = Constants(NAMES, tuple(STDS), GAIN_STD, SIDE**2)
+
+
+def watched(rng, seconds, beyond=lambda light, time_s: 0.0):
+    """Return the tests of frames at 10 Hz whose poses are off and whose constants are drawn."""
+    found, texts = LastingResiduals(CONSTANTS), []
+    offsets, gains = STDS * rng.standard_normal(2), GAIN_STD * rng.standard_normal(SIDE**2)
+    for k in range(round(10 * seconds)):
+        light = rng.uniform(100, 900, SIDE**2)
+        of_pose = light[:, None] * rng.standard_normal((SIDE**2, 5))
+        of_constants = np.column_stack([light, np.ones(SIDE**2)])
+        slopes = np.hstack([of_pose, of_constants])
+        at = np.concatenate([rng.standard_normal(5), STDS * rng.standard_normal(2)])
+        residuals = (
+            of_pose @ (0.01 * rng.standard_normal(5))
+            + of_constants @ (offsets - at[5:])
+            + light * gains
+            + beyond(light, k / 10)
+            + rng.standard_normal(SIDE**2)
+        )
+        frame = LinearisedReadings(at, residuals, slopes, light, np.ones(SIDE**2))
+        found.add(10**18 + k * 10**8, frame)
+        texts.append(found.mismatch)
+    return found, texts
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_frames_of_the_scene_raise_no_alarm(seed):
+    found, texts = watched(np.random.default_rng(seed), 70)
+    assert set(texts) == {""}
+    assert (found.shift == 0).all()
+
+
+def one_detector(light, time_s):
+    return -0.05 * light * (np.arange(SIDE**2) == 8)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "what", "size"),
+    [
+        (one_detector, "the detector of row 1, column 3", -0.05),
+        (lambda light, time_s: 0.06 * light * np.eye(5)[2].repeat(5), "the row 2", 0.06),
+        (lambda light, time_s: -0.01 * time_s * light, "lamp.power with time", -0.01),
+        (lambda light, time_s: np.full(25, 60.0), "ambient.level_counts", 60.0),
+    ],
+)
+def test_what_lasts_is_named_with_its_size(beyond, what, size):
+    found, texts = watched(np.random.default_rng(3), 25, beyond)
+    assert found.mismatch.startswith(what)
+    said = float(found.mismatch.partition("off by ")[2].partition(" (")[0])
+    assert said == pytest.approx(size, rel=0.3)
+    assert texts[10] == ""  # not of a second alone
+    assert np.linalg.norm(found.shift) > 0
+
+
+def test_an_alarm_ends_with_the_first_window_that_has_none():
+    def at_first(light, time_s):
+        return one_detector(light, time_s) * (time_s < 20)
+
+    _, texts = watched(np.random.default_rng(3), 65, at_first)
+    assert texts[200].startswith("the detector of row 1, column 3")
+    assert texts[-1] == ""
+
+
+def test_the_shift_is_that_of_least_squares():
+    rng = np.random.default_rng(3)
+    found, _ = watched(rng, 20, one_detector)
+    light, of_pose = rng.uniform(100, 900, 25), rng.standard_normal((25, 5))
+    slopes = np.column_stack([of_pose, light, np.ones(25)])
+    frame = LinearisedReadings(np.zeros(7), np.zeros(25), slopes, light, np.full(25, 4.0))
+    size = found._size
+    found.add(10**18 + 200 * 10**8, frame)
+    moved = np.linalg.lstsq(of_pose, light * (np.arange(25) == 8) * size, rcond=None)[0]
+    np.testing.assert_allclose(found.shift, moved, rtol=1e-9)

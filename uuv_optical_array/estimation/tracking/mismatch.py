@@ -1,0 +1,126 @@
+"""What differs from the scene for long, by what many frames leave together.
+
+An error of one frame is lost in its noise; one that lasts is in all frames. Each frame is linear in
+its pose, which is free, and in lasting errors: of the constants and the detectors' gains, which are
+as large as the prior says, and of the lamp's power with time, which is none. Scores s of these and
+their information J, summed over frames, are Gaussian about 0 with covariance J + J P J, where P is
+the prior's, if the scene is right. A score test for each error beyond its prior (C. R. Rao, 1948,
+Proc. Camb. Phil. Soc. 44, 50) and the chi-square of all of them tell if it is not, and the largest
+score what explains it best.
+"""
+
+import numpy as np
+from scipy.special import chdtrc
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.information.linearised import LinearisedReadings
+from uuv_optical_array.estimation.tracking.state import MOST_LEARNT
+from uuv_optical_array.estimation.unknowns.constants import Constants
+from uuv_optical_array.forward.prior import POWER, shade_modes
+
+WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
+CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
+LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
+NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
+
+
+class LastingResiduals:
+    """Tests the frames of a track.
+
+    Parameters
+    ----------
+    constants
+        What is not known of the scene. Arrays of more than `MOST_LEARNT` detectors are not tested.
+
+    Attributes
+    ----------
+    mismatch : str
+        What would explain the frames best; empty while the scene does.
+    shift : Array
+        How far that moves the pose of the newest frame, m and rad, shape ``(5,)``.
+    """
+
+    def __init__(self, constants: Constants) -> None:
+        side, q = round(constants.detectors**0.5), len(constants.names)
+        self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
+        self.mismatch = ""
+        self.shift: Array = np.zeros(5)
+        self._best, self._size = -1, 0.0
+        self._start_ns = self._checked_ns = 0
+        self._power = constants.names.index(POWER) if POWER in constants.names else -1
+        if not self._tests:
+            return
+        places = [(i, k) for i in range(side) for k in range(side)]
+        self._names = [
+            *constants.names,
+            *(f"the detector of row {i}, column {k}" for i, k in places),
+            f"{POWER} with time, per s,",
+            *(f"the row {i} of detectors" for i in range(side)),
+            *(f"the column {k} of detectors" for k in range(side)),
+            *["the evenness of the light"] * 5,
+        ]
+        gain = max(constants.gain_std, LEAST_GAIN)
+        self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
+        size = len(self._prior)
+        self._directions = np.zeros((size, len(self._names)))
+        self._directions[:, :size] = np.eye(size)
+        row = np.repeat(np.eye(side), side, axis=0)
+        column = np.tile(np.eye(side), (side, 1))
+        patterns = np.hstack([row, column, shade_modes(side).T])
+        self._directions[q : q + side**2, size:] = patterns
+        self._begin(0)
+
+    def _begin(self, stamp_ns: int) -> None:
+        size = len(self._prior)
+        self._information: Array = np.zeros((size, size))
+        self._score: Array = np.zeros(size)
+        self._start_ns = self._checked_ns = stamp_ns
+
+    def add(self, stamp_ns: int, readings: LinearisedReadings) -> None:
+        """Take the readings of a frame of the track, linearised at the track's own place."""
+        if not self._tests:
+            return
+        if not 0 <= stamp_ns - self._start_ns <= WINDOW_S * 1e9:
+            self._begin(stamp_ns)
+        whiten = 1 / np.sqrt(readings.variances)[:, None]
+        of_pose, of_constants = np.split(whiten * readings.slopes, [5], axis=1)
+        with_time: Array = np.zeros((len(whiten), 1))
+        if self._power >= 0:
+            since_s = (stamp_ns - self._start_ns) * 1e-9
+            with_time = since_s * of_constants[:, self._power : self._power + 1]
+        lasting = np.hstack([of_constants, np.diag(whiten[:, 0] * readings.light), with_time])
+        left = whiten[:, 0] * readings.residuals + of_constants @ readings.at[5:]
+        basis, root = np.linalg.qr(of_pose)
+        if abs(root.diagonal()).min() <= NEGLIGIBLE * abs(root.diagonal()).max():
+            return  # too few readings for a pose
+        by_pose = basis.T @ lasting
+        rest = lasting - basis @ by_pose
+        self._information += rest.T @ rest
+        self._score += rest.T @ left
+        if self._best >= 0:
+            cause = self._size * self._directions[:, self._best]
+            self.shift = np.linalg.solve(root, by_pose @ cause)
+        if stamp_ns - self._checked_ns >= CHECK_S * 1e9:
+            self._checked_ns = stamp_ns
+            self._check(stamp_ns - self._start_ns > (WINDOW_S - CHECK_S) * 1e9)
+
+    def _check(self, last: bool) -> None:
+        """Test what was summed; what was found stays until the last test of a window clears it."""
+        information, score = self._information, self._score
+        spread = information + information @ self._prior @ information
+        scale = np.sqrt(np.maximum(spread.diagonal(), 1e-300))
+        values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+        keep = values > NEGLIGIBLE * values[-1]
+        whiten = (vectors[:, keep] / np.sqrt(values[keep])).T / scale
+        white, shifts = whiten @ score, whiten @ information @ self._directions
+        known = np.square(shifts).sum(axis=0)
+        known[known <= NEGLIGIBLE * known.max()] = np.inf
+        sizes = (shifts.T @ white) / known
+        scores = sizes**2 * np.where(np.isfinite(known), known, 0.0)
+        best = int(scores.argmax())
+        chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
+        if chance < CHANCE:
+            self._best, self._size = best, float(sizes[best])
+            self.mismatch = f"{self._names[best]} is off by {self._size:+.2g} (chance {chance:.0e})"
+        elif last:
+            self._best, self.mismatch, self.shift = -1, "", np.zeros(5)

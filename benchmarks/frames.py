@@ -111,6 +111,7 @@ def main() -> None:
     cases = {
         "least_squares, reference": (reference, "least_squares"),
         "least_squares, follow": (load_scene("follow"), "least_squares"),
+        "follow, drawn seas": (load_scene("follow"), "least_squares"),
         "four nuisances": (with_nuisances(), "least_squares"),
         "planar 5 x 5": (reference.with_shape("planar"), "least_squares"),
         "weakly curved 7 x 7": (weakly_curved(), "least_squares"),
@@ -122,7 +123,10 @@ def main() -> None:
     for name, (scene, method) in cases.items():
         estimator = Estimator(build_table(scene), method).wait()
         model = ForwardModel(scene)
-        frames = model.expose(lit_poses(model, FRAMES, rng), rng)
+        poses = lit_poses(model, FRAMES, rng)
+        stds = scene.prior.nuisance_std() if name.endswith("drawn seas") else {}
+        seas = {of: std * rng.standard_normal(FRAMES) for of, std in stds.items()}
+        frames = model.expose(poses, rng, offsets=seas)
         full_scale, alone = scene.full_scale_counts, name.endswith("alone")
         parameters = key_parameters(frames, full_scale, scene.signature.peak)
         asked = [(None, each) for each in parameters] if alone else [(each,) for each in frames]

@@ -48,11 +48,17 @@ def test_faulty_detectors_are_named_and_the_pose_is_right(estimator, fault, coun
     poses = lit_poses(model, 200, rng)
     poses = poses[model.light(poses).max(axis=(1, 2)) > 150][:12]
     images, places = spoilt(model.expose(poses, rng), fault, count, rng)
+    refused = 0
     for pose, image, faulty in zip(poses, images, places, strict=True):
-        estimate = estimator.estimate(image)
+        try:
+            estimate = estimator.estimate(image)
+        except NoPose:
+            refused += 1  # what is left does not fit well, or too little of it is lit
+            continue
         assert faulty <= set(estimate.left_out)
         off = np.abs(estimate.pose - pose) / np.sqrt(estimate.covariance.diagonal())
         assert (off < 6).all()
+    assert refused <= 1
 
 
 def test_an_image_without_a_fault_loses_no_reading(estimator):
@@ -112,5 +118,10 @@ def test_the_largest_squares_have_no_weight():
     assert not trim(squares, 3, weights)
 
 
-def test_few_detectors_leave_none_to_spare():
-    assert [most_faulty(side**2) for side in (2, 3, 4, 5, 7)] == [0, 1, 2, 3, 3]
+@pytest.mark.parametrize(
+    ("dark", "full", "count"), [(0, 0, 3), (4, 0, 3), (5, 0, 2), (0, 4, 3), (12, 0, 1), (19, 0, 0)]
+)
+def test_what_is_left_out_is_a_seventh_of_what_is_lit(estimator, dark, full, count):
+    readings = np.full(25, 300.0)
+    readings[:dark], readings[25 - full :] = 0, 1023
+    assert most_faulty(estimator._fit._kinds[0].problem._replace(readings=readings)) == count

@@ -11,7 +11,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import unowned
-from uuv_optical_array.estimation.least_squares.frame import Guide, start_at
+from uuv_optical_array.estimation.least_squares.frame import Guide, lit, start_at
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     MOST_STEPS,
@@ -23,7 +23,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
 MOST_FAULTY = 3
-DETECTORS_EACH = 8  # for each detector that may be left out: the others must determine the pose
+LIT_EACH = 7  # clearly lit detectors for each that may be left out, or what is left fits anything
 # Probability that a detector is, in an image that does not fit: it reads anything to full scale.
 FAULTY = 1e-2
 STARTS, ROUNDS = 8, 5
@@ -31,9 +31,10 @@ TAKEN_BACK = 4.5  # cost of a reading, as of three standard deviations, up to wh
 WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
 
 
-def most_faulty(detectors: int) -> int:
-    """Return how many of so many detectors may be left out."""
-    return min(MOST_FAULTY, detectors // DETECTORS_EACH)
+def most_faulty(problem: Problem) -> int:
+    """Return how many readings of an image may be left out."""
+    full = np.count_nonzero(problem.readings >= problem.noise.high)
+    return min(MOST_FAULTY, (lit(problem) + 2 * full) // LIT_EACH)
 
 
 def log_odds(problem: Problem, light: Any) -> Any:

@@ -25,6 +25,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     MANY_STEPS,
     MOST_STEPS,
     POSE,
+    UNUSUAL,
     USUAL,
     Misfit,
     Problem,
@@ -241,7 +242,7 @@ def find_minima(
         if len(minima) > 0:
             best_misfit = misfit(problem, minima[0].parts[AT])
             rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-            if not (first and rivals) and best_misfit.score <= USUAL:
+            if not (first and rivals) and best_misfit.score <= (USUAL if first else UNUSUAL):
                 break
         if count == most:
             break

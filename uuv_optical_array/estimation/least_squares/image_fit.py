@@ -33,7 +33,7 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     is_doubtful,
     weighed,
 )
-from uuv_optical_array.estimation.least_squares.problem import USUAL, PosePrior, Problem
+from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
 from uuv_optical_array.estimation.least_squares.saturated import (
     SaturatedPosterior,
     saturated_posterior,
@@ -60,8 +60,10 @@ STARTS = 1024
 NEAR_STARTS, NEAREST = 512, 0.2
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
-# Probability, by fits that are linear about their minima, beyond which nothing else is looked at.
-SURELY_CLEAR = 0.994
+# Score up to which the readings of the others have to fit: that of one image of fifty.
+MENDED = 2.054
+# Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
+MOSTLY_CLEAR = 0.8
 
 
 class Fitted(NamedTuple):
@@ -229,10 +231,13 @@ class ImageFit:
             problems.append(kind.knowing(expected)._replace(readings=readings, roll=roll))
             if kind.rare and not guide.gaussian:
                 # The integral takes several times as long as a clear one, and few images need it.
-                linear = self._frame(problems[-1], guide._replace(gaussian=True), parameters)
-                _, shares = weighed(kinds, problems, [*frames, linear])
-                if shares[0] > SURELY_CLEAR:
+                at = np.tile(frames[0].best[:5], (2, 1))
+                from_there = guide._replace(poses=at, units=guide.units[:, :2], gaussian=True)
+                frames.append(self._frame(problems[-1], from_there, parameters))
+                _, shares = weighed(kinds, problems, frames)
+                if shares[0] > MOSTLY_CLEAR:
                     break
+                frames.pop()
             frames.append(self._frame(problems[-1], guide, parameters))
         kinds, problems = kinds[: len(frames)], problems[: len(frames)]
         faults = not guide.gaussian and self._add_faults(kinds, problems, frames)
@@ -271,15 +276,16 @@ class ImageFit:
         Returns whether it did.
         """
         readings, guide = problems[0].readings, self.guide
-        count = most_faulty(len(readings))
-        if not count or (frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED):
+        count = most_faulty(problems[0])
+        fits = frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED
+        if fits or not count:
             return False
         problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
         self._leave_out(problem, guide, count)
         if problem.weights.all():
             return False
         frame = self._frame(problem, guide, np.full((5, 1), np.nan))
-        if frame.outcome != FITTED or frame.strict_score > USUAL:
+        if frame.outcome != FITTED or frame.strict_score > MENDED:
             return False
         share = kinds[0].share * np.exp(log_evidence(problem))
         kinds.append(kinds[0]._replace(share=share))

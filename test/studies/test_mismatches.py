@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import second_forward as second
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -59,6 +60,18 @@ def without(effect, settings=SUNLIT):
     return {**settings, "effects": effects}
 
 
+def resized(**sizes):
+    settings = settings_of(**SEA)
+    settings["array"] |= sizes
+    return settings
+
+
+def turned_to_starboard(deg):
+    """Return the poses turned about the lamp, by SciPy."""
+    turn = Rotation.from_euler("z", -deg, degrees=True)
+    return np.column_stack([turn.apply(POSES[:, :3]), POSES[:, 3], POSES[:, 4] - np.radians(deg)])
+
+
 ASIDE, ABOVE = np.array([0, 0.3, 0, 0, 0]), np.array([0, 0, 1.0, 0, 0])
 LAMP = without("ambient")
 TRUTHS = {
@@ -71,6 +84,12 @@ TRUTHS = {
     "power_x2": lambda: by_second(SUNLIT, factor=2.0),
     "ambient_10": lambda: by_second(changed("ambient", "level_counts", 10)),
     "second_lamp_0.3": lambda: by_second(SUNLIT) + 0.3 * by_second(LAMP, POSES - ASIDE),
+    "response-5": lambda: by_second(
+        SUNLIT, offsets={"field_of_view.cosine_power": math.log(0.95) / math.log(math.sqrt(0.75))}
+    ),
+    "radius_x0.95": lambda: by_second(resized(radius_m=0.95 * 0.32)),
+    "width_x1.05": lambda: by_second(resized(width_m=1.05 * 0.4)),
+    "lamp_axis_2": lambda: by_second(SUNLIT, turned_to_starboard(2)),
     "reflection": lambda: by_second(SUNLIT) + 0.1 * by_second(LAMP, POSES - ABOVE),
     "rolled_15": lambda: by_second(SUNLIT, roll=math.radians(15)),
     # Starboard and port change places, of the image and of the world.
@@ -97,6 +116,28 @@ def test_every_kind_is_off_by_what_it_says():
 @pytest.mark.parametrize("name", TRUTHS)
 def test_light_is_that_of_the_second_model(name):
     np.testing.assert_allclose(light_of(name), TRUTHS[name](), rtol=1e-9, atol=1e-9)
+
+
+def test_twice_the_scattering_is_that_of_such_a_sea():
+    one, twice = copy.deepcopy(CLEAR), copy.deepcopy(CLEAR)
+    for settings, scattering in ((one, 0.2), (twice, 0.4)):
+        settings["effects"]["sea"] = {"absorption_per_m": 0.1, "scattering_per_m": scattering}
+    found = light_of("scattering_x2", one)
+    np.testing.assert_allclose(found, by_second(twice, power_of=one), rtol=1e-9)
+    with pytest.raises(ValueError, match="scattering_x2 needs the effect sea"):
+        kinds_named("scattering_x2", load_scene("reference"))
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "gain", "counts"), [("two_dirty", 2, 0.8, 0.0), ("glint", 1, 1.0, 50.0)]
+)
+def test_faults_are_of_so_many_detectors_others_in_each_frame(name, number, gain, counts):
+    poses = np.repeat(POSES, 60, axis=0)
+    plain, found = light_of("nothing", poses=poses), light_of(name, poses=poses)
+    differs = found != plain
+    assert (differs.sum(axis=(1, 2)) == number).all()
+    np.testing.assert_allclose(found[differs], gain * plain[differs] + counts)
+    assert differs.any(axis=0).all(), "each detector in some frame"
 
 
 def test_light_of_other_water_and_beam_is_that_of_the_same_lamp():

@@ -16,7 +16,15 @@ from numpy.polynomial.legendre import legvander2d
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward.effects import MOVING, check_effects
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, PRIORS, over_array
+from uuv_optical_array.forward.prior import (
+    BEAM_SIGMA,
+    POWER,
+    PRIORS,
+    RADIUS,
+    RESPONSE,
+    SCATTERING,
+    over_array,
+)
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses, uniform_poses
 
@@ -32,6 +40,11 @@ SHIPPED = {
     "beam_deg": PRIORS["calibrated"]["beam_sigma_std_deg"],
     "ambient_counts": PRIORS["calibrated"]["ambient_std_counts"],
     "gains": PRIORS["calibrated"]["gain_std"],
+    "scattering": PRIORS["calibrated"]["scattering_std"],
+    "cosine_power": PRIORS["calibrated"]["cosine_power_std"],
+    "radius": PRIORS["calibrated"]["radius_std"],
+    "aim_deg": PRIORS["calibrated"]["aim_std_deg"],
+    "lamp_aim_deg": PRIORS["calibrated"]["lamp_aim_std_deg"],
 }
 # Up to so many of these standard deviations poses should be answered, with true covariances.
 WITHIN = 2.0
@@ -105,6 +118,42 @@ def one_detector(
     row, column = rng.integers(side, size=(2, len(poses)))
     image[np.arange(len(poses)), row, column] = full_scales * model.scene.full_scale_counts
     return image
+
+
+def some_detectors(
+    model: ForwardModel,
+    poses: Array,
+    rng: np.random.Generator,
+    number: int,
+    gain: float = 1.0,
+    counts: float = 0.0,
+) -> Array:
+    """Let some detectors, in each frame others, read a share of their light, or more of it."""
+    image = model.light(poses)
+    flat = image.reshape(len(poses), -1)
+    chosen = rng.permuted(np.tile(np.arange(flat.shape[1]), (len(poses), 1)), axis=1)[:, :number]
+    frame = np.arange(len(poses))[:, None]
+    flat[frame, chosen] = gain * flat[frame, chosen] + counts
+    return image
+
+
+def wider(model: ForwardModel, poses: Array, rng: np.random.Generator, factor: float) -> Array:
+    """Let the array be wider, on the same sphere and under the same lamp."""
+    array = model.scene.array
+    other = dataclasses.replace(array, width_m=factor * array.width_m)
+    wide = ForwardModel(dataclasses.replace(model.scene, array=other))
+    return wide.light(poses, 0.0, {POWER: np.array(np.log(model.power / wide.power))})
+
+
+def turned_lamp(
+    model: ForwardModel, poses: Array, rng: np.random.Generator, by_deg: float
+) -> Array:
+    """Turn the lamp to port: what it lights is as if turned to starboard about it."""
+    turn, seen = np.radians(by_deg), poses.copy()
+    seen[:, X] = np.cos(turn) * poses[:, X] + np.sin(turn) * poses[:, Y]
+    seen[:, Y] = np.cos(turn) * poses[:, Y] - np.sin(turn) * poses[:, X]
+    seen[:, YAW] -= turn
+    return model.light(seen)
 
 
 def two_rows(model: ForwardModel, poses: Array, rng: np.random.Generator, gain: float) -> Array:
@@ -207,6 +256,18 @@ def needs_water(scene: Scene, least_per_m: float) -> str:
     return "" if enough else f"an attenuation of at least {least_per_m:g} /m"
 
 
+def needs_sea(scene: Scene) -> str:
+    """Need water that scatters."""
+    return "" if "sea" in scene.effects else "the effect sea"
+
+
+def needs_sphere(scene: Scene, factor: float) -> str:
+    """Need a sphere that carries detectors so much farther out than its own."""
+    radius_m = scene.array.radius_m
+    holds = radius_m is not None and factor * scene.array.width_m < np.sqrt(2) * radius_m
+    return "" if holds else "a curved array whose corners stay on the sphere"
+
+
 def needs_beam(scene: Scene, than_deg: float) -> str:
     """Need a beam that can be narrower."""
     enough = scene.lamp.beam_sigma_deg >= than_deg + NARROWEST_DEG
@@ -270,6 +331,7 @@ LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate th
 GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."
 FAULT_CURE = "Repair it, or name it in `effects.detector_faults` until then."
 SHADE_CURE = "Clean the port of lamp and array; keep hull and cables out of the beam."
+ARRAY_CURE = "Calibrate the array that was built by `uuv_array calibrate`, and measure its sphere."
 SIGNAL_CURE = "Check power, plug and wiring of the array: this is not light of the lamp."
 
 
@@ -344,7 +406,60 @@ KINDS = (
             partial(other_gains, std=std),
             {"gains": std},
         )
-        for std in (0.005, 0.01, 0.02)
+        for std in (0.005, 0.01, 0.02, 0.03)
+    ),
+    *(
+        Kind(
+            f"response-{percent}",
+            f"Detectors read {percent} % less at 30 deg of incidence.",
+            ARRAY_CURE,
+            partial(with_offset, of=RESPONSE, by=power),
+            {"cosine_power": power},
+        )
+        for percent in (2, 5)
+        for power in [float(np.log(1 - percent / 100) / np.log(np.cos(np.radians(30))))]
+    ),
+    Kind(
+        "radius_x0.95",
+        "The sphere of the array is 5 % too small.",
+        ARRAY_CURE,
+        partial(with_offset, of=RADIUS, by=np.log(0.95)),
+        {"radius": 0.05},
+        missing=partial(needs_sphere, factor=1 / 0.95),
+    ),
+    Kind(
+        "width_x1.05",
+        "The array is 5 % wider than the scene says.",
+        ARRAY_CURE,
+        partial(wider, factor=1.05),
+        missing=partial(needs_sphere, factor=1.05),
+    ),
+    Kind(
+        "lamp_axis_2",
+        "The lamp points 2 deg to port of its frame.",
+        "Turn the lamp, or the frame `beacon`, by what `uuv_array calibrate` finds.",
+        partial(turned_lamp, by_deg=2.0),
+        {"lamp_aim_deg": 2.0},
+    ),
+    Kind(
+        "scattering_x2",
+        "The water scatters twice as much.",
+        K_CURE.replace("K where", "the water where").replace("k_std_per_m", "scattering_std"),
+        partial(with_offset, of=SCATTERING, by=np.log(2.0)),
+        {"scattering": float(np.log(2.0))},
+        missing=needs_sea,
+    ),
+    Kind(
+        "two_dirty",
+        "Two detectors read 0.8 of their light.",
+        FAULT_CURE,
+        partial(some_detectors, number=2, gain=0.8),
+    ),
+    Kind(
+        "glint",
+        "One detector reads 50 counts more.",
+        "Shade the array from the surface; the estimator leaves such a detector out.",
+        partial(some_detectors, number=1, counts=50.0),
     ),
     *(
         Kind(f"{name}_detector", what, FAULT_CURE, partial(one_detector, full_scales=full_scales))
@@ -381,6 +496,7 @@ KINDS = (
         "The array is turned by 1 deg on its mount.",
         "Align the array on its mount, or calibrate after each time that it was taken off.",
         partial(turned_mount, by_deg=1.0),
+        {"aim_deg": 1.0},
     ),
     Kind(
         "mirrored",

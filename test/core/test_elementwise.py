@@ -30,9 +30,10 @@ from uuv_optical_array.core.numerics.elementwise import (
     workspace,
     zeros,
 )
-from uuv_optical_array.forward.effects.water import beer, spread
+from uuv_optical_array.forward.effects.detectors import lens
+from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
@@ -264,7 +265,7 @@ def test_a_law_of_transmission_dims_the_light_and_adds_its_slopes(fast, differen
     rng = np.random.default_rng(4)
     rays = rng.uniform(0.1, 1.0, (8, 6))
     beam = rng.uniform(1, 2, (7, 6))
-    for law, values in ((beer, (0.3, 0.0, 0.0)), (spread, (0.4, 0.01, 0.02))):
+    for law, values in ((beer, (0.3, 0.0, 0.0)), (lens, (0.4, 0.0, 0.0))):
         factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], *values)
         expected = beam.copy()
         expected[0] *= factor
@@ -319,7 +320,9 @@ def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
 
 @numba
 def test_a_law_is_found_at_an_address_of_its_own():
-    addresses = [compilation.law_address(law) for law in (beer, spread, beer)]
+    addresses = [compilation.law_address(law) for law in (beer, lens, beer)]
     assert addresses[0] == addresses[2] != addresses[1]
-    optics = ForwardModel(load_scene("harbour")).optics((), compiled=True)
+    values = load_scene("harbour").settings()
+    values["effects"]["field_of_view"] = {"cosine_power": 1.5}
+    optics = ForwardModel(scene_from_settings(values, "lensed")).optics((), compiled=True)
     assert optics.laws.tolist() == addresses[:2]

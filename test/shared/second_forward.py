@@ -284,6 +284,7 @@ ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
 NOISE = named(sensor_noise, shot_noise, photodiode)
 LIMITS = named(saturation, adc)
 EFFECTS = {"attenuation": attenuation, "sea": through_sea, **WAY, **ARRAY, **NOISE, **LIMITS}
+RESPONSE = "field_of_view.cosine_power"  # whose offset acts in any scene
 LOGARITHMS = "sea.scattering_per_m"  # settings whose offset is that of their logarithm
 
 
@@ -292,7 +293,7 @@ def with_offsets(effects, offsets):
     changed = copy.deepcopy(effects)
     for name, offset in offsets.items():
         effect, setting = name.split(".")
-        if effect in effects and not setting.startswith("to_"):
+        if effect in effects and not setting.startswith("to_") and name != RESPONSE:
             before = changed[effect].get(setting, 0.0)
             by_logarithm = name in LOGARITHMS
             changed[effect][setting] = (
@@ -341,8 +342,8 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
         for name, law in WAY.items():
             if name in effects and light > 0:
                 light *= law(ray, lamp, **effects[name])
-        if light > 0 and "field_of_view" not in effects:
-            light *= ray.cosine ** offsets.get("field_of_view.cosine_power", 0.0)
+        if light > 0:
+            light *= ray.cosine ** offsets.get(RESPONSE, 0.0)
         readings.append(light)
     side = array["detectors_per_side"]
     shades, daylight = unnamed(side, effects, offsets)

@@ -232,7 +232,8 @@ class ImageFit:
             if kind.rare and not guide.gaussian:
                 # The integral takes several times as long as a clear one, and few images need it.
                 at = np.tile(frames[0].best[:5], (2, 1))
-                from_there = guide._replace(poses=at, units=guide.units[:, :2], gaussian=True)
+                units = np.ascontiguousarray(guide.units[:, :2])  # else Numba compiles once more
+                from_there = guide._replace(poses=at, units=units, gaussian=True)
                 frames.append(self._frame(problems[-1], from_there, parameters))
                 _, shares = weighed(kinds, problems, frames)
                 if shares[0] > MOSTLY_CLEAR:

@@ -24,7 +24,7 @@ from uuv_optical_array.forward.working_volume import lit_poses
 
 FRAMES = 300
 NUISANCES = PriorSettings(
-    lamp_power_std=0.1, k_std_per_m=0.02, ambient_std_counts=5.0, temperature_std_c=1.0
+    lamp_power_std=0.1, absorption_std_per_m=0.02, ambient_std_counts=5.0, temperature_std_c=1.0
 )
 
 

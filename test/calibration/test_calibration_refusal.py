@@ -285,6 +285,24 @@ def test_what_is_not_known_is_not_exact(known, kept):
         assert getattr(found.scene.prior, key) == PRIORS[kept][key], key
 
 
+@pytest.mark.parametrize("housed", [{}, {"field_of_view": {"half_angle_deg": 60.0}}])
+def test_a_prior_is_about_what_the_scene_has_and_keeps_what_was_not_fitted(housed):
+    values = load_scene("reference").settings()
+    del values["effects"]["attenuation"]
+    values["effects"] |= housed
+    values["prior"] = {"known": "calibrated"}
+    start, rng = scene_from_settings(values, "clear"), np.random.default_rng(1)
+    poses = drive(rng, 100)
+    # Farther off it is brighter, if by little: no attenuation at all fits best.
+    brighter = np.exp(0.002 * np.linalg.norm(poses[:, :3], axis=1))[:, None, None]
+    model = ForwardModel(start)
+    found = calibrate(start, model.read(brighter * model.light(poses), rng), poses).scene
+    assert "attenuation" not in found.effects
+    assert found.prior.k_std_per_m == 0
+    # The response behind a housing is not fitted, and known no better than before.
+    assert (found.prior.cosine_power_std == start.prior.cosine_power_std) == bool(housed)
+
+
 @pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
 def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     rng = np.random.default_rng(10)

@@ -29,11 +29,10 @@ from uuv_optical_array.calibration.parameters import (
     K,
     calibrated_prior,
     is_logarithm,
-    lacking,
     names_in,
 )
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
 REFERENCE = "lamp.reference_counts"
 NOISE_ROUNDS = 4
@@ -180,7 +179,7 @@ def calibrate(
                 "exact poses"
             )
     likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
-    known = [i for i, name in enumerate(names) if name in hold or i in lacking(scene)]
+    known = [i for i, name in enumerate(names) if name in hold or i in likelihood.lacking]
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
     fit = CalibrationFit(likelihood, known, on_step)
@@ -293,7 +292,5 @@ def _calibrated_scene(
     settings["prior"] |= calibrated_prior(
         scene.prior, values, errors, fit.unknown, "sea" in effects
     )
-    for i, key in ((COSINE_POWER, "cosine_power_std"), (SIZE, "radius_std")):
-        if i in fit.likelihood.lacking:
-            settings["prior"][key] = 0.0
+    settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array), 0.0)
     return scene_from_settings(settings, scene.name)

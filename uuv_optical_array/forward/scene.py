@@ -161,7 +161,7 @@ class Scene:
         ]
 
 
-# What an uncertain setting belongs to.
+# What an uncertain setting of the prior belongs to.
 NEEDS = {
     "k_std_per_m": "effects.attenuation",
     "absorption_std_per_m": "effects.sea",
@@ -171,9 +171,11 @@ NEEDS = {
 }
 
 
-def _has(key: str, effects: Mapping[str, Any], groups: Mapping[str, Any]) -> bool:
-    group, name = NEEDS[key].split(".")
-    return name in effects if group == "effects" else getattr(groups[group], name) is not None
+def without_meaning(effects: Mapping[str, Any], array: ArraySettings) -> list[str]:
+    """Return the keys of the prior that are about what a scene does not have."""
+    there = {f"effects.{name}" for name in effects}
+    there |= {f"array.{name}" for name, value in vars(array).items() if value is not None}
+    return [key for key, needed in NEEDS.items() if needed not in there]
 
 
 def scene_from_settings(settings: Any, name: str) -> Scene:
@@ -207,18 +209,16 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
                 values |= {key: std for key, std in defaults.items() if key not in given}
                 # A set's values do not apply to what the scene does not have.
-                lacking = [
-                    key for key in NEEDS if key not in given and not _has(key, effects, groups)
-                ]
-                values |= dict.fromkeys(lacking, 0.0)
+                unused = without_meaning(effects, groups["array"])
+                values |= {key: 0.0 for key in unused if key not in given}
             try:
                 groups[group] = declared(**values)
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=effects, **groups)
-        for key, needed in NEEDS.items():
-            if getattr(scene.prior, key) > 0 and not _has(key, effects, groups):
-                raise ValueError(f"prior.{key}: the scene has no {needed}; add it")
+        for key in without_meaning(effects, scene.array):
+            if getattr(scene.prior, key) > 0:
+                raise ValueError(f"prior.{key}: the scene has no {NEEDS[key]}; add it")
         if "sea" in effects and "attenuation" in effects:
             raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
     except ValueError as error:

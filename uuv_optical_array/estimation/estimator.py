@@ -268,6 +268,8 @@ class Estimator:
             for a signature or an image that belongs to no pose of the scene.
         """
         estimate = self._estimate(image, parameters, float(roll), expected)
+        if self.scene.prior.aimed:
+            return estimate
         covariance = estimate.covariance + self.aim_covariance(estimate.pose, roll)
         return replace(estimate, covariance=covariance)
 
@@ -290,8 +292,7 @@ class Estimator:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._least_squares(None, readings, roll, expected)
-            scene = self.scene
-            side = scene.array.detectors_per_side
+            scene, side = self.scene, self._side
             parameters = key_parameters(
                 readings.reshape(side, side), scene.full_scale_counts, scene.signature.peak
             )
@@ -314,7 +315,7 @@ class Estimator:
         return self._verified(match, *near, parameters, self._readings(image), roll, expected)
 
     def _readings(self, image: ArrayLike | None) -> Array:
-        side = self.scene.array.detectors_per_side
+        side = self._side
         readings = np.array(image, dtype=float, order="C")
         if readings.shape != (side, side) or not np.isfinite(readings).all():
             seen = (

@@ -194,6 +194,11 @@ class PriorSettings:
         return [FrameLight(1 - share), *unclear]
 
     @property
+    def aimed(self) -> bool:
+        """Whether lamp and array are known to point exactly along their frames."""
+        return self.aim_std_deg == 0 and self.lamp_aim_std_deg == 0
+
+    @property
     def uneven_share(self) -> float:
         """Share of frames with uneven light that the scene does not name."""
         return 0.0 if self.shade_probability else self.uneven_probability

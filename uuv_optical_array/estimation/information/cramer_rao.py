@@ -6,7 +6,6 @@ No unbiased estimator that sees one image has a covariance below its inverse, th
 Everything is in m and rad, so the condition number compares a metre with a radian.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,16 +132,12 @@ def cramer_rao_bound(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 0.
     diagonal = np.arange(5)
     variance = covariance[..., diagonal, diagonal]
     covariance[..., diagonal, diagonal] = np.where(observable, variance, np.inf)
-    aim = [aim_slopes(model.scene, pose, turn) for pose, turn in _each(poses, roll)]
-    slopes = np.array(aim).reshape(*variance.shape, -1)
-    covariance += slopes @ np.swapaxes(slopes, -1, -2)
+    if not model.scene.prior.aimed:
+        flat = np.asarray(poses, dtype=float).reshape(-1, 5)
+        rolls = np.broadcast_to(roll, variance.shape[:-1]).reshape(-1)
+        aim = [aim_slopes(model.scene, *at) for at in zip(flat, rolls.tolist(), strict=True)]
+        slopes = np.array(aim).reshape(*variance.shape, -1)
+        covariance += slopes @ np.swapaxes(slopes, -1, -2)
     condition = np.full(largest.shape, np.inf)
     np.divide(largest, values[..., :1], out=condition, where=seen[..., :1])
     return Bound(fisher, covariance, observable, condition[..., 0])
-
-
-def _each(poses: ArrayLike, roll: ArrayLike) -> Iterator[tuple[Array, float]]:
-    """Yield each pose with its roll."""
-    poses = np.asarray(poses, dtype=float)
-    rolls = np.broadcast_to(np.asarray(roll, dtype=float), poses.shape[:-1])
-    yield from zip(poses.reshape(-1, 5), rolls.reshape(-1).tolist(), strict=True)

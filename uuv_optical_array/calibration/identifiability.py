@@ -94,8 +94,8 @@ def undetermined(
     """Return the parameters to hold so that the images determine all others, and correlated ones.
 
     Those `given` are held anyway, those to `keep` are among the result; `misfit` is a factor of the
-    variances. A correlated parameter is
-    determined only while another, the value, is held, or it is held with it.
+    variances. A correlated parameter is determined only while another, the value, is held, or it is
+    held with it.
     """
     correlated: dict[int, int] = {}
     unknown = set(keep)

@@ -56,7 +56,7 @@ class Pipeline:
     Attributes
     ----------
     estimator : Estimator
-        The one in use.
+        The one in use; another one of the same scene may take its place between two images.
     tracker : Tracker or None
         Takes every frame that has a pose.
     """
@@ -71,10 +71,6 @@ class Pipeline:
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
         self.estimator = estimator
         self.track_with(tracking)
-
-    def use(self, estimator: Estimator) -> None:
-        """Answer by another estimator of the same scene from the next image on."""
-        self.estimator = estimator
 
     def track_with(self, tracking: TrackerSettings | None) -> None:
         """Begin a new track with these settings, or do without one."""

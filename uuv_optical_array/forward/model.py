@@ -133,19 +133,12 @@ class ForwardModel:
             return nuisances.index(name) if name in nuisances else -1
 
         scattering = self._of(forms.Scattering)
+        unknown = [form for name, form in self._unknown.items() if name in nuisances]
         passed = self._of(forms.Transmission)
-        passed += [
-            form
-            for name, form in self._unknown.items()
-            if name in nuisances and isinstance(form, forms.Transmission)
-        ]
+        passed += [form for form in unknown if isinstance(form, forms.Transmission)]
         # Light that the scene does not name comes before the effects on the array.
         steps: list[Any] = [self._unknown[name] for name in given]
-        steps += [
-            form
-            for name, form in self._unknown.items()
-            if name in nuisances and not isinstance(form, forms.Transmission)
-        ]
+        steps += [form for form in unknown if not isinstance(form, forms.Transmission)]
         steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
         blurs = [step.matrix for step in steps if isinstance(step, Blur)]
         kinds = np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64)

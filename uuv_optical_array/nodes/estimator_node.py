@@ -206,7 +206,7 @@ class EstimatorNode(Node):
             self.pipeline = Pipeline(estimator, tracking, min_peak_counts=0.0)
             self.diagnostics.fail("")
         elif changes.keys() & OF_ESTIMATOR:
-            pipeline.use(estimator)
+            pipeline.estimator = estimator
         if pipeline is not None and changes.keys() & OF_TRACKER:
             pipeline.track_with(tracking)
 

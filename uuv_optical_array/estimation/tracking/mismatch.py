@@ -46,7 +46,6 @@ class LastingResiduals:
         self.mismatch = ""
         self.shift: Array = np.zeros(5)
         self._best, self._size = -1, 0.0
-        self._start_ns = self._checked_ns = 0
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
         if not self._tests:
             return

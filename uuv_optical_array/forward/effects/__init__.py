@@ -2,8 +2,7 @@
 
 An effect is a function with the name of the scene key. Its keyword-only arguments are the settings
 of the key; before them it takes the ``array``. It is called once, when a scene is planned, and
-returns one or more `forms`. Effects act in the order of the list
-below, which is the physical one.
+returns one or more `forms`. Effects act in the order of the list below, which is the physical one.
 """
 
 import inspect

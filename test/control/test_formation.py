@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from followers import (
     PUBLISHED,
+    SETTINGS,
     STATION,
     STILL,
     TICK_S,
@@ -25,7 +26,7 @@ from uuv_optical_array.core.settings import check_all
 
 def after_half_a_second(pose: Array, rate: Array = STILL) -> Array:
     """Return the first sizeable command at a pose."""
-    controller = FormationController(FormationSettings())
+    controller = FormationController(SETTINGS)
     controller.update(0.0, pose, PUBLISHED, rate)
     for tick in range(11):
         command = command_at(controller, tick * TICK_S)
@@ -119,7 +120,7 @@ def test_a_leader_too_fast_to_follow_winds_nothing_up() -> None:
 
 
 def test_nothing_is_commanded_before_the_first_pose() -> None:
-    controller = FormationController(FormationSettings())
+    controller = FormationController(SETTINGS)
     assert controller.command(0.0) is None
     assert controller.command(100.0) is None
     controller.update(100.0, STATION, PUBLISHED, STILL)
@@ -189,7 +190,7 @@ def test_clock_that_is_set_back_stops_the_follower_and_then_starts_anew() -> Non
 
 
 def test_a_pause_between_commands_allows_no_leap() -> None:
-    controller = FormationController(FormationSettings())
+    controller = FormationController(SETTINGS)
     for tick in range(101):
         controller.update(0.1 * tick, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED, STILL)
         if tick == 0:
@@ -217,7 +218,7 @@ def test_speed_and_acceleration_stay_within_their_limits(
     frames: list[tuple[tuple[float, ...], tuple[float, ...], float]],
 ) -> None:
     # A minimum distance is kept however hard that brakes.
-    settings = FormationSettings(min_distance_m=0.0, gate_probability=1.0)
+    settings = FormationSettings((-6.0, 0.0, 0.0), 0.0, gate_probability=1.0)
     controller, now, before = FormationController(settings), 0.0, np.zeros(6)
     fastest = np.array([1.0, 0.6, 0.6, 0, *np.radians([10, 10])])
     hardest = np.array([0.2, 0.2, 0.2, 0, *np.radians([3, 3])])
@@ -287,7 +288,7 @@ def test_each_command_is_that_of_the_law_written_a_second_time(
 
 
 def test_a_new_station_keeps_what_is_known_of_the_leader() -> None:
-    controller, leader = FormationController(FormationSettings()), np.array([-0.6, 0, 0, 0, 0])
+    controller, leader = FormationController(SETTINGS), np.array([-0.6, 0, 0, 0, 0])
     command = np.zeros(6)
     for tick in range(200):
         if tick == 100:
@@ -302,8 +303,8 @@ def test_a_new_station_keeps_what_is_known_of_the_leader() -> None:
 
 def test_a_pose_of_the_near_future_is_taken_for_the_present() -> None:
     ahead, present = (
-        FormationController(FormationSettings()),
-        FormationController(FormationSettings()),
+        FormationController(SETTINGS),
+        FormationController(SETTINGS),
     )
     ahead.update(0.3, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED, STILL)
     present.update(0.0, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED, STILL)

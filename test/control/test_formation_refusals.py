@@ -4,11 +4,11 @@ import contextlib
 
 import numpy as np
 import pytest
-from followers import PUBLISHED, STATION, STILL, command_at, off_station, under_way
+from followers import PUBLISHED, SETTINGS, STATION, STILL, command_at, off_station, under_way
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uuv_optical_array.control.formation import FormationController, FormationSettings
+from uuv_optical_array.control.formation import FormationController
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -37,7 +37,7 @@ number = st.one_of(
 def test_no_numbers_whatever_make_a_command_that_is_none(
     frames: list[tuple[float, list[float], float, list[float]]],
 ) -> None:
-    controller, now = FormationController(FormationSettings()), 0.0
+    controller, now = FormationController(SETTINGS), 0.0
     controller.update(now, STATION, PUBLISHED, STILL)
     for step, pose, scale, rate in frames:
         now += step
@@ -77,7 +77,7 @@ def test_what_is_not_finite_or_too_large_is_refused_by_name(
 
 @pytest.mark.parametrize("wrong", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
 def test_pose_and_rate_of_another_shape_are_refused(wrong: object) -> None:
-    controller = FormationController(FormationSettings())
+    controller = FormationController(SETTINGS)
     with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
         controller.update(0.0, wrong, PUBLISHED, STILL)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="rate: "):
@@ -116,7 +116,7 @@ def test_an_outlier_is_reported_and_steers_nothing() -> None:
 
 
 def test_outliers_that_agree_are_the_leader() -> None:
-    controller, refused = FormationController(FormationSettings()), []
+    controller, refused = FormationController(SETTINGS), []
     for tick in range(70):
         now, error = tick * 0.1, -1.0 if tick < 30 else 4.0
         try:
@@ -139,7 +139,7 @@ def test_a_pose_after_a_gap_begins_anew_though_no_command_came_between(gap: floa
 
 def test_what_happens_between_two_poses_of_a_gap_is_no_outlier() -> None:
     # Within 0.9 s a leader at 0.5 m/s stops; both poses are known to a centimetre.
-    controller, exact = FormationController(FormationSettings()), np.eye(5) * 1e-4
+    controller, exact = FormationController(SETTINGS), np.eye(5) * 1e-4
     controller.update(0.0, STATION, exact, [-0.5, 0, 0, 0, 0])
     controller.update(0.9, off_station([-0.2, 0, 0, 0, 0]), exact, STILL)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from followers import PUBLISHED, TICK_S, follow, off_station, steady
+from followers import PUBLISHED, SETTINGS, TICK_S, follow, off_station, steady
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -110,7 +110,7 @@ def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(
 
 def surging() -> tuple[FormationController, float]:
     """Return a controller that surges ahead behind a leader, and the time."""
-    controller = FormationController(FormationSettings())
+    controller = FormationController(SETTINGS)
     for tick in range(60):
         controller.update(tick * 0.1, off_station([-3.0, 0, 0, 0, 0]), PUBLISHED, np.zeros(5))
         speed = surge(controller, tick * 0.1)

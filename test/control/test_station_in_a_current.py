@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from followers import TrackedLaw
+from followers import SETTINGS, TrackedLaw
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
@@ -64,7 +64,7 @@ STATION = np.array([-6.0, 0.0, 0.0])
     "flow", [(-0.3, 0, 0), (0, 0.3, 0), (0, 0, -0.3)], ids=["ahead", "starboard", "above"]
 )
 def test_a_current_leaves_no_bias(kind: type[Vehicle], flow: tuple[float, ...]) -> None:
-    poses, commands = hold(kind, formation(FormationSettings()), lambda _: np.array(flow), 45)
+    poses, commands = hold(kind, formation(SETTINGS), lambda _: np.array(flow), 45)
     last = poses[-300:, :3] - STATION
     assert np.linalg.norm(last.mean(axis=0)) < 0.05
     assert np.linalg.norm(last, axis=1).mean() < 0.05
@@ -83,7 +83,7 @@ def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehic
 
 @KINDS
 def test_without_light_it_stops_in_the_water_and_drifts(kind: type[Vehicle]) -> None:
-    settings, flow = FormationSettings(), np.array([-0.3, 0.1, 0.0])
+    settings, flow = SETTINGS, np.array([-0.3, 0.1, 0.0])
     stopped_s = 12 + settings.light_timeout_s + settings.stop_time_s + 2 * TICK_S
     poses, commands = hold(kind, formation(settings), lambda _: flow, 26, dark_after_s=12)
     times = TICK_S * np.arange(len(commands))

@@ -35,7 +35,7 @@ class Helm:
 
     def __init__(self, lab, **parameters):
         self.lab, self.now = lab, START
-        lab.begin({"use_sim_time": True, **parameters})
+        lab.begin({"use_sim_time": True, "station_m": STATION[:3], **parameters})
         self.node = lab.start(FormationNode)
         self.poses = lab.talk(Odometry, "relative_odometry")
         self.commands = lab.listen(TwistStamped, "cmd_vel")
@@ -76,7 +76,10 @@ def test_nothing_is_commanded_before_the_first_pose(helm):
 
 def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers_frame(lab):
     helm = Helm(lab, base_frame="rov/base_link")
-    controller, rng = FormationController(FormationSettings()), np.random.default_rng(2)
+    controller, rng = (
+        FormationController(FormationSettings(station_m=tuple(STATION[:3]))),
+        np.random.default_rng(2),
+    )
     for i in range(30):
         if i % 3 != 1:  # the light flickers
             pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
@@ -108,7 +111,7 @@ def too_fast(message):
     ids=["too fast", "outlier", "repeated stamp"],
 )
 def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
-    controller = FormationController(FormationSettings())
+    controller = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
 
     def expect(pose):
         controller.update(helm.now * 1e-9, pose, covariance_5x5(pose, np.eye(6)), STILL)

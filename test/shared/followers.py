@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +14,8 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 
-STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
+SETTINGS = FormationSettings(station_m=(-6.0, 0.0, 0.0))
+STATION = np.array([*SETTINGS.station_m, 0.0, 0.0])
 TICK_S = 0.05
 GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
 
@@ -43,7 +45,7 @@ def command_at(controller: FormationController, now: float) -> Array:
 
 def under_way(**changes: float) -> tuple[FormationController, float]:
     """Return a controller that surges, and the stamp of its last pose."""
-    controller = FormationController(FormationSettings(**changes))  # type: ignore[arg-type]
+    controller = FormationController(replace(SETTINGS, **changes))  # type: ignore[arg-type]
     for tick in range(40):
         pose = off_station([-1.0, 0.1, -0.1, 0.05, 0.05])
         controller.update(tick * 0.1, pose, PUBLISHED, STILL)
@@ -120,7 +122,7 @@ def follow(
     angular), a row a tick.
     """
     leader = Vehicle(np.zeros(3))
-    settings = settings or FormationSettings()
+    settings = settings or SETTINGS
     follower = start_behind(leader, settings.station_m, offset)
     controller = TrackedLaw(settings) if tracked else FormationController(settings)
     errors, commands, images = [], [], []

@@ -53,7 +53,7 @@ class FormationSettings:
 
     station_m: Annotated[
         Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
-    ] = (-6.0, 0.0, 0.0)
+    ] = (-4.5, 0.0, 0.0)
     min_distance_m: Annotated[
         float, Quantity("nearest to the lamp that it goes; 0 for no minimum", "m", 0, 50)
     ] = 2.0

@@ -126,7 +126,7 @@ def leader_twist(t_s: float) -> tuple[Array, Array]:
 
     The next minute turns back and comes up again, so every two minutes the leader has its
     first heading and depth. The yaw rate peaks at 3.5 deg/s, the pitch rate at 2 deg/s and
-    the pitch at 10 deg: 6 m behind, the station swings sideways at up to 0.37 m/s. The command is
+    the pitch at 10 deg: 4.5 m behind, the station swings sideways at up to 0.27 m/s. The command is
     a linear (m/s) and an angular (rad/s) velocity in the leader's frame, shape ``(3,)`` each.
     """
     minute, t_s = divmod(t_s, PATH_MINUTE_S)

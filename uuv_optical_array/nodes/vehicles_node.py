@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from uuv_optical_array.control.bluerov2 import BlueRov2
+from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.sea import Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.geometry import Array
@@ -57,7 +58,7 @@ PARAMETERS = {
     **parameters_of(WaveSettings),
     "rate_hz": Parameter(10.0, Quantity("odometry messages a second", "Hz", 1, 1000), True),
     "station_m": Parameter(
-        [-6.0, 0.0, 0.0],
+        list(FormationSettings.station_m),
         Quantity("station in the leader's base_link, near which the follower starts", "m", -50, 50),
         True,
     ),

@@ -101,6 +101,7 @@ def test_a_new_effect_is_one_function_and_one_scene_key_and_noise_variances_add(
 
 def test_a_scene_without_noise_draws_no_random_number_and_needs_no_generator():
     quiet = {name: middle_settings(name) for name in EFFECTS if name not in {*NOISES, "sea"}}
+    quiet["ambient"] = {"level_counts": 100.0}  # which does not saturate by itself
     model = make_model(**quiet)
     rng = np.random.default_rng(8)
     before = rng.bit_generator.state

@@ -270,6 +270,29 @@ def saturation(reading, level_counts):
     return min(reading, level_counts)
 
 
+def demodulated(scene, light):
+    """Variance of a reading by sums over 1,000 samples of a period, beside a plain mean's."""
+    ways = {
+        "square": (lambda t: 2.0 * (t < 0.5), lambda t: math.pi / 2 * math.sin(2 * math.pi * t)),
+        "sine": (
+            lambda t: 1 + math.sin(2 * math.pi * t),
+            lambda t: 2 * math.sin(2 * math.pi * t),
+        ),
+        "slots": (lambda t: 2.0 * (t < 0.5), lambda t: 1.0 if t < 0.5 else -1.0),
+    }
+    settings, effects = scene["effects"]["demodulation"], scene["effects"]
+    lamp, reference = ways[settings["waveform"]]
+    times = [(i + 0.5) / 1000 for i in range(1000)]
+    lit = max(light - settings["pedestal_counts"], 0.0)
+    daylight = effects.get("ambient", {}).get("level_counts", 0.0)
+    total = 0.0
+    for t in times:
+        signal = daylight + lit * lamp(t)
+        noise = sum(law(signal, **effects[name]) for name, law in NOISE.items() if name in effects)
+        total += reference(t) ** 2 * noise / 1000
+    return total
+
+
 def adc(reading, bits):
     return float(min(max(math.floor(reading + 0.5), 0), 2**bits - 1))
 
@@ -283,7 +306,8 @@ WAY = named(attenuation, lamp_flicker, lamp_drift, plume, field_of_view, window)
 ARRAY = named(ambient, forward_scatter, responsivity, detector_faults)
 NOISE = named(sensor_noise, shot_noise, photodiode)
 LIMITS = named(saturation, adc)
-EFFECTS = {"attenuation": attenuation, "sea": through_sea, **WAY, **ARRAY, **NOISE, **LIMITS}
+ELECTRONICS = {**NOISE, "saturation": saturation, "demodulation": demodulated, "adc": adc}
+EFFECTS = {"attenuation": attenuation, "sea": through_sea, **WAY, **ARRAY, **ELECTRONICS}
 RESPONSE = "field_of_view.cosine_power"  # whose offset acts in any scene
 LOGARITHMS = "sea.scattering_per_m"  # settings whose offset is that of their logarithm
 
@@ -350,9 +374,9 @@ def image_of(scene, power, effects, pose, roll=0.0, time_s=None, offsets=None):
     readings = (np.array(readings) * shades + daylight).tolist()
     image = [readings[row * side : (row + 1) * side] for row in range(side)]
     for name, step in ARRAY.items():
-        if name in effects:
+        if name in effects and not (name == "ambient" and "demodulation" in effects):
             step(image, array, **effects[name])
-    return np.array(image)
+    return np.array(image) + effects.get("demodulation", {}).get("pedestal_counts", 0.0)
 
 
 def power_of(scene):
@@ -376,6 +400,8 @@ def light(scene, pose, roll=0.0, offsets=None, time_s=None, power=None):
 def noise_variance(scene, light):
     """Return the variance of an analogue reading about its light, counts^2."""
     effects = scene["effects"]
+    if "demodulation" in effects:
+        return demodulated(scene, light)
     return sum(law(light, **effects[name]) for name, law in NOISE.items() if name in effects)
 
 
@@ -387,7 +413,13 @@ def variance(scene, light):
 
 def converted(scene, reading):
     """Return what the electronics make of an analogue reading."""
+    effects = scene["effects"]
     for name, law in LIMITS.items():
-        if name in scene["effects"]:
-            reading = law(reading, **scene["effects"][name])
+        if name in effects:
+            settings = effects[name]
+            if name == "saturation" and "demodulation" in effects:
+                room = settings["level_counts"] - effects.get("ambient", {}).get("level_counts", 0)
+                level = effects["demodulation"]["pedestal_counts"] + room / 2
+                settings = {"level_counts": level}
+            reading = law(reading, **settings)
     return reading

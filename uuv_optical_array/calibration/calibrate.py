@@ -280,7 +280,7 @@ def _calibrated_scene(
         effects["sea"] = sea
     elif "attenuation" in effects or values[K] > 0:
         effects["attenuation"] = {"k_per_m": float(values[K])}
-    if "ambient" in effects or values[BACKGROUND] > 0:
+    if BACKGROUND not in fit.held() and ("ambient" in effects or values[BACKGROUND] > 0):
         effects["ambient"] = {"level_counts": float(values[BACKGROUND])}
     if COSINE_POWER not in fit.held():
         effects["field_of_view"] = {"cosine_power": float(values[COSINE_POWER])}

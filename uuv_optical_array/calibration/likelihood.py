@@ -102,12 +102,14 @@ class CalibrationLikelihood:
         if "sea" not in effects:
             effects.setdefault("attenuation", {"k_per_m": 0.0})
         effects.setdefault("ambient", {"level_counts": 0.0})
+        if "demodulation" in effects:
+            effects["demodulation"]["pedestal_counts"] = 0.0
         settings.pop("prior")
         self.scene = scene_from_settings(settings, scene.name)
-        self.model = ForwardModel(self.scene)
-        self.power = ForwardModel(scene).power
+        self.model, original = ForwardModel(self.scene), ForwardModel(scene)
+        self.power, noise = original.power, original.noise
         self.start_gains = gains
-        self.readings: Array = images.reshape(len(images), -1)
+        self.readings: Array = images.reshape(len(images), -1) - noise.black
         self.poses, self.rolls = poses, rolls
         self.pose_std = pose_std
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
@@ -116,8 +118,9 @@ class CalibrationLikelihood:
         self._of_model = self.start()[:GAINS]
         self._of_model[POWER] = np.log(self.model.power)
         self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
-        # Without the prior's spread of the gains, which are fitted.
-        self.noise = self.model.noise._replace(square=0.0)
+        # Without the prior's spread of the gains, which are fitted, and without the pedestal.
+        low, high = noise.low - noise.black, noise.high - noise.black
+        self.noise = noise._replace(square=0.0, black=0.0, low=low, high=high)
 
     def start(self) -> Array:
         """Return the parameters of the scene, gauge included, shape ``(p,)``."""

@@ -73,6 +73,7 @@ def lacking(scene: Scene) -> frozenset[int]:
         SCATTER: "sea" in scene.effects,
         COSINE_POWER: not housed,
         SIZE: scene.array.radius_m is not None,
+        BACKGROUND: "demodulation" not in scene.effects,
     }
     return frozenset(i for i, there in has.items() if not there)
 

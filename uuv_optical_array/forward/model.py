@@ -31,7 +31,15 @@ from uuv_optical_array.forward.optics import (
     trace,
     variance_slope,
 )
-from uuv_optical_array.forward.prior import BEAM_SIGMA, POWER, RADIUS, SCATTERING, unknown_forms
+from uuv_optical_array.forward.prior import (
+    AMBIENT,
+    BEAM_SIGMA,
+    DAYLIGHT,
+    POWER,
+    RADIUS,
+    SCATTERING,
+    unknown_forms,
+)
 from uuv_optical_array.forward.scene import Scene
 
 BLOCK_READINGS = 51_200  # whose rays fit into the second level of the cache
@@ -76,12 +84,23 @@ class ForwardModel:
         self._saturation_counts = min(
             (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
         )
+        variance = float(sum(form.variance for form in noises))
+        slope, black = float(sum(form.slope for form in noises)), 0.0
+        if demodulations := self._of(forms.Demodulation):
+            # Daylight leaves the readings, and stays in their noise.
+            level = sum(form.level for form in self._of(Background) if form.nuisance == AMBIENT)
+            self._forms = tuple(f for f in self._forms if getattr(f, "nuisance", "") != AMBIENT)
+            factor, black = demodulations[0].noise_factor, demodulations[0].black_counts
+            variance, slope = factor * (variance + slope * level), factor * slope
+            if np.isfinite(self._saturation_counts):
+                self._saturation_counts = scene.full_scale_counts
         highest = [form.largest for form in converters]
         self.analogue_noise = ReadingNoise(
-            float(sum(form.variance for form in noises)),
-            float(sum(form.slope for form in noises)),
+            variance,
+            slope,
             0.0 if converters else -np.inf,
             min([*highest, self._saturation_counts]),
+            black=black,
         )
         # Rounding is uniform within a count.
         rounding = 1 / 12 if converters else 0.0
@@ -94,8 +113,9 @@ class ForwardModel:
             *self._of(Gain),
         )
         named = [form.nuisance for form in uncertain if form.nuisance]
+        known = [*named, *(DAYLIGHT if demodulations else ())]
         self._unknown = {
-            name: form for name, form in unknown_forms(self.array.side).items() if name not in named
+            name: form for name, form in unknown_forms(self.array.side).items() if name not in known
         }
         if self._of(forms.Scattering):
             named.append(SCATTERING)
@@ -336,7 +356,7 @@ class ForwardModel:
         if noise.variance or noise.slope:
             if rng is None:
                 raise ValueError("rng: missing; this scene has noise, pass a numpy Generator")
-            variance = noise.variance + noise.slope * np.maximum(light, 0.0)
+            variance = noise.variance + noise.slope * np.maximum(light - noise.black, 0.0)
             image = light + np.sqrt(variance) * rng.standard_normal(light.shape)
         return self.converted(image)
 

@@ -64,6 +64,8 @@ class ReadingNoise(NamedTuple):
     low, high
         Limits of the readings, counts: at `low` or below, the light was at most `low` + 0.5, at
         `high` or above at least `high` - 0.5.
+    black
+        Reading of darkness, counts, which is no light.
     """
 
     variance: float
@@ -71,6 +73,7 @@ class ReadingNoise(NamedTuple):
     low: float
     high: float
     square: float = 0.0
+    black: float = 0.0
 
 
 class Optics(NamedTuple):
@@ -355,13 +358,13 @@ def detect(optics: Optics, nuisances: Any, image: Any) -> None:
 @law
 def reading_variance(light: Any, noise: ReadingNoise) -> Any:
     """Variance of a reading, counts^2, by its light, counts (Eren et al. 2016, eq. 7)."""
-    lit = maximum(light, 0.0)
+    lit = maximum(light - noise.black, 0.0)
     return maximum(noise.variance + (noise.slope + noise.square * lit) * lit, MIN_VARIANCE)
 
 
 @law
 def variance_slope(light: Any, noise: ReadingNoise) -> Any:
     """Slope of `reading_variance` by the light, counts; at an edge that of the darker side."""
-    lit = maximum(light, 0.0)
+    lit = maximum(light - noise.black, 0.0)
     grows = noise.variance + (noise.slope + noise.square * lit) * lit > MIN_VARIANCE
-    return choose((light > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)
+    return choose((lit > 0) & grows, noise.slope + 2 * noise.square * lit, 0.0)

@@ -23,6 +23,7 @@ ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
 RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
+DAYLIGHT = AMBIENT, *GRADIENTS
 SHADES = tuple(f"shade.mode_{k}" for k in range(1, 6))
 # A shade is smooth: each order of its modes over the array is weaker than the one before by this
 # factor, and what no mode describes is as strong as one of the second order. Our choice, after the
@@ -182,14 +183,14 @@ class PriorSettings:
         }
         return {name: std for name, std in stds.items() if std > 0}
 
-    def lights(self, full_scale_counts: float) -> list[FrameLight]:
-        """Return the kinds of frame, clear ones first."""
+    def lights(self, daylight_scale_counts: float) -> list[FrameLight]:
+        """Return the kinds of frame, clear ones first; the scale is that of unforeseen daylight."""
         unclear: list[FrameLight] = []
         if share := self.shade_probability:
             depths = self.shade_depth, RIM * self.shade_depth
             unclear = [FrameLight(share / 2, depth, True) for depth in depths]
         elif share := self.uneven_share:
-            daylight = UNEVEN_DAYLIGHT * full_scale_counts
+            daylight = UNEVEN_DAYLIGHT * daylight_scale_counts
             unclear = [FrameLight(share, UNEVEN_DEPTH, False, daylight)]
         return [FrameLight(1 - share), *unclear]
 

@@ -12,6 +12,7 @@ from uuv_optical_array.core.storage import files, yaml_text
 from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
+from uuv_optical_array.forward.effects.electronics import largest_demodulated
 from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
@@ -95,10 +96,19 @@ class Scene:
         """
         limits = []
         if "saturation" in self.effects:
-            limits.append(self.effects["saturation"]["level_counts"])
+            level = self.effects["saturation"]["level_counts"]
+            if demodulation := self.effects.get("demodulation"):
+                daylight = self.effects.get("ambient", {}).get("level_counts", 0.0)
+                level = largest_demodulated(level, daylight, **demodulation)
+            limits.append(level)
         if "adc" in self.effects:
             limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
         return min(limits, default=self.lamp.reference_counts)
+
+    @property
+    def daylight_scale_counts(self) -> float:
+        """What unforeseen daylight is relative to: full scale, or 0 where a reading has none."""
+        return 0.0 if "demodulation" in self.effects else self.full_scale_counts
 
     @property
     def attenuation(self) -> tuple[str, float]:
@@ -169,13 +179,15 @@ NEEDS = {
     "temperature_std_c": "effects.responsivity",
     "radius_std": "array.radius_m",
 }
+DAYLIGHT_STDS = "ambient_std_counts", "ambient_gradient_std_counts"  # which demodulation removes
 
 
 def without_meaning(effects: Mapping[str, Any], array: ArraySettings) -> list[str]:
     """Return the keys of the prior that are about what a scene does not have."""
     there = {f"effects.{name}" for name in effects}
     there |= {f"array.{name}" for name, value in vars(array).items() if value is not None}
-    return [key for key, needed in NEEDS.items() if needed not in there]
+    unused = [key for key, needed in NEEDS.items() if needed not in there]
+    return [*unused, *DAYLIGHT_STDS] if "demodulation" in effects else unused
 
 
 def scene_from_settings(settings: Any, name: str) -> Scene:
@@ -218,6 +230,8 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         scene = Scene(name=name, effects=effects, **groups)
         for key in without_meaning(effects, scene.array):
             if getattr(scene.prior, key) > 0:
+                if key in DAYLIGHT_STDS:
+                    raise ValueError(f"prior.{key}: demodulation removes daylight; give 0")
                 raise ValueError(f"prior.{key}: the scene has no {NEEDS[key]}; add it")
         if "sea" in effects and "attenuation" in effects:
             raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")

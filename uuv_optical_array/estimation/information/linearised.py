@@ -40,7 +40,7 @@ class LinearisedReadings(NamedTuple):
     slopes
         Of the light by pose and constants, shape ``(n, 5 + q)``.
     light
-        Expected there, which a gain error multiplies, counts, shape ``(n,)``.
+        Expected there, which a gain error multiplies, counts, shape ``(n,)``; no pedestal.
     variances
         Of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the reading says
         nothing.
@@ -122,7 +122,9 @@ class Lineariser:
         says = curvature > LEAST_CURVATURE
         variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
         residuals = np.divide(score, curvature, out=np.zeros(len(says)), where=says)
-        return LinearisedReadings(place, residuals, image[1:].T, image[0], variances)
+        return LinearisedReadings(
+            place, residuals, image[1:].T, image[0] - self._noise.black, variances
+        )
 
 
 def write_linear(

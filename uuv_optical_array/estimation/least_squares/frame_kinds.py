@@ -84,7 +84,7 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
     """
     known, constants = model.scene.prior, model.scene.constants_std()
     kinds = []
-    for light in known.lights(model.scene.full_scale_counts):
+    for light in known.lights(model.scene.daylight_scale_counts):
         stds = known.std_in(light)
         names = list(stds)
         given = [name for name in constants if name not in stds]
@@ -98,7 +98,7 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
         added = np.square(list(stds.values()))
         added[places] -= np.square([prior.nuisance_std.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, light.daylight_counts > 0
+        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, light.depth > 0 and not light.cloud
         kinds.append(FrameKind(problem, light.share, places, np.diag(added), doubt, rare))
     return kinds
 

@@ -329,7 +329,8 @@ def misfit(problem: Problem, at: Array) -> Misfit:
         square, around = residual_moments(light[j], sqrt(spread), noise)
         counts = problem.weights[j]
         off, square, around = off * counts, square * counts, around * counts
-        lenient = 1 + (LENIENCE - 1) * noise.square * light[j] * light[j] / spread
+        lit = light[j] - noise.black
+        lenient = 1 + (LENIENCE - 1) * noise.square * lit * lit / spread
         squares += total(off * off / spread)
         mean += total(square)
         variance += total(around)

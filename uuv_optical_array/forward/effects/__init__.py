@@ -46,6 +46,7 @@ EFFECTS: dict[str, Effect] = {
         Effect(electronics.shot_noise),
         Effect(electronics.photodiode, electronics.resolved_photodiode),
         Effect(electronics.saturation),
+        Effect(electronics.demodulation),
         Effect(electronics.adc),
     )
 }

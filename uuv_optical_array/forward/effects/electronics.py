@@ -1,12 +1,20 @@
 """What photodiode, amplifier and converter do to a reading."""
 
+import math
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
+import numpy as np
 from scipy.constants import elementary_charge, k, zero_Celsius
 
 from uuv_optical_array.core.settings import Quantity, one_way
 from uuv_optical_array.forward.array import DetectorArray
-from uuv_optical_array.forward.effects.forms import Converter, Noise, Saturation
+from uuv_optical_array.forward.effects.forms import (
+    Background,
+    Converter,
+    Demodulation,
+    Noise,
+    Saturation,
+)
 
 
 def sensor_noise(
@@ -99,6 +107,63 @@ def saturation(
 ) -> Saturation:
     """Clip at the largest signal that photodiode and amplifier can give."""
     return Saturation(level_counts)
+
+
+class Detection(NamedTuple):
+    """Noise of a demodulated reading, and the lamp's peak.
+
+    With a lamp of mean 1 and waveform m(t), the reading is the mean of the signal times a reference
+    w(t), where the means of w and of w m are 0 and 1. The variance of white noise grows by the mean
+    of w^2, and that of the lamp's shot noise by the mean of w^2 m, which is the same here.
+    """
+
+    noise_factor: float
+    peak_factor: float
+
+
+Waveform: TypeAlias = Literal["square", "sine", "slots"]
+WAVEFORMS: dict[Waveform, Detection] = {
+    # On for half of the period, and its fundamental as the reference: w = pi / 2 sin.
+    "square": Detection(math.pi**2 / 8, 2.0),
+    # m = 1 + sin, and w = 2 sin.
+    "sine": Detection(2.0, 2.0),
+    # Lit in one slot and dark in the next, and their difference: w = 1 and -1.
+    "slots": Detection(1.0, 2.0),
+}
+
+
+def demodulation(
+    array: DetectorArray,
+    *,
+    waveform: Annotated[Waveform, Quantity("how the lamp is modulated")],
+    pedestal_counts: Annotated[
+        float, Quantity("reading of darkness, so that noise stays above 0", "counts", 0, 1e4)
+    ] = 20.0,
+) -> tuple[Demodulation, Background]:
+    """Modulate the lamp and detect it synchronously, which takes the daylight out of the reading.
+
+    Counts are of the lamp's mean power, as without it. Daylight stays in the shot noise, and where
+    it saturates: ``saturation`` limits lamp and daylight together, at the lamp's peak. Daylight has
+    to be slow beside the modulation, as waves and clouds are at some kHz.
+    """
+    black = Background(np.ones(array.side**2), pedestal_counts)
+    return Demodulation(WAVEFORMS[waveform].noise_factor, pedestal_counts), black
+
+
+def largest_demodulated(
+    level_counts: float, daylight_counts: float, waveform: Waveform, pedestal_counts: float
+) -> float:
+    """Return the reading, counts, where daylight and the lamp's peak together reach a level.
+
+    ValueError where daylight alone reaches it.
+    """
+    if daylight_counts >= level_counts:
+        raise ValueError(
+            f"effects.saturation.level_counts: {level_counts:g}: daylight of {daylight_counts:g} "
+            "counts alone reaches it; give more"
+        )
+    peak = WAVEFORMS[waveform].peak_factor
+    return pedestal_counts + (level_counts - daylight_counts) / peak
 
 
 def adc(

@@ -115,6 +115,22 @@ class Saturation:
 
 
 @dataclass(frozen=True)
+class Demodulation:
+    """Synchronous detection of a modulated lamp: daylight is in the noise and not in the reading.
+
+    Parameters
+    ----------
+    noise_factor
+        Of the variance of all noise, beside a plain mean over the same time.
+    black_counts
+        Reading of darkness, which keeps noise above zero.
+    """
+
+    noise_factor: float
+    black_counts: float
+
+
+@dataclass(frozen=True)
 class Converter:
     """Whole counts from 0 to `largest`."""
 
@@ -131,5 +147,6 @@ Form: TypeAlias = (
     | Blur
     | Noise
     | Saturation
+    | Demodulation
     | Converter
 )

@@ -46,6 +46,7 @@ READ_MORE = {
     "scenes": "tutorials/own_array.md",
     "render": "results/scenes.md",
     "limits": "explanation/light.md",
+    "budget": "how_to/hardware.md",
     "calibrate": "tutorials/calibration.md",
     "commission": "how_to/hardware.md",
     "estimate": "how_to/replay.md",

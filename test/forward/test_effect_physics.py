@@ -240,8 +240,8 @@ def test_hardly_any_scattering_leaves_absorption_alone():
         ({"ambient": {"level_counts": 5, "k_per_m": 0.1}}, ["ambient.k_per_m: belongs to surface"]),
         ({"ambient": {"surface_counts": 1e9, "depth_m": 1, "k_per_m": 0}}, ["at most 1e6"]),
         (
-            {"photodiode": {**DIODE, "part": "BPW34"}},
-            ["'BPW34' is unknown", "SM05PD1A or SM05PD2A"],
+            {"photodiode": {**DIODE, "part": "BPW21"}},
+            ["'BPW21' is unknown", "SM05PD1A or SM05PD2A or BPW34"],
         ),
         (
             {"photodiode": {**DIODE, "watts_per_m2_per_count": 1.0}},

@@ -10,6 +10,7 @@ from contextlib import suppress
 from uuv_optical_array import __version__
 from uuv_optical_array.cli import options, report
 from uuv_optical_array.commands import (
+    budget,
     calibrate,
     commission,
     estimate,
@@ -32,7 +33,10 @@ from uuv_optical_array.studies import (
     transport,
 )
 
-COMMANDS = (follow, view, scenes, render, limits, calibrate, commission, estimate, advise, table)
+COMMANDS = (
+    *(follow, view, scenes, render, limits, budget),
+    *(calibrate, commission, estimate, advise, table),
+)
 STUDIES = (accuracy, robustness, drives, transport, tradeoff, design, paper, approach)
 
 

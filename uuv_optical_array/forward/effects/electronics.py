@@ -47,14 +47,16 @@ class PhotodiodePart(NamedTuple):
     shunt_resistance_ohm: float
 
 
-Part: TypeAlias = Literal["SM05PD1A", "SM05PD2A"]
+Part: TypeAlias = Literal["SM05PD1A", "SM05PD2A", "BPW34"]
 # Thorlabs SM05PD1A holds an FDS100: area and dark current (20 V) from its specification sheet
 # 0637-S01. SM05PD2A holds an FDS010, whose sheet we could not check: area and dark current (10 V)
 # are as commonly quoted. Responsivities are those typical of silicon, to some 10 %. The sheets give
-# no shunt resistance; 1 GOhm is the usual order, and a load of some MOhm hides it.
+# no shunt resistance; 1 GOhm is the usual order, and a load of some MOhm hides it. BPW34: area and
+# dark current (10 V) from Vishay's sheet 81521.
 PARTS: dict[Part, PhotodiodePart] = {
     "SM05PD1A": PhotodiodePart(13e-6, 0.33, 1.0e-9, 1e9),
     "SM05PD2A": PhotodiodePart(0.8e-6, 0.27, 0.3e-9, 1e9),
+    "BPW34": PhotodiodePart(7.5e-6, 0.32, 2e-9, 1e9),
 }
 
 

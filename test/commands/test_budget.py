@@ -1,0 +1,166 @@
+"""``uuv_array budget`` by closed forms, data sheets and the commands that say the same."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import yaml
+from command_line import assert_picture, run
+from scipy.integrate import quad
+from scipy.optimize import least_squares
+
+from uuv_optical_array.commands.budget import aligned
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.tolerances import tolerances
+from uuv_optical_array.forward.effects import electronics
+from uuv_optical_array.forward.link_budget import Instrument, scene_with
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.studies.limits import reach
+
+FOLLOW = load_scene("follow")
+
+
+def test_counts_of_a_planar_array_in_clear_water_are_those_of_the_inverse_square():
+    settings = FOLLOW.with_shape("planar").settings()
+    settings |= {"effects": {}, "prior": {}}
+    scene = scene_with(scene_from_settings(settings, "clear"), it := Instrument(lamp_w=0.02))
+    sigma, range_m = math.radians(8), 5.6  # the array is 0.4 m ahead of base_link
+    whole, _ = quad(lambda eta: math.exp(-((eta / sigma) ** 2) / 2) * math.sin(eta), 0, math.pi)
+    watts_per_m2 = 0.02 * 0.85 / (2 * math.pi * whole) / range_m**2
+    volts = watts_per_m2 * 0.8 * 7.5e-6 * 0.32 * it.feedback_ohm
+    reading = ForwardModel(scene).light(aligned([6.0]))[0, 2, 2]
+    assert reading == pytest.approx(volts / 1.2 * 65535, rel=1e-4)
+
+
+def test_the_lamp_of_a_ready_scene_gives_its_own_counts_and_noise():
+    """`coastal` says its photodiode, so its power follows from watts, and its noise too."""
+    coastal = load_scene("coastal")
+    diode = coastal.effects["photodiode"]
+    it = Instrument(
+        part=diode["part"],
+        bits=10,
+        full_scale_v=1023 * diode["amps_per_count"] * diode["load_ohm"],
+        feedback_ohm=diode["load_ohm"],
+        average_s=0.5 / diode["bandwidth_hz"],
+        amplifier_v_per_rthz=0.0,
+        converter_v_per_rthz=0.0,
+        amplifier_a_per_rthz=diode["amplifier_a_per_rthz"],
+    )
+    model = ForwardModel(coastal)
+    watts = model.power / it.counts_per_w_per_m2 / it.intensity(8.0) * it.lamp_w
+    found = ForwardModel(scene_with(coastal, dataclasses.replace(it, lamp_w=watts)))
+    poses = aligned([2.0, 5.0, 8.0])
+    np.testing.assert_allclose(found.light(poses), model.light(poses), rtol=1e-5)
+    np.testing.assert_allclose(found.noise[:4], model.noise[:4], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("shunt_ohm", "nep"), [(25e9, 2.0e-15), (5e9, 4.5e-15)])
+def test_the_noise_in_the_dark_is_the_nep_of_a_data_sheet(shunt_ohm, nep, monkeypatch):
+    """Hamamatsu G1735 and G1737: 0.4 A/W at their peak, noise of the shunt resistance alone."""
+    part = electronics.PhotodiodePart(1.66e-6, 0.4, 0.0, shunt_ohm)
+    monkeypatch.setitem(electronics.PARTS, "BPW34", part)
+    scene = FOLLOW.settings() | {"prior": {}}
+    it = Instrument(
+        lamp_w=1e-6,
+        feedback_ohm=1e10,
+        bits=4,
+        full_scale_v=1e-3,
+        average_s=0.5,
+        temperature_c=25,
+        capacitance_f=0,
+        amplifier_v_per_rthz=0,
+        converter_v_per_rthz=0,
+        amplifier_a_per_rthz=0,
+    )
+    noise = ForwardModel(scene_with(scene_from_settings(scene, "dark"), it)).analogue_noise
+    load = 1 / (1 + shunt_ohm / 1e10)  # the shunt's part of the conductance
+    amps = math.sqrt(noise.variance * load) * it.amps_per_count
+    assert amps / 0.4 == pytest.approx(nep, rel=0.025)  # the sheet has two digits
+
+
+def test_the_amplifiers_noise_is_the_mean_over_the_band():
+    it = Instrument(average_s=1e-4, feedback_ohm=2e6, capacitance_f=3e-10, converter_v_per_rthz=0)
+
+    def density(f):
+        gain = 1 + (2 * math.pi * f * 2e6 * 3e-10) ** 2
+        return it.amplifier_a_per_rthz**2 + it.amplifier_v_per_rthz**2 * gain / (2e6) ** 2
+
+    total, _ = quad(density, 0, 5000)
+    assert it.amplifier_noise() == pytest.approx(math.sqrt(total / 5000), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("watts", "nm", "group"),
+    [(0.1, 525, 0), (0.5, 525, 1), (0.5, 450, 1), (2, 450, 2), (99, 525, 3)],
+)
+def test_the_risk_group_is_that_of_the_radiance(watts, nm, group):
+    """Limits of IEC 62471 for the lens of 30 mm, 0.1 rad or more at 0.2 m."""
+    found, blue, thermal = Instrument(lamp_w=watts, wavelength_nm=nm).risk_group(8.0)
+    radiance = watts * 0.85 / (2 * math.pi * math.radians(8) ** 2) / (math.pi * 0.015**2)
+    weight = {525: 10 ** (-75 / 50), 450: 0.94}[nm]
+    assert blue == pytest.approx(weight * radiance, rel=0.01)
+    assert thermal == pytest.approx(radiance * max(1, 10 * weight if nm < 500 else 1), rel=0.01)
+    assert found == group
+
+
+def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys):
+    picture = tmp_path / "budget.png"
+    run("budget", "--scene", "coastal", "--daylight-w-per-m2", 0.01, "--output", picture)
+    out = capsys.readouterr().out
+    text = out[out.index("extends: ") : out.index("picture: ")]
+    assert yaml.safe_load(text)["effects"]["ambient"]["level_counts"] > 100
+    (tmp_path / "sea.yaml").write_text(text, encoding="utf-8")
+    scene, it = load_scene(tmp_path / "sea.yaml"), Instrument(daylight_w_per_m2=0.01)
+    assert scene.fingerprint == scene_with(load_scene("coastal"), it).fingerprint
+    light = ForwardModel(scene).light(aligned([4.0])).max()
+    (row,) = [line.split() for line in out.splitlines() if line.startswith("        4")]
+    assert float(row[1]) == pytest.approx(light, rel=1e-4)
+    near, far = reach(scene)
+    assert f"10 deg: {near:g} to {far:g} m" in out
+    assert_picture(picture)
+
+
+def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):
+    run("budget", "--reach", 4.5, "--output", tmp_path / "budget.png")
+    watts = float(capsys.readouterr().out.split()[1])
+    for factor, within in ((1.0, True), (0.99, False)):
+        scene = scene_with(FOLLOW, Instrument(lamp_w=factor * watts))
+        std = cramer_rao_bound(ForwardModel(scene), aligned([4.5])).std[0]
+        assert (std <= [0.2, 0.2, 0.2, *np.radians([10, 10])]).all() == within
+    line = run("budget", "--reach", 50, "--output", tmp_path / "budget.png", code=1)
+    assert "no lamp reaches so far" in line
+
+
+def test_errors_of_building_move_a_fit_as_told():
+    """Fits by SciPy to the light of arrays with one wrong gain each, and of a larger sphere."""
+    scene, pose = scene_with(FOLLOW, Instrument()), np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
+    model, stds = ForwardModel(scene), scene.prior.nuisance_std()
+    sigma = np.sqrt(model.variance(model.light(pose))[0]).ravel()
+    prior = np.array(list(stds.values()))
+
+    def moved(light):
+        def misfit(at):
+            offsets = dict(zip(stds, at[5:], strict=True))
+            seen = model.light(pose + at[:5], offsets=offsets).ravel()
+            return np.append((seen - light) / sigma, at[5:] / prior)
+
+        return least_squares(misfit, np.zeros(5 + len(stds)), x_scale="jac").x[:5]
+
+    right = model.light(pose).ravel()
+    gains = [moved(right * (1 + 0.01 * one)) for one in np.eye(25)]
+    told = tolerances(scene, pose)
+    np.testing.assert_allclose(
+        told["each gain off by 1 %"], np.sqrt(np.square(gains).sum(axis=0)), rtol=0.05
+    )
+    built = scene.settings()
+    built["array"]["radius_m"] += 1e-3
+    larger = ForwardModel(scene_from_settings(built, "larger"))
+    larger.power = model.power
+    np.testing.assert_allclose(
+        told["the sphere's radius off by 1 mm"],
+        np.abs(moved(larger.light(pose).ravel())),
+        rtol=0.05,
+        atol=1e-4,
+    )

@@ -1,0 +1,159 @@
+"""``uuv_array budget``: from lamp, water, photodiode and amplifier to counts, noise and reach."""
+
+import argparse
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from uuv_optical_array.cli import options, outputs
+from uuv_optical_array.core.geometry import IN_DEGREES, Array, X
+from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.storage.yaml_text import text_of
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.tolerances import tolerances
+from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts, scene_with
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import SPECIFICATION
+from uuv_optical_array.plots.style import new_figure, save
+from uuv_optical_array.studies.limits import reach
+
+DESCRIPTION = """\
+The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
+and converter to the counts, the noise and the reach of a scene, whose light and noise are those of
+every other command. It prints the keys to write into a scene file, the risk group of the lamp, and
+what errors of building cost. With --reach it finds the watts instead."""
+
+EPILOG = """\
+examples:
+  uuv_array budget                                     the instrument of the guide
+  uuv_array budget --scene harbour --lamp-w 2          in another water, with a brighter lamp
+  uuv_array budget --reach 8                           the least watts that reach 8 m
+  uuv_array budget --daylight-w-per-m2 1 --filter 0.7  by day, behind a filter
+
+The reach is where the Cramer-Rao bound of one image keeps within the specification of Eren et al.
+(2016), 0.2 m and 10 deg, as `uuv_array limits` has it, with the scene's prior."""
+
+RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
+DRAWN_M = np.geomspace(1.0, 20.0, 120)
+BUILT_M = 6.0  # where errors of building are told
+RISK = ("exempt", "group 1: low risk", "group 2: do not stare", "group 3: high risk")
+REACH = Quantity("find the least watts that reach so far", "m", 0.5, 100)
+
+
+def aligned(ranges_m: Any) -> Array:
+    """Return aligned poses so far behind the lamp, shape ``(n, 5)``."""
+    poses = np.zeros((len(ranges_m), 5))
+    poses[:, X] = -np.asarray(ranges_m)
+    return poses
+
+
+def reaches(scene: Scene, range_m: float) -> bool:
+    """Say whether one image so far behind the lamp is within the specification."""
+    std = cramer_rao_bound(ForwardModel(scene), aligned([range_m])).std[0] * IN_DEGREES
+    return bool((std <= SPECIFICATION).all())
+
+
+def rows(scene: Scene, ranges_m: Any) -> Array:
+    """Return by range the brightest reading and its noise, counts, and the bound, ``(n, 5)``.
+
+    The bound is that of x, of y or z, m, and of pitch or yaw, deg; the larger of two.
+    """
+    model, poses = ForwardModel(scene), aligned(ranges_m)
+    light = model.light(poses).max(axis=(-2, -1))
+    noise = np.sqrt(reading_variance(light, model.noise._replace(square=0.0)))
+    std = cramer_rao_bound(model, poses).std * IN_DEGREES
+    return np.column_stack([light, noise, std[:, 0], std[:, 1:3].max(1), std[:, 3:].max(1)])
+
+
+def report(scene: Scene, instrument: Instrument, base: str) -> str:
+    """Return the budget of a scene with its instrument, as text."""
+    beam, full_scale = scene.lamp.beam_sigma_deg, scene.full_scale_counts
+    group, blue, thermal = instrument.risk_group(beam)
+    noise = ForwardModel(scene).noise
+    lines = [
+        f"lamp: {instrument.lamp_w:.4g} W in a beam of {beam:g} deg: "
+        f"{instrument.intensity(beam):.3g} W/sr on its axis",
+        f"eyes: {RISK[group]} (IEC 62471 at 0.2 m: blue light {blue:.3g}, thermal {thermal:.3g} "
+        "W/(m^2 sr))",
+        f"a count: {instrument.amps_per_count:.3g} A, {1 / instrument.counts_per_w_per_m2:.3g} "
+        f"W/m^2; full scale {full_scale:g} counts",
+        f"noise in the dark: {np.sqrt(noise.variance):.3g} counts, with rounding; amplifier and "
+        f"converter {instrument.amplifier_noise():.2g} A/sqrt(Hz) in {instrument.bandwidth_hz:g} "
+        "Hz",
+        "",
+        "aligned, behind the lamp        bound of one image",
+        "range (m)    counts     noise   range (m)  across (m)  angle (deg)",
+    ]
+    for range_m, (light, std, *bound) in zip(RANGES_M, rows(scene, RANGES_M), strict=True):
+        full = "  full scale" if light > full_scale else ""
+        shown = "".join(f"{value:>12.3g}" for value in bound)
+        lines.append(f"{range_m:9g}{light:10.5g}{std:10.3g}{shown}{full}")
+    span = reach(scene)
+    told = f"{span[0]:g} to {span[1]:g} m" if span else "none: not even at the reference range"
+    lines += [f"reach within 0.2 m and 10 deg: {told}", ""]
+    lines.append(f"errors of building, at {BUILT_M:g} m    range (mm)  across (mm)  angle (deg)")
+    for name, error in tolerances(scene, aligned([BUILT_M])[0]).items():
+        x, y, z, pitch, yaw = error * IN_DEGREES
+        angle = max(pitch, yaw)
+        lines.append(f"  {name:<31}{1e3 * x:11.3g}{1e3 * max(y, z):13.3g}{angle:13.3g}")
+    return "\n".join([*lines, "", f"for a scene file that extends {base}:", ""])
+
+
+def draw(scene: Scene) -> Any:
+    """Draw counts and noise, and the bound, by the range."""
+    figure = new_figure(10, 5.6)
+    counts, bounds = figure.subplots(1, 2)
+    light, noise, *bound = rows(scene, DRAWN_M).T
+    counts.plot(DRAWN_M, light, "-", color="#1f6fb4", lw=2, label="brightest reading")
+    counts.plot(DRAWN_M, noise, "--", color="#c8401e", lw=2, label="its noise")
+    counts.axhline(scene.full_scale_counts, color="k", lw=1, ls=":", label="full scale")
+    counts.set(ylabel="counts", title="light")
+    styles = (("range (m)", "-"), ("across (m)", "--"), ("angle (deg) / 50", "-."))
+    for (name, style), std, unit in zip(styles, bound, (1, 1, 50), strict=True):
+        bounds.plot(DRAWN_M, std / unit, style, color="#1f6fb4", lw=2, label=name)
+    bounds.axhline(SPECIFICATION[0], color="k", lw=1, ls=":", label="0.2 m and 10 deg (paper)")
+    bounds.set(ylabel="least std of one image", title="bound", ylim=(1e-3, 10))
+    for axes in (counts, bounds):
+        axes.set(xscale="log", yscale="log", xlabel="base_link behind the lamp (m)")
+        axes.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])
+        axes.grid(alpha=0.4)
+        axes.legend()
+    figure.suptitle(f"Link budget in the water of {scene.name}")
+    return figure
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    options.add_scene(parser, "follow")
+    options.add_settings(parser, Instrument)
+    parser.add_argument(
+        "--reach",
+        type=options.reader(Setting(float, REACH, None, optional=True)),
+        metavar="M",
+        help=f"{REACH.text}, in place of --lamp-w",
+    )
+    outputs.add_picture(parser, "budget.png")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the budget, or the watts for a reach, and draw it."""
+    base, instrument = options.scene_of(args), Instrument(**options.settings_of(args, Instrument))
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    if args.reach is not None:
+        watts = least_watts(base, instrument, lambda scene: reaches(scene, args.reach))
+        if watts is None:
+            raise ValueError(
+                f"--reach {args.reach:g}: no lamp reaches so far: what the scene's prior leaves "
+                "uncertain, full scale or the array sets the limit; calibrate, or see the bound "
+                "by `uuv_array limits`"
+            )
+        instrument = dataclasses.replace(instrument, lamp_w=float(f"{watts:.4g}"))
+    scene = scene_with(base, instrument)
+    print(report(scene, instrument, args.scene))
+    print(text_of({"extends": args.scene, **keys(base, instrument)}), end="")
+    save(draw(scene), output)
+    print(f"picture: {output}")
+    return 0

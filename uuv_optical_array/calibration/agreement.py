@@ -16,18 +16,11 @@ from uuv_optical_array.core.geometry import Array
 class Agreement:
     """Residuals of m images of n detectors, and their statistics.
 
-    Parameters
-    ----------
-    residuals
-        In standard deviations, shape ``(m, n)``.
-    variance
-        Of the readings, counts^2, shape ``(m, n)``.
-    uncensored
-        Readings that are used and far from both limits, shape ``(m, n)``.
-    misfit
-        Mean squared residual of these, 1 where the model explains the images.
-    freedoms
-        Degrees of freedom of these: readings less what was fitted to them, 0 or more.
+    - residuals: in standard deviations, shape ``(m, n)``.
+    - variance: of the readings, counts^2, shape ``(m, n)``.
+    - uncensored: readings that are used and far from both limits, shape ``(m, n)``.
+    - misfit: mean squared residual of these, 1 where the model explains the images.
+    - freedoms: degrees of freedom of these: readings less what was fitted to them, 0 or more.
     """
 
     residuals: Array

@@ -21,22 +21,13 @@ from uuv_optical_array.core.geometry import (
 def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Array, Array, Array]:
     """Return the poses and rolls of which lamp and array would give the same light if they aimed.
 
-    Parameters
-    ----------
-    poses, rolls
-        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    aims
-        Pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, shape ``(4,)``.
-    bow_m
-        How far ahead of ``base_link`` the array turns.
-
-    Returns
-    -------
-    poses, rolls
-        Shapes as given.
-    slopes
-        From slopes of the light by the former poses to those by the given poses and by the aims,
-        shape ``(m, 5, 9)``. The follower's bow is not abeam.
+    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    - aims: pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, shape
+      ``(4,)``.
+    - bow_m: how far ahead of ``base_link`` the array turns.
+    - returned poses, rolls: shapes as given.
+    - returned slopes: from slopes of the light by the former poses to those by the given poses and
+      by the aims, shape ``(m, 5, 9)``. The follower's bow is not abeam.
     """
     lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
     body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])

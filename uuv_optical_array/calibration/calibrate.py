@@ -42,17 +42,11 @@ NOISE_ROUNDS = 4
 class FittedParameter:
     """One fitted number.
 
-    Parameters
-    ----------
-    name, unit
-        As in the scene.
-    start, value
-        Before and after.
-    std
-        Standard error, which includes the effect of parameters that are held though unknown; nan
-        where the value itself was held.
-    note
-        Why it was held, or what it is correlated with; empty: determined by itself.
+    - name, unit: as in the scene.
+    - start, value: before and after.
+    - std: standard error, which includes the effect of parameters that are held though unknown; nan
+      where the value itself was held.
+    - note: why it was held, or what it is correlated with; empty: determined by itself.
     """
 
     name: str
@@ -67,32 +61,21 @@ class FittedParameter:
 class Calibration:
     """The result of a calibration.
 
-    Parameters
-    ----------
-    scene
-        The starting scene with the fitted values, and their standard errors in its prior.
-    parameters
-        What `parameters.names_in` names and the scene has; the reference reading, which follows
-        from them; the noise, where it was fitted.
-    gains, gain_std
-        Geometric mean 1, shape ``(side, side)``; the standard error is nan where one was held.
-    correlation
-        Of the parameters before the gains, shape ``(11, 11)``; nan where one was held.
-    mean, residuals
-        Of every reading, counts and standard deviations, shape ``(m, n)``.
-    used
-        Readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
-    uncensored
-        Used readings that are far from both limits, shape ``(m, n)``.
-    misfit
-        Mean squared residual of these, 1 where the model explains the data; where it exceeds
-        `notes.MISFIT`, the standard errors are multiplied by its root.
-    outliers, outlying_images
-        Number of single readings that were left out; indices of images that were.
-    notes
-        What a user should know, a line each.
-    refusal
-        Why the scene is not to be used; empty where the model explains the images.
+    - scene: the starting scene with the fitted values, and their standard errors in its prior.
+    - parameters: what `parameters.names_in` names and the scene has; the reference reading, which
+      follows from them; the noise, where it was fitted.
+    - gains, gain_std: geometric mean 1, shape ``(side, side)``; the standard error is nan where one
+      was held.
+    - correlation: of the parameters before the gains, shape ``(11, 11)``; nan where one was held.
+    - mean, residuals: of every reading, counts and standard deviations, shape ``(m, n)``.
+    - used: readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
+    - uncensored: used readings that are far from both limits, shape ``(m, n)``.
+    - misfit: mean squared residual of these, 1 where the model explains the data; where it exceeds
+      `notes.MISFIT`, the standard errors are multiplied by its root.
+    - outliers, outlying_images: number of single readings that were left out; indices of images
+      that were.
+    - notes: what a user should know, a line each.
+    - refusal: why the scene is not to be used; empty where the model explains the images.
     """
 
     scene: Scene
@@ -123,35 +106,20 @@ def calibrate(
 ) -> Calibration:
     """Fit lamp, water, array, aims and background to images at known poses.
 
-    Parameters
-    ----------
-    scene
-        Where the fit starts; array, noise and every effect that is not fitted are taken as given.
-    images
-        Counts, finite, shape ``(m, side, side)``, m >= 1.
-    poses, rolls
-        Of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to ``(m,)``.
-    hold
-        Parameters that keep the values of the scene: of `parameters.names_in`, or ``gains``.
-    pose_std
-        Standard deviation of each pose, independent by image, m and rad, shape ``(5,)``, > 0;
-        ``None``: exact.
-    fit_noise
-        Whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
-    on_step
-        Called at every step, to show progress.
-
-    Returns
-    -------
-    Calibration
-        The most probable values, and how well they are known.
-
-    Raises
-    ------
-    ValueError
-        For images, poses or their errors that are not finite or of a wrong shape, an unknown name
-        in `hold`, a noise to fit that the scene does not have, no reading that can be used, or
-        results out of the bounds of a scene.
+    - scene: where the fit starts; array, noise and every effect that is not fitted are taken as
+      given.
+    - images: counts, finite, shape ``(m, side, side)``, m >= 1.
+    - poses, rolls: of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to
+      ``(m,)``.
+    - hold: parameters that keep the values of the scene: of `parameters.names_in`, or ``gains``.
+    - pose_std: standard deviation of each pose, independent by image, m and rad, shape ``(5,)``, >
+      0; ``None``: exact.
+    - fit_noise: whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
+    - on_step: called at every step, to show progress.
+    - returned: the most probable values, and how well they are known.
+    - ValueError: for images, poses or their errors that are not finite or of a wrong shape, an
+      unknown name in `hold`, a noise to fit that the scene does not have, no reading that can be
+      used, or results out of the bounds of a scene.
     """
     side = scene.array.detectors_per_side
     images, poses = np.asarray(images, float), np.asarray(poses, float)

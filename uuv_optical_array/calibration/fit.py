@@ -40,33 +40,18 @@ EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
 class CalibrationFit:
     """The most probable parameters, and which of them the images determine.
 
-    Parameters
-    ----------
-    likelihood
-        Of the images; its faulty detectors and used readings are updated.
-    known
-        Parameters that are held where they start.
-    on_step
-        Called at every step, to show progress.
-
-    Attributes
-    ----------
-    start
-        Parameters of the scene, shape ``(p,)``.
-    state
-        The fit, with Fisher's information.
-    known, unknown
-        Parameters that are held: those given, and those that the images do not determine.
-    correlated
-        Parameters that are determined only while another, the value, is held.
-    at_bound
-        Parameters whose likelihood grows beyond a bound.
-    dead
-        Detectors whose reading never changes.
-    outlying_images
-        Images of which no reading is used.
-    agreement
-        Of the fit with the readings.
+    - likelihood: of the images; its faulty detectors and used readings are updated.
+    - known: parameters that are held where they start.
+    - on_step: called at every step, to show progress.
+    - start: parameters of the scene, shape ``(p,)``.
+    - state: the fit, with Fisher's information.
+    - known, unknown: parameters that are held: those given, and those that the images do not
+      determine.
+    - correlated: parameters that are determined only while another, the value, is held.
+    - at_bound: parameters whose likelihood grows beyond a bound.
+    - dead: detectors whose reading never changes.
+    - outlying_images: images of which no reading is used.
+    - agreement: of the fit with the readings.
     """
 
     agreement: Agreement

@@ -41,21 +41,14 @@ class Unknowns(NamedTuple):
 class CalibrationState(NamedTuple):
     """The likelihood at some unknowns, and what a step from there needs.
 
-    Parameters
-    ----------
-    cost
-        Negative log-likelihood, with the log-prior of the shifts, without constants.
-    at
-        The unknowns.
-    gradient, information
-        Of the log-likelihood by the parameters, shifts eliminated, shapes ``(p,)``, ``(p, p)``.
-    mean, variance
-        Of every reading, counts and counts^2, shape ``(m, n)``.
-    shift_step, shift_by_parameters
-        Step of the shifts at fixed parameters, and its slope by them, shapes ``(m, 5)`` and
-        ``(m, 5, p)``; empty where poses are exact.
-    shift_decrement
-        How much `shift_step` lowers the cost, to second order.
+    - cost: negative log-likelihood, with the log-prior of the shifts, without constants.
+    - at: the unknowns.
+    - gradient, information: of the log-likelihood by the parameters, shifts eliminated, shapes
+      ``(p,)``, ``(p, p)``.
+    - mean, variance: of every reading, counts and counts^2, shape ``(m, n)``.
+    - shift_step, shift_by_parameters: step of the shifts at fixed parameters, and its slope by
+      them, shapes ``(m, 5)`` and ``(m, 5, p)``; empty where poses are exact.
+    - shift_decrement: how much `shift_step` lowers the cost, to second order.
     """
 
     cost: float
@@ -72,16 +65,10 @@ class CalibrationState(NamedTuple):
 class CalibrationLikelihood:
     """The likelihood of m images of n detectors.
 
-    Parameters
-    ----------
-    scene
-        Where the fit starts.
-    images
-        Counts, finite, shape ``(m, side, side)``.
-    poses, rolls
-        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    pose_std
-        Standard deviation of each image's pose, m and rad, shape ``(5,)``; ``None``: exact.
+    - scene: where the fit starts.
+    - images: counts, finite, shape ``(m, side, side)``.
+    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
+    - pose_std: standard deviation of each image's pose, m and rad, shape ``(5,)``; ``None``: exact.
     """
 
     def __init__(

@@ -14,18 +14,11 @@ from uuv_optical_array.core.settings import Place
 class FollowRecord:
     """A run as it was seen on the topics; stamps are in seconds from the leader's start.
 
-    Parameters
-    ----------
-    station_m
-        Commanded station in the lamp's frame, m.
-    leader_path, follower_path
-        Positions in the world by stamp, m, shape ``(3,)`` each.
-    truth
-        Relative pose of the follower by stamp, m and rad, shape ``(5,)``.
-    estimates
-        Estimated pose by stamp, m and rad, shape ``(5,)``.
-    images
-        Array images by stamp, counts.
+    - station_m: commanded station in the lamp's frame, m.
+    - leader_path, follower_path: positions in the world by stamp, m, shape ``(3,)`` each.
+    - truth: relative pose of the follower by stamp, m and rad, shape ``(5,)``.
+    - estimates: estimated pose by stamp, m and rad, shape ``(5,)``.
+    - images: array images by stamp, counts.
     """
 
     station_m: Place

@@ -134,28 +134,18 @@ class FormationController:
     ) -> None:
         """Take a relative pose and its rate.
 
-        Parameters
-        ----------
-        stamp_s
-            When its image was taken, s. One farther from the last than ``light_timeout_s``, on
-            either side, begins anew: the light was lost, or the clock was reset. Where poses
-            were refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
-        pose
-            ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-        covariance
-            Of `pose`, shape ``(5, 5)``, positive definite.
-        rate
-            Of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
-
-        Raises
-        ------
-        Outlier
-            For a pose beyond the gate: too far from the last one as its rate and the commands
-            carry it on. It steers nothing unless others confirm it; nearer than
-            ``min_distance_m`` it keeps the follower from closing in until the next pose.
-        ValueError
-            For a pose, rate or stamp that is not finite or out of bounds, a covariance that is not
-            positive definite, or a stamp that does not advance; the controller is left as it was.
+        - stamp_s: when its image was taken, s. One farther from the last than ``light_timeout_s``,
+          on either side, begins anew: the light was lost, or the clock was reset. Where poses were
+          refused before, `TrackerSettings.reacquire_frames` that agree have to come first.
+        - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+        - covariance: of `pose`, shape ``(5, 5)``, positive definite.
+        - rate: of `pose`, the follower's own motion included, m/s and rad/s, shape ``(5,)``.
+        - Outlier: for a pose beyond the gate: too far from the last one as its rate and the
+          commands carry it on. It steers nothing unless others confirm it; nearer than
+          ``min_distance_m`` it keeps the follower from closing in until the next pose.
+        - ValueError: for a pose, rate or stamp that is not finite or out of bounds, a covariance
+          that is not positive definite, or a stamp that does not advance; the controller is left as
+          it was.
         """
         stamp_ns = _nanoseconds("pose: stamp", stamp_s)
         pose, _ = checked_pose(pose, covariance)

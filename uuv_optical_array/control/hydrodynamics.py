@@ -33,21 +33,14 @@ PLACE, ATTITUDE, VELOCITY = slice(0, 3), slice(3, 7), slice(7, 13)  # of a state
 class Body:
     """What moves: diagonal inertia and damping, surge, sway, heave, roll, pitch, yaw.
 
-    Parameters
-    ----------
-    inertia
-        Mass, kg, thrice, and moments of inertia about the centre of gravity, kg m^2; shape
-        ``(6,)``, > 0.
-    added_mass
-        Of the water that moves along, kg and kg m^2, shape ``(6,)``, >= 0.
-    linear_damping, quadratic_damping
-        Per velocity through the water, N s/m and N m s, and per its square; shape ``(6,)``, >= 0.
-    volume_m3
-        Of the displaced water, m^3.
-    buoyancy_at
-        Centre of buoyancy from that of gravity, FRD, m, shape ``(3,)``.
-    water_density
-        kg/m^3.
+    - inertia: mass, kg, thrice, and moments of inertia about the centre of gravity, kg m^2; shape
+      ``(6,)``, > 0.
+    - added_mass: of the water that moves along, kg and kg m^2, shape ``(6,)``, >= 0.
+    - linear_damping, quadratic_damping: per velocity through the water, N s/m and N m s, and per
+      its square; shape ``(6,)``, >= 0.
+    - volume_m3: of the displaced water, m^3.
+    - buoyancy_at: centre of buoyancy from that of gravity, FRD, m, shape ``(3,)``.
+    - water_density: kg/m^3.
     """
 
     inertia: Array

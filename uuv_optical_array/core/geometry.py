@@ -53,10 +53,8 @@ def lamp_in_body(
 ) -> tuple[Any, Any, Any, Any, Any, Any]:
     """Return the lamp in ``base_link``: position, m, and unit vector along the beam.
 
-    Parameters
-    ----------
-    x, y, z, pitch, yaw, roll
-        Pose and roll of the follower in ``beacon``, m and rad, numbers or arrays.
+    - x, y, z, pitch, yaw, roll: pose and roll of the follower in ``beacon``, m and rad, numbers or
+      arrays.
     """
     ahead, aside, above = rotation(pitch, yaw, roll)
     return (
@@ -258,15 +256,10 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> A
     in the image: an uncertain roll moves y, z and the attitude together. That adds a term of rank
     one to the mapped 5x5.
 
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
-        pitch and the beam have one axis.
-    covariance
-        Of `pose`, shape ``(5, 5)``.
-    roll_std
-        Standard deviation of the roll about the beam axis, rad, > 0.
+    - pose: ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
+      pitch and the beam have one axis.
+    - covariance: of `pose`, shape ``(5, 5)``.
+    - roll_std: standard deviation of the roll about the beam axis, rad, > 0.
     """
     _, y, z, _, yaw = np.asarray(pose, dtype=float)
     jacobian = np.eye(6, 5)

@@ -65,18 +65,10 @@ def fill_cache(settings: dict[str, Any]) -> None:
 class FitCompiler:
     """Compiles the fit of a scene in the background.
 
-    Parameters
-    ----------
-    scene
-        Whose fit it is. What is compiled already is loaded at once, unless that takes longer than
-        `LOAD_S`, as it does where another processor compiled it.
-
-    Attributes
-    ----------
-    done : bool
-        Whether there is no more to wait for.
-    failure : str
-        Why the compiled fit cannot be used; empty where it can, and while that is not known.
+    - scene: whose fit it is. What is compiled already is loaded at once, unless that takes longer
+      than `LOAD_S`, as it does where another processor compiled it.
+    - done: whether there is no more to wait for.
+    - failure: why the compiled fit cannot be used; empty where it can, and while that is not known.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -51,34 +51,17 @@ def build_large_table(
 ) -> int:
     """Build the table of a scene in a folder, or finish one that was interrupted or damaged.
 
-    Parameters
-    ----------
-    path
-        The folder; with a scheduler, all workers must see it under the same name.
-    scene
-        The scene; its ``table`` gives the grid.
-    scheduler
-        Address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; ``None``: threads of this
-        process.
-    threads
-        Of this process, >= 1; ``None``: one for each core.
-    progress
-        Wraps the loop over blocks, such as ``tqdm.tqdm``.
-    block_rows
-        Poses in a block of a new table.
-
-    Returns
-    -------
-    int
-        Number of rows with light.
-
-    Raises
-    ------
-    ValueError
-        Where the folder holds anything else, or the table of another scene; where the disk is too
-        small, no pose has light, or the scheduler has no worker.
-    OSError
-        Where a block cannot be written.
+    - path: the folder; with a scheduler, all workers must see it under the same name.
+    - scene: the scene; its ``table`` gives the grid.
+    - scheduler: address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; ``None``: threads of
+      this process.
+    - threads: of this process, >= 1; ``None``: one for each core.
+    - progress: wraps the loop over blocks, such as ``tqdm.tqdm``.
+    - block_rows: poses in a block of a new table.
+    - returned int: number of rows with light.
+    - ValueError: where the folder holds anything else, or the table of another scene; where the
+      disk is too small, no pose has light, or the scheduler has no worker.
+    - OSError: where a block cannot be written.
     """
     path = files.user_path(path).absolute()
     if not path.exists():
@@ -156,12 +139,8 @@ def _open(path: Path, scene: Scene) -> Any:
 def fill(block: int, path: Path, scene: Scene) -> int:
     """Compute a block of a table, unless it is there and whole; return its rows with light.
 
-    Raises
-    ------
-    ValueError
-        On a machine that does not see the table.
-    OSError
-        Where the block cannot be written.
+    - ValueError: on a machine that does not see the table.
+    - OSError: where the block cannot be written.
     """
     if not (path / ".zarray").is_file():
         raise ValueError(f"table {path}: not seen by every worker; name a folder that all share")

@@ -21,16 +21,10 @@ DEFAULT_TRACKING = TrackerSettings()
 class Answer(NamedTuple):
     """What comes of one image.
 
-    Parameters
-    ----------
-    stamp_ns
-        Of the image, ns.
-    estimate
-        The pose of this image by itself; ``None`` where there is none.
-    track
-        The track with it; ``None`` where there is no pose, or no tracker.
-    reason
-        Why there is no pose; empty where there is one.
+    - stamp_ns: of the image, ns.
+    - estimate: the pose of this image by itself; ``None`` where there is none.
+    - track: the track with it; ``None`` where there is no pose, or no tracker.
+    - reason: why there is no pose; empty where there is one.
     """
 
     stamp_ns: int

@@ -32,14 +32,9 @@ Progress = Callable[[Iterable[int]], Iterable[int]]
 class SignatureTable:
     """Poses and their key parameters, row by row.
 
-    Parameters
-    ----------
-    scene
-        The scene that the table was built from.
-    poses
-        ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(m, 5)``.
-    parameters
-        Key parameters of each pose, shape ``(m, 5)``; every row has light.
+    - scene: the scene that the table was built from.
+    - poses: ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(m, 5)``.
+    - parameters: key parameters of each pose, shape ``(m, 5)``; every row has light.
     """
 
     scene: Scene
@@ -73,17 +68,9 @@ def grid_rows(axes: list[Array]) -> int:
 def grid_poses(axes: list[Array], rows: ArrayLike) -> Array:
     """Return poses of a grid by their row numbers; the last axis varies fastest.
 
-    Parameters
-    ----------
-    axes
-        As `grid_axes`.
-    rows
-        Row numbers, shape ``(...)``, each >= 0 and less than `grid_rows`.
-
-    Returns
-    -------
-    Array
-        Poses, m and rad, shape ``(..., 5)``.
+    - axes: as `grid_axes`.
+    - rows: row numbers, shape ``(...)``, each >= 0 and less than `grid_rows`.
+    - returned: poses, m and rad, shape ``(..., 5)``.
     """
     cells = np.unravel_index(np.asarray(rows), [len(axis) for axis in axes])
     return np.stack([axis[i] for axis, i in zip(axes, cells, strict=True)], axis=-1)
@@ -97,21 +84,11 @@ def grid_parameters(
 ) -> Array:
     """Compute the key parameters of rows of the scene's grid, free of noise and rounding.
 
-    Parameters
-    ----------
-    model
-        Forward model of the scene.
-    rows
-        Row numbers, one after the other.
-    min_peak_counts
-        A brightest reading below this is no light.
-    progress
-        As in `build_table`.
-
-    Returns
-    -------
-    Array
-        Shape ``(m, 5)``; NaN for a pose without light.
+    - model: forward model of the scene.
+    - rows: row numbers, one after the other.
+    - min_peak_counts: a brightest reading below this is no light.
+    - progress: as in `build_table`.
+    - returned: shape ``(m, 5)``; NaN for a pose without light.
     """
     scene, axes = model.scene, grid_axes(model.scene.table)
     # glibc keeps the memory of freed arrays up to the size of the largest one that was ever freed.
@@ -183,10 +160,8 @@ def memory_bytes(rows: int) -> int:
 def machine_bytes(container_limit: Path = CONTAINER_LIMIT) -> int:
     """Return the memory of this machine, or of the container that this runs in, bytes.
 
-    Parameters
-    ----------
-    container_limit
-        File with the limit of the container, bytes; it may be missing, or hold ``max``.
+    - container_limit: file with the limit of the container, bytes; it may be missing, or hold
+      ``max``.
     """
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
@@ -198,12 +173,8 @@ def machine_bytes(container_limit: Path = CONTAINER_LIMIT) -> int:
 def check_memory(rows: int, what: str) -> None:
     """Raise ValueError where this machine cannot hold a table of so many rows and its index.
 
-    Parameters
-    ----------
-    rows
-        Rows of the table, >= 0.
-    what
-        Whose table it is, for the error.
+    - rows: rows of the table, >= 0.
+    - what: whose table it is, for the error.
     """
     need, have = memory_bytes(rows), machine_bytes()
     if need > have:

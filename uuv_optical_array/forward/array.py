@@ -66,14 +66,9 @@ class ArraySettings:
 class DetectorArray:
     """Detectors in the follower's ``base_link``, row-major from the top port corner.
 
-    Parameters
-    ----------
-    positions, normals
-        Centres, m, and outward unit normals, shape ``(side * side, 3)``.
-    side
-        Detectors in a row; an image has shape ``(side, side)``.
-    spacing_m
-        Distance between neighbours, projected on the plane of the array, m.
+    - positions, normals: centres, m, and outward unit normals, shape ``(side * side, 3)``.
+    - side: detectors in a row; an image has shape ``(side, side)``.
+    - spacing_m: distance between neighbours, projected on the plane of the array, m.
     """
 
     positions: Array

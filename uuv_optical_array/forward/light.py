@@ -115,25 +115,15 @@ def ray(
 ) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
     """Follow the light from the lamp to a detector; all in ``base_link``.
 
-    Parameters
-    ----------
-    x, y, z, normal_x, normal_y, normal_z
-        The detector, m, and its outward unit normal.
-    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z
-        The lamp, m, and the unit vector along its beam.
-
-    Returns
-    -------
-    range_m
-        Length of the path, m, at least `MIN_RANGE_M`.
-    half_square, turn
-        As `off_axis`, of the angle between the beam's axis and the path.
-    cosine, axial
-        Of the angles between the detector's normal and the lamp, at most 1, and the beam's axis.
-    to_x, to_y, to_z
-        From the detector to the lamp, m.
-    along_m
-        The detector along the beam's axis, m.
+    - x, y, z, normal_x, normal_y, normal_z: the detector, m, and its outward unit normal.
+    - lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z: the lamp, m, and the unit vector along its
+      beam.
+    - returned range_m: length of the path, m, at least `MIN_RANGE_M`.
+    - returned half_square, turn: as `off_axis`, of the angle between the beam's axis and the path.
+    - returned cosine, axial: of the angles between the detector's normal and the lamp, at most 1,
+      and the beam's axis.
+    - returned to_x, to_y, to_z: from the detector to the lamp, m.
+    - returned along_m: the detector along the beam's axis, m.
     """
     to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
     along_m = -(to_x * axis_x + to_y * axis_y + to_z * axis_z)
@@ -157,24 +147,15 @@ def lamp_light(
     ``E = power / r^2  exp(-eta^2 / (2 sigma^2))  max(0, cos theta)``
     (Eren et al. 2016, eqs 1 to 4 and 8, with ``power = L0 r_half^2``).
 
-    Parameters
-    ----------
-    range_m, half_square
-        As `ray` returns them.
-    incidence
-        Cosine of the angle between the detector's normal and where the light comes from.
-    power
-        Reading times squared range of a detector on the axis that faces the lamp, counts m^2, >= 0.
-    beam_sigma_rad
-        Standard deviation of the beam in the off-axis angle, rad, > 0.
-
-    Returns
-    -------
-    light
-        Counts, >= 0; 0 for a detector that faces away.
-    by_range, by_half_square, by_incidence, by_sigma
-        Slopes of its logarithm by range, half_square, incidence and beam_sigma_rad; at the edge
-        where a detector turns away from the lamp that of the dark side, 0.
+    - range_m, half_square: as `ray` returns them.
+    - incidence: cosine of the angle between the detector's normal and where the light comes from.
+    - power: reading times squared range of a detector on the axis that faces the lamp, counts m^2,
+      >= 0.
+    - beam_sigma_rad: standard deviation of the beam in the off-axis angle, rad, > 0.
+    - returned light: counts, >= 0; 0 for a detector that faces away.
+    - returned by_range, by_half_square, by_incidence, by_sigma: slopes of its logarithm by range,
+      half_square, incidence and beam_sigma_rad; at the edge where a detector turns away from the
+      lamp that of the dark side, 0.
     """
     precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
     facing, by_incidence = lambert(incidence)

@@ -56,16 +56,12 @@ MIN_VARIANCE = 1e-6
 class ReadingNoise(NamedTuple):
     """How a scene's readings differ from the light.
 
-    Parameters
-    ----------
-    variance, slope, square
-        Variance of a reading in the dark, counts^2, with rounding; its growth with the light,
-        counts; and with the square of the light, the variance of an unknown relative gain.
-    low, high
-        Limits of the readings, counts: at `low` or below, the light was at most `low` + 0.5, at
-        `high` or above at least `high` - 0.5.
-    black
-        Reading of darkness, counts, which is no light.
+    - variance, slope, square: variance of a reading in the dark, counts^2, with rounding; its
+      growth with the light, counts; and with the square of the light, the variance of an unknown
+      relative gain.
+    - low, high: limits of the readings, counts: at `low` or below, the light was at most `low` +
+      0.5, at `high` or above at least `high` - 0.5.
+    - black: reading of darkness, counts, which is no light.
     """
 
     variance: float
@@ -79,30 +75,21 @@ class ReadingNoise(NamedTuple):
 class Optics(NamedTuple):
     """A scene in numbers.
 
-    Parameters
-    ----------
-    detectors
-        Their positions, m, and normals, shape ``(6, n)``.
-    radius_m
-        Of the sphere that carries the detectors, m; 0: there is none.
-    power, beam_sigma_rad
-        As in `light.lamp_light`.
-    scattering_per_m
-        Of the water, 1/m; 0: it does not scatter.
-    nuisances
-        Number of settings that have offsets.
-    power_at, sigma_at, scattering_at, radius_at
-        Index among the nuisances of the offset of the power's logarithm, of that of the beam's
-        standard deviation, deg, and of the logarithms of scattering and radius; -1: known.
-    laws, law_settings, law_at
-        Of transmission: functions, or their addresses for compiled code; their settings, shape
-        ``(laws, 3)``; index of the nuisance that is the first of these, as `power_at`.
-    step_kinds, step_values, step_scales, step_at
-        Of each step on the array: `BACKGROUND`, `GAIN`, `BLUR` or `SHADE`; pattern, gains or
-        logarithms, shape ``(steps, n)``; level of a background or slope of gains; index of the
-        nuisance, as `power_at`.
-    blur
-        Of one axis, shape ``(side, side)``.
+    - detectors: their positions, m, and normals, shape ``(6, n)``.
+    - radius_m: of the sphere that carries the detectors, m; 0: there is none.
+    - power, beam_sigma_rad: as in `light.lamp_light`.
+    - scattering_per_m: of the water, 1/m; 0: it does not scatter.
+    - nuisances: number of settings that have offsets.
+    - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offset of the
+      power's logarithm, of that of the beam's standard deviation, deg, and of the logarithms of
+      scattering and radius; -1: known.
+    - laws, law_settings, law_at: of transmission: functions, or their addresses for compiled code;
+      their settings, shape ``(laws, 3)``; index of the nuisance that is the first of these, as
+      `power_at`.
+    - step_kinds, step_values, step_scales, step_at: of each step on the array: `BACKGROUND`,
+      `GAIN`, `BLUR` or `SHADE`; pattern, gains or logarithms, shape ``(steps, n)``; level of a
+      background or slope of gains; index of the nuisance, as `power_at`.
+    - blur: of one axis, shape ``(side, side)``.
     """
 
     detectors: Array

@@ -76,16 +76,11 @@ PRIORS: dict[str, dict[str, float]] = {
 class FrameLight(NamedTuple):
     """How the light of a kind of frame differs from that of a clear one.
 
-    Parameters
-    ----------
-    share
-        Of the frames, in [0, 1].
-    depth
-        Of an uneven shade, in the logarithm of the lamp's light.
-    cloud
-        Whether part of the shade is even, like a weaker lamp.
-    daylight_counts
-        Standard deviation of the ambient's rise from the array's middle to its edges, counts.
+    - share: of the frames, in [0, 1].
+    - depth: of an uneven shade, in the logarithm of the lamp's light.
+    - cloud: whether part of the shade is even, like a weaker lamp.
+    - daylight_counts: standard deviation of the ambient's rise from the array's middle to its
+      edges, counts.
     """
 
     share: float

@@ -40,23 +40,16 @@ def part(
 ) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
     """Return core or halo without its weight, and where it seems to come from.
 
-    Parameters
-    ----------
-    narrow, variance, growth
-        Variance of the beam at the lamp and of this part, rad^2, and the slope of the latter by the
-        logarithm of ``b r``.
-    tilt
-        The t above.
-    half_square, off_axis, sine_ratio
-        Half the squared angle off the axis, its cosine, and its sine over itself.
-
-    Returns
-    -------
-    strength, by_depth, by_half_square, by_narrow
-        Of the flux, over the distance to the apparent source, and slopes of its logarithm by the
-        logarithm of ``b r``, by half_square and by `narrow`.
-    advance, advance_by_depth, advance_by_narrow
-        Of the apparent source on the axis, as a share of the range, with slopes.
+    - narrow, variance, growth: variance of the beam at the lamp and of this part, rad^2, and the
+      slope of the latter by the logarithm of ``b r``.
+    - tilt: the t above.
+    - half_square, off_axis, sine_ratio: half the squared angle off the axis, its cosine, and its
+      sine over itself.
+    - returned strength, by_depth, by_half_square, by_narrow: of the flux, over the distance to the
+      apparent source, and slopes of its logarithm by the logarithm of ``b r``, by half_square and
+      by `narrow`.
+    - returned advance, advance_by_depth, advance_by_narrow: of the apparent source on the axis, as
+      a share of the range, with slopes.
     """
     ratio = narrow / variance
     reach = 1 + tilt * (1 - ratio)
@@ -92,24 +85,15 @@ def scattered_light(
 ) -> tuple[Any, ...]:
     """Flux of the lamp's light at a detector in water that scatters, without absorption.
 
-    Parameters
-    ----------
-    range_m, half_square, cosine, axial
-        As `light.ray` returns them.
-    off_axis, sine_ratio
-        Cosine of the angle off the axis, and its sine over itself.
-    power, beam_sigma_rad
-        As of `light.lamp_light`.
-    scattering_per_m
-        b, 1/m, > 0.
-
-    Returns
-    -------
-    flux, by_range, by_half_square, by_sigma, by_scattering
-        Counts, and slopes of its logarithm, the last by the logarithm of b.
-    incidence, in_range, in_half_square, in_cosine, in_axial, in_sigma
-        Cosine of the angle between the normal and where the flux comes from, and its slopes; that
-        by the logarithm of b is `in_range` times the range.
+    - range_m, half_square, cosine, axial: as `light.ray` returns them.
+    - off_axis, sine_ratio: cosine of the angle off the axis, and its sine over itself.
+    - power, beam_sigma_rad: as of `light.lamp_light`.
+    - scattering_per_m: b, 1/m, > 0.
+    - returned flux, by_range, by_half_square, by_sigma, by_scattering: counts, and slopes of its
+      logarithm, the last by the logarithm of b.
+    - returned incidence, in_range, in_half_square, in_cosine, in_axial, in_sigma: cosine of the
+      angle between the normal and where the flux comes from, and its slopes; that by the logarithm
+      of b is `in_range` times the range.
     """
     narrow, optical_depth = beam_sigma_rad * beam_sigma_rad, scattering_per_m * range_m
     x = SHARE * optical_depth

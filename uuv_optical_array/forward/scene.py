@@ -193,19 +193,11 @@ def without_meaning(effects: Mapping[str, Any], array: ArraySettings) -> list[st
 def scene_from_settings(settings: Any, name: str) -> Scene:
     """Check a scene given as plain values.
 
-    Parameters
-    ----------
-    settings
-        Mapping of the groups ``lamp`` and ``array``, and where they differ from the defaults
-        ``effects``, ``signature``, ``table`` and ``prior``.
-    name
-        Name of the scene, for errors.
-
-    Raises
-    ------
-    ValueError
-        For an unknown or missing key, a wrong type or a value out of bounds, with the key, the
-        value, the bound and the cure.
+    - settings: mapping of the groups ``lamp`` and ``array``, and where they differ from the
+      defaults ``effects``, ``signature``, ``table`` and ``prior``.
+    - name: name of the scene, for errors.
+    - ValueError: for an unknown or missing key, a wrong type or a value out of bounds, with the
+      key, the value, the bound and the cure.
     """
     try:
         if not isinstance(settings, Mapping):

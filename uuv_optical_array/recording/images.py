@@ -39,20 +39,13 @@ class Topics:
 class Recording:
     """Images of a bag in the order of their stamps.
 
-    Parameters
-    ----------
-    images
-        Counts, shape ``(m, side, side)``.
-    poses, rolls
-        Of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan where not
-        known.
-    stamps_ns
-        Of the images, ns, shape ``(m,)``.
-    refused
-        Number of messages that were left out, by topic and reason.
-    commands
-        To the follower, by ascending stamp: ns, and linear and angular velocity in its own frame,
-        m/s and rad/s, shape ``(3,)`` each.
+    - images: counts, shape ``(m, side, side)``.
+    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``; nan
+      where not known.
+    - stamps_ns: of the images, ns, shape ``(m,)``.
+    - refused: number of messages that were left out, by topic and reason.
+    - commands: to the follower, by ascending stamp: ns, and linear and angular velocity in its own
+      frame, m/s and rad/s, shape ``(3,)`` each.
     """
 
     images: Array
@@ -143,32 +136,18 @@ def read_recording(
     Both odometries are interpolated at the image's stamp, and never extrapolated. Invalid messages
     are left out and counted.
 
-    Parameters
-    ----------
-    path
-        Folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
-    array
-        The array that every image must be of.
-    topics
-        Of images, odometries and, if there are any, commands.
-    beacon_position_m
-        The lamp in the leader's ``base_link``, m.
-    axes
-        Of both odometries, see `odometry_pose`.
-    max_gap_s
-        Longest gap in an odometry that is interpolated, s.
-    progress
-        Wraps the messages, to show progress.
-    poses_needed
-        Whether images without a known pose are left out; otherwise odometries may be missing.
-
-    Raises
-    ------
-    ValueError
-        For a bag that cannot be read, a topic that is missing or of another type, odometries in
-        two frames, a clock that was set back, or a bag without a valid image.
-    FileNotFoundError
-        Where there is no such bag.
+    - path: folder of a rosbag2, or one of its ``.mcap`` or ``.db3`` files.
+    - array: the array that every image must be of.
+    - topics: of images, odometries and, if there are any, commands.
+    - beacon_position_m: the lamp in the leader's ``base_link``, m.
+    - axes: of both odometries, see `odometry_pose`.
+    - max_gap_s: longest gap in an odometry that is interpolated, s.
+    - progress: wraps the messages, to show progress.
+    - poses_needed: whether images without a known pose are left out; otherwise odometries may be
+      missing.
+    - ValueError: for a bag that cannot be read, a topic that is missing or of another type,
+      odometries in two frames, a clock that was set back, or a bag without a valid image.
+    - FileNotFoundError: where there is no such bag.
     """
     refused: Counter[str] = Counter()
     with opened(path) as (reader, lost):

@@ -30,21 +30,14 @@ def replay(
 ) -> Generator[Answer, None, None]:
     """Yield the answer to each image in order; they are estimated one by one only for a track.
 
-    Parameters
-    ----------
-    images
-        Counts, shape ``(m, side, side)``.
-    stamps_ns
-        Ascending, ns, shape ``(m,)``.
-    estimator
-        Takes the roll as 0.
-    tracking
-        Settings of a tracker, which takes each frame and knows the constants better for the next,
-        so that one comes after the other; ``None``: no track, and images are spread over processes.
-    processes
-        How many at a time, >= 1; ``None``: one for each core that this process may use.
-    commands
-        As of a `Recording`, for the track.
+    - images: counts, shape ``(m, side, side)``.
+    - stamps_ns: ascending, ns, shape ``(m,)``.
+    - estimator: takes the roll as 0.
+    - tracking: settings of a tracker, which takes each frame and knows the constants better for the
+      next, so that one comes after the other; ``None``: no track, and images are spread over
+      processes.
+    - processes: how many at a time, >= 1; ``None``: one for each core that this process may use.
+    - commands: as of a `Recording`, for the track.
     """
     pipeline = Pipeline(estimator, tracking)
     if tracking is not None:

@@ -155,19 +155,12 @@ def _compiled() -> Any:
 class Pencil:
     """Light of a pencil in water that has been scattered, through spheres about its source.
 
-    Parameters
-    ----------
-    absorption_per_m, scattering_per_m
-        Of the water, >= 0 and > 0, 1/m.
-    phase
-        Name of the phase function.
-    photons
-        How many were traced.
-    radial, away
-        Net flux outwards and away from the pencil, of one unit sent, through the bins between
-        `EDGES` of the spheres of `RADII_M`, shape ``(spheres, bins)``.
-    squares
-        As `radial`, of the photons' squared weights, for the error by chance.
+    - absorption_per_m, scattering_per_m: of the water, >= 0 and > 0, 1/m.
+    - phase: name of the phase function.
+    - photons: how many were traced.
+    - radial, away: net flux outwards and away from the pencil, of one unit sent, through the bins
+      between `EDGES` of the spheres of `RADII_M`, shape ``(spheres, bins)``.
+    - squares: as `radial`, of the photons' squared weights, for the error by chance.
     """
 
     absorption_per_m: float

@@ -54,20 +54,13 @@ class Conditions:
 class Moment(NamedTuple):
     """One step of the loop.
 
-    Parameters
-    ----------
-    t_s
-        Since the start, s.
-    leader_position, leader_rotation
-        Of the leader, whose lamp is at its origin, in the world: m, ``(3,)``, and ``(3, 3)``.
-    pose
-        True pose of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    image
-        Readings of the array, counts, shape ``(side, side)``.
-    frame
-        The result of the image.
-    leads
-        Whether the leader has set off.
+    - t_s: since the start, s.
+    - leader_position, leader_rotation: of the leader, whose lamp is at its origin, in the world: m,
+      ``(3,)``, and ``(3, 3)``.
+    - pose: true pose of the follower in ``beacon``, m and rad, shape ``(5,)``.
+    - image: readings of the array, counts, shape ``(side, side)``.
+    - frame: the result of the image.
+    - leads: whether the leader has set off.
     """
 
     t_s: float

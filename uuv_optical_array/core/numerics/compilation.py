@@ -37,15 +37,8 @@ def installed() -> bool:
 def compiled(function: Callable[..., Any]) -> Any:
     """Return a function as Numba compiles it, when it is first called, and keeps it on disk.
 
-    Parameters
-    ----------
-    function
-        A function of this package, written for numbers and arrays alike.
-
-    Raises
-    ------
-    ValueError
-        Where Numba is not installed, or not for this NumPy.
+    - function: a function of this package, written for numbers and arrays alike.
+    - ValueError: where Numba is not installed, or not for this NumPy.
     """
     return _jit(_compiled_twin(function), keep=True)
 
@@ -79,15 +72,8 @@ def loaded(function: Callable[..., Any]) -> Callable[..., Any]:
 def law_address(law: Callable[..., Any]) -> int:
     """Return where the compiled `compiled_math.transmit_by` of a law of transmission is.
 
-    Parameters
-    ----------
-    law
-        As `forward.effects.forms.Transmission` has it.
-
-    Raises
-    ------
-    ValueError
-        As `compiled`.
+    - law: as `forward.effects.forms.Transmission` has it.
+    - ValueError: as `compiled`.
     """
     numba, mathematics = _numba(), _mathematics()
     transmit = _compiled_twin(mathematics.transmit_by, law=compiled_inside(law))

@@ -102,21 +102,13 @@ def transmit(
 ) -> None:
     """Change the light by a law of transmission.
 
-    Parameters
-    ----------
-    law
-        ``law(range_m, half_square, cosine, a, b, c)``, which returns the factor of the light, the
-        slopes of its logarithm by the three and that by `a`; its address, in compiled code.
-    rays
-        Rows of range, m, half the squared off-axis angle, rad^2, and cosine of incidence.
-    a, b, c
-        Settings of the law.
-    beam
-        Rows of light, of the three slopes of its logarithm, and of slopes by settings.
-    row
-        That of the slope by `a`.
-    differentiate
-        Whether the slopes are wanted.
+    - law: ``law(range_m, half_square, cosine, a, b, c)``, which returns the factor of the light,
+      the slopes of its logarithm by the three and that by `a`; its address, in compiled code.
+    - rays: rows of range, m, half the squared off-axis angle, rad^2, and cosine of incidence.
+    - a, b, c: settings of the law.
+    - beam: rows of light, of the three slopes of its logarithm, and of slopes by settings.
+    - row: that of the slope by `a`.
+    - differentiate: whether the slopes are wanted.
     """
     factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], a, b, c)
     beam[0] *= factor

@@ -20,26 +20,17 @@ def minimiser(
     What is peculiar to a problem, such as bounds, limits of a step or parameters that are held,
     belongs to `propose`.
 
-    Parameters
-    ----------
-    evaluate
-        ``evaluate(problem, at)``: a named tuple of the cost, first, and whatever `propose` needs to
-        know of the place; of many problems, each part has their axis last.
-    propose
-        ``propose(problem, state, damping)``: the place to try next, as `evaluate` takes it, and the
-        decrement of the cost that the model of second order promises there; nan where there is no
-        step. The more damping, > 0, the shorter the step; of many problems, those that have ended
-        get 0 and need none.
-    arrived
-        Decrement below which a step is the last, > 0.
-    most
-        Steps at most.
-
-    Returns
-    -------
-    callable
-        ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place, the start
-        itself where its cost is not finite. A place whose cost is not finite is never taken.
+    - evaluate: ``evaluate(problem, at)``: a named tuple of the cost, first, and whatever `propose`
+      needs to know of the place; of many problems, each part has their axis last.
+    - propose: ``propose(problem, state, damping)``: the place to try next, as `evaluate` takes it,
+      and the decrement of the cost that the model of second order promises there; nan where there
+      is no step. The more damping, > 0, the shorter the step; of many problems, those that have
+      ended get 0 and need none.
+    - arrived: decrement below which a step is the last, > 0.
+    - most: steps at most.
+    - returned callable: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best
+      place, the start itself where its cost is not finite. A place whose cost is not finite is
+      never taken.
     """
 
     def minimise(problem: Any, start: Any, steps: int = most) -> Any:

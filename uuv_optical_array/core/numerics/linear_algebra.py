@@ -11,15 +11,8 @@ from typing import Any
 def cholesky(matrix: Any) -> bool:
     """Replace the lower triangle of a symmetric matrix by its Cholesky factor.
 
-    Parameters
-    ----------
-    matrix
-        Shape ``(p, p)``; the upper triangle is neither read nor written.
-
-    Returns
-    -------
-    bool
-        Whether the matrix is positive definite; if not, it is left half done.
+    - matrix: shape ``(p, p)``; the upper triangle is neither read nor written.
+    - returned bool: whether the matrix is positive definite; if not, it is left half done.
     """
     for i in range(len(matrix)):
         for j in range(i + 1):
@@ -38,13 +31,9 @@ def cholesky(matrix: Any) -> bool:
 def solve_lower(factor: Any, vector: Any) -> None:
     """Replace b by the x of ``L x = b``.
 
-    Parameters
-    ----------
-    factor
-        As `cholesky` leaves it, shape ``(p, p)``; of a shorter vector only as many rows and columns
-        are used.
-    vector
-        Shape ``(p,)`` or shorter.
+    - factor: as `cholesky` leaves it, shape ``(p, p)``; of a shorter vector only as many rows and
+      columns are used.
+    - vector: shape ``(p,)`` or shorter.
     """
     for i in range(len(vector)):
         rest = vector[i]

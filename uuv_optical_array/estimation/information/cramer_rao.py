@@ -62,27 +62,14 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     What the scene's prior leaves uncertain, such as the lamp's power, counts as estimated along
     under that prior: its share is taken off by the Schur complement. The pose has no prior.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model.
-    poses
-        ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, finite,
-        shape ``(..., 5)``.
-    roll
-        Roll of the follower, rad, taken as known, broadcast to ``(...)``.
-
-    Returns
-    -------
-    Array
-        Positive semidefinite but for rounding, in 1/m^2, 1/(m rad) and 1/rad^2, shape
-        ``(..., 5, 5)``. At the edge where a detector turns away from the lamp its light has no
-        derivative; the side without light is taken.
-
-    Raises
-    ------
-    ValueError
-        For a pose that is not finite.
+    - model: the scene's forward model.
+    - poses: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, finite, shape
+      ``(..., 5)``.
+    - roll: roll of the follower, rad, taken as known, broadcast to ``(...)``.
+    - returned: positive semidefinite but for rounding, in 1/m^2, 1/(m rad) and 1/rad^2, shape
+      ``(..., 5, 5)``. At the edge where a detector turns away from the lamp its light has no
+      derivative; the side without light is taken.
+    - ValueError: for a pose that is not finite.
     """
     poses = np.asarray(poses, dtype=float)
     if not np.isfinite(poses).all():

@@ -27,21 +27,11 @@ def hazard(u: Any) -> Any:
 def gaussian(reading: Any, light: Any, variance: Any) -> tuple[Any, Any, Any]:
     """Log-likelihood of a reading that is Gaussian about the light.
 
-    Parameters
-    ----------
-    reading, light
-        Counts.
-    variance
-        Of the reading, counts^2.
-
-    Returns
-    -------
-    value
-        Logarithm of the density, but for what the variance alone adds.
-    score
-        Its derivative by the light, 1/counts.
-    curvature
-        The Fisher information, 1/counts^2.
+    - reading, light: counts.
+    - variance: of the reading, counts^2.
+    - returned value: logarithm of the density, but for what the variance alone adds.
+    - returned score: its derivative by the light, 1/counts.
+    - returned curvature: the Fisher information, 1/counts^2.
     """
     precision = 1 / variance
     residual = reading - light
@@ -65,19 +55,11 @@ def gaussian_growing(reading: Any, light: Any, variance: Any, slope: Any) -> tup
 def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any, Any]:
     """Log-likelihood of a reading that only says that the light is not beyond a bound.
 
-    Parameters
-    ----------
-    light, bound
-        Counts.
-    sign
-        1 where the light is not below the bound, -1 where it is not above it.
-    variance
-        Of a reading, counts^2.
-
-    Returns
-    -------
-    value, score, curvature
-        As `gaussian`; the curvature is the second derivative, sign turned.
+    - light, bound: counts.
+    - sign: 1 where the light is not below the bound, -1 where it is not above it.
+    - variance: of a reading, counts^2.
+    - returned value, score, curvature: as `gaussian`; the curvature is the second derivative, sign
+      turned.
     """
     precision = 1 / sqrt(variance)
     # Beyond this all is as improbable, and a square still has a number.
@@ -97,14 +79,9 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
     counts by the probability of lying beyond (the Tobit model).
 
-    Parameters
-    ----------
-    readings, light
-        Counts, shape ``(n,)``.
-    noise
-        Of the scene.
-    result
-        Results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
+    - readings, light: counts, shape ``(n,)``.
+    - noise: of the scene.
+    - result: results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
     """
     for j in indices(len(light)):
         variance = reading_variance(light[j], noise)
@@ -130,24 +107,13 @@ def log_likelihood(
 ) -> tuple[Array, Array, Array]:
     """Log-likelihood of many images, with its first two derivatives by the light.
 
-    Parameters
-    ----------
-    readings
-        Counts, broadcast to ``(..., n)``.
-    light
-        Expected light, counts, shape ``(..., n)``.
-    noise
-        Of the scene.
-
-    Returns
-    -------
-    value : Array
-        Of each reading, without the constant, shape ``(..., n)``.
-    score : Array
-        Derivative by the light, 1/counts, shape ``(..., n)``.
-    curvature : Array
-        What the second derivative is to be for Gauss-Newton, with its sign turned, >= 0,
-        1/counts^2, shape ``(..., n)``.
+    - readings: counts, broadcast to ``(..., n)``.
+    - light: expected light, counts, shape ``(..., n)``.
+    - noise: of the scene.
+    - returned value: of each reading, without the constant, shape ``(..., n)``.
+    - returned score: derivative by the light, 1/counts, shape ``(..., n)``.
+    - returned curvature: what the second derivative is to be for Gauss-Newton, with its sign
+      turned, >= 0, 1/counts^2, shape ``(..., n)``.
     """
     result = np.empty((3, light.size))
     flat = np.broadcast_to(readings, light.shape).reshape(-1)
@@ -164,15 +130,8 @@ def information(light: Array, noise: ReadingNoise) -> Array:
     with the share of the Gaussian that the limits cut off replaced by what a censored
     reading still says.
 
-    Parameters
-    ----------
-    light, noise
-        As in `log_likelihood`.
-
-    Returns
-    -------
-    Array
-        1/counts^2, in the shape of the light, >= 0.
+    - light, noise: as in `log_likelihood`.
+    - returned: 1/counts^2, in the shape of the light, >= 0.
     """
     variance = reading_variance(light, noise)
     slope = variance_slope(light, noise)

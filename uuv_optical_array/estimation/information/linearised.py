@@ -29,21 +29,14 @@ class LinearisedReadings(NamedTuple):
 
     ``residuals = slopes @ (x - at) + light * gain errors + noise(variances)``
 
-    Parameters
-    ----------
-    at
-        Pose, m and rad, then offsets of the q constants, shape ``(5 + q,)``: where the light was
-        linearised.
-    residuals
-        Readings less their expected light there, counts, shape ``(n,)``; of a censored reading
-        the score over the curvature of its log-likelihood.
-    slopes
-        Of the light by pose and constants, shape ``(n, 5 + q)``.
-    light
-        Expected there, which a gain error multiplies, counts, shape ``(n,)``; no pedestal.
-    variances
-        Of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the reading says
-        nothing.
+    - at: pose, m and rad, then offsets of the q constants, shape ``(5 + q,)``: where the light was
+      linearised.
+    - residuals: readings less their expected light there, counts, shape ``(n,)``; of a censored
+      reading the score over the curvature of its log-likelihood.
+    - slopes: of the light by pose and constants, shape ``(n, 5 + q)``.
+    - light: expected there, which a gain error multiplies, counts, shape ``(n,)``; no pedestal.
+    - variances: of the readings without gain errors, counts^2, > 0, shape ``(n,)``; inf: the
+      reading says nothing.
     """
 
     at: Array
@@ -55,18 +48,10 @@ class LinearisedReadings(NamedTuple):
     def pose_slopes(self, precision: Array, gain_std: float) -> Array:
         """Return how the pose that fits best follows the last constants, which the fit is given.
 
-        Parameters
-        ----------
-        precision
-            Inverse covariance of the prior of the pose and of the k constants that are fitted with
-            it, shape ``(5 + k, 5 + k)``, positive definite.
-        gain_std
-            Relative gain error of a detector.
-
-        Returns
-        -------
-        Array
-            Shape ``(5, q - k)``.
+        - precision: inverse covariance of the prior of the pose and of the k constants that are
+          fitted with it, shape ``(5 + k, 5 + k)``, positive definite.
+        - gain_std: relative gain error of a detector.
+        - returned: shape ``(5, q - k)``.
         """
         fitted, given = np.split(self.slopes, [len(precision)], axis=1)
         weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
@@ -77,14 +62,9 @@ class LinearisedReadings(NamedTuple):
 class Lineariser:
     """Linearises the likelihood of images of one scene.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model.
-    constants
-        Dotted names of settings that are not known, as `ForwardModel.nuisances` has them.
-    compiled
-        Whether it runs as Numba compiles it, or as it stands.
+    - model: the scene's forward model.
+    - constants: dotted names of settings that are not known, as `ForwardModel.nuisances` has them.
+    - compiled: whether it runs as Numba compiles it, or as it stands.
     """
 
     def __init__(
@@ -104,14 +84,9 @@ class Lineariser:
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:
         """Linearise the likelihood of an image.
 
-        Parameters
-        ----------
-        readings
-            The image, counts, of n readings in any shape.
-        at
-            Pose, m and rad, then offsets of the constants, shape ``(5 + q,)``.
-        roll
-            Roll of the follower, rad.
+        - readings: the image, counts, of n readings in any shape.
+        - at: pose, m and rad, then offsets of the constants, shape ``(5 + q,)``.
+        - roll: roll of the follower, rad.
         """
         readings = np.array(readings, dtype=float).reshape(-1)
         place = np.array(at, dtype=float)

@@ -69,14 +69,9 @@ def write_squares(problem: Problem, at: Array, squares: Array) -> Array:
 def leave_out(problem: Problem, guide: Guide, count: int) -> None:
     """Give readings that no pose explains no weight, and the light of the pose of the others.
 
-    Parameters
-    ----------
-    problem
-        With readings and weights of its own, which are written.
-    guide
-        Of the scene's table.
-    count
-        How many detectors may be faulty, > 0.
+    - problem: with readings and weights of its own, which are written.
+    - guide: of the scene's table.
+    - count: how many detectors may be faulty, > 0.
     """
     problem, guide = unowned(problem), unowned(guide)
     weights, readings, noise = problem.weights, problem.readings, problem.noise

@@ -58,24 +58,16 @@ FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
 class Guide(NamedTuple):
     """What a table says about where to start, and when a fit is good.
 
-    Parameters
-    ----------
-    units
-        Directions of signatures, of length one, by columns, shape ``(6, m)``.
-    poses
-        Theirs, m and rad, shape ``(m, 5)``.
-    roots
-        Square roots of their readings, shape ``(m, n)``.
-    weights
-        Of the five key parameters, and the constant that is appended, shape ``(6,)``.
-    candidates
-        Rows to start from; more where these leave doubt.
-    max_score
-        Score of the misfit beyond which a fit is no pose.
-    gaussian
-        Whether the posterior is that of the linear model at the best minimum, not integrated.
-    side, full_scale_counts, subdetector
-        How key parameters are worked out: as `features.write_parameters` has them.
+    - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
+    - poses: theirs, m and rad, shape ``(m, 5)``.
+    - roots: square roots of their readings, shape ``(m, n)``.
+    - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
+    - candidates: rows to start from; more where these leave doubt.
+    - max_score: score of the misfit beyond which a fit is no pose.
+    - gaussian: whether the posterior is that of the linear model at the best minimum, not
+      integrated.
+    - side, full_scale_counts, subdetector: how key parameters are worked out: as
+      `features.write_parameters` has them.
     """
 
     units: Array
@@ -93,33 +85,20 @@ class Guide(NamedTuple):
 class FrameResult(NamedTuple):
     """What a frame led to.
 
-    Parameters
-    ----------
-    outcome
-        `FITTED`, or why there is no pose.
-    pose, covariance
-        m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    score, runner_up_score
-        Of the misfit of the best and of the next minimum, as `problem.Misfit` has them: lenient;
-        nan where there is none.
-    strict_score
-        Of the best, not lenient.
-    stretch
-        That of the best, which the covariance has.
-    best
-        Pose and nuisances of the best minimum, shape ``(p,)``.
-    nodes
-        How many attitudes the posterior was integrated by.
-    log_evidence
-        Logarithm of the integral of likelihood and prior, without the constants of the readings
-        and of the pose's prior.
-    runner_up
-        Pose of the next minimum; nan where there is none.
-    angle, runner_up_angle
-        Spectral angles to the two nearest rows, rad.
-    wider
-        Whether the covariance is wider than the posterior's, to cover a minimum that is about as
-        likely as the best.
+    - outcome: `FITTED`, or why there is no pose.
+    - pose, covariance: m and rad, shapes ``(5,)`` and ``(5, 5)``.
+    - score, runner_up_score: of the misfit of the best and of the next minimum, as `problem.Misfit`
+      has them: lenient; nan where there is none.
+    - strict_score: of the best, not lenient.
+    - stretch: that of the best, which the covariance has.
+    - best: pose and nuisances of the best minimum, shape ``(p,)``.
+    - nodes: how many attitudes the posterior was integrated by.
+    - log_evidence: logarithm of the integral of likelihood and prior, without the constants of the
+      readings and of the pose's prior.
+    - runner_up: pose of the next minimum; nan where there is none.
+    - angle, runner_up_angle: spectral angles to the two nearest rows, rad.
+    - wider: whether the covariance is wider than the posterior's, to cover a minimum that is about
+      as likely as the best.
     """
 
     outcome: int
@@ -339,14 +318,9 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
 def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
     """Estimate the pose of one image.
 
-    Parameters
-    ----------
-    problem
-        With the readings, and the roll.
-    guide
-        Of the scene's table.
-    parameters
-        Key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
+    - problem: with the readings, and the roll.
+    - guide: of the scene's table.
+    - parameters: key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
     """
     problem, guide = unowned(problem), unowned(guide)
     if np.isnan(parameters[0, 0]):

@@ -25,20 +25,12 @@ class FrameKind(NamedTuple):
 
     Of the constants the first are fitted; those that no image can tell are given.
 
-    Parameters
-    ----------
-    problem
-        Its posterior, without readings.
-    share
-        Of such frames, in (0, 1].
-    places
-        Those of the fitted constants among the nuisances, shape ``(k,)``.
-    added
-        What this kind adds to the covariance of the constants, shape ``(r, r)``.
-    doubt
-        Factor of the pose's covariance, >= 1, for what the kind does not describe.
-    rare
-        Whether an image is taken for such a frame only where it is hardly a clear one.
+    - problem: its posterior, without readings.
+    - share: of such frames, in (0, 1].
+    - places: those of the fitted constants among the nuisances, shape ``(k,)``.
+    - added: what this kind adds to the covariance of the constants, shape ``(r, r)``.
+    - doubt: factor of the pose's covariance, >= 1, for what the kind does not describe.
+    - rare: whether an image is taken for such a frame only where it is hardly a clear one.
     """
 
     problem: Problem
@@ -73,14 +65,9 @@ class FrameKind(NamedTuple):
 def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[FrameKind]:
     """Return the kinds of frame that the prior of a model's scene names, clear frames first.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model.
-    prior
-        Of the pose, and of the scene's unknown constants.
-    compiled
-        Whether they are for compiled code.
+    - model: the scene's forward model.
+    - prior: of the pose, and of the scene's unknown constants.
+    - compiled: whether they are for compiled code.
     """
     known, constants = model.scene.prior, model.scene.constants_std()
     kinds = []

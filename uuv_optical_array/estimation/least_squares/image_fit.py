@@ -69,17 +69,12 @@ MOSTLY_CLEAR = 0.8
 class Fitted(NamedTuple):
     """What the fit makes of an image.
 
-    Parameters
-    ----------
-    result
-        Pose, covariance, angles and scores, of all kinds of light that may be behind the image.
-    clear
-        Probability that the image is lit as the scene says.
-    readings
-        The likelihood of the image near its best fit as a clear one, where the fit was told what is
-        expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
-    left_out
-        Places of the readings that are probably those of faulty detectors.
+    - result: pose, covariance, angles and scores, of all kinds of light that may be behind the
+      image.
+    - clear: probability that the image is lit as the scene says.
+    - readings: the likelihood of the image near its best fit as a clear one, where the fit was told
+      what is expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
+    - left_out: places of the readings that are probably those of faulty detectors.
     """
 
     result: FrameResult
@@ -98,21 +93,11 @@ def nearly_gaussian(frame: FrameResult) -> bool:
 class ImageFit:
     """Fits the images of a scene; made once, so that no frame takes longer than the next.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model; the extent of its table is where the lamp is looked for.
-    constants
-        What the scene leaves unknown.
-    candidates, max_misfit, compiled
-        As of `Estimator`.
-
-    Attributes
-    ----------
-    compiled : bool
-        Whether it runs as Numba compiles it.
-    guide : Guide
-        Where fits start from and how far they go, unless they are told otherwise.
+    - model: the scene's forward model; the extent of its table is where the lamp is looked for.
+    - constants: what the scene leaves unknown.
+    - candidates, max_misfit, compiled: as of `Estimator`.
+    - compiled: whether it runs as Numba compiles it.
+    - guide: where fits start from and how far they go, unless they are told otherwise.
     """
 
     def __init__(
@@ -154,10 +139,7 @@ class ImageFit:
     def run(self, compiled: bool) -> None:
         """Run as Numba compiles it from the next image on, or as it stands.
 
-        Raises
-        ------
-        ValueError
-            Where it is to be compiled and Numba is not installed, or not for this NumPy.
+        - ValueError: where it is to be compiled and Numba is not installed, or not for this NumPy.
         """
         model, constants = self._model, self._constants
         kinds = frame_kinds(model, self._prior, compiled)
@@ -201,23 +183,13 @@ class ImageFit:
     ) -> Fitted:
         """Fit an image.
 
-        Parameters
-        ----------
-        readings
-            Counts, shape ``(m,)``.
-        parameters
-            Key parameters of the image, shape ``(5, 1)``; ``None``: worked out from the image.
-        roll
-            Of the follower, rad.
-        expected
-            As of `Estimator.estimate`.
-        guide
-            ``None``: that of all images.
-
-        Raises
-        ------
-        NoPose
-            For an image that no pose of the scene explains.
+        - readings: counts, shape ``(m,)``.
+        - parameters: key parameters of the image, shape ``(5, 1)``; ``None``: worked out from the
+          image.
+        - roll: of the follower, rad.
+        - expected: as of `Estimator.estimate`.
+        - guide: ``None``: that of all images.
+        - NoPose: for an image that no pose of the scene explains.
         """
         guide = guide or self.guide
         if parameters is None:
@@ -304,16 +276,10 @@ class ImageFit:
     ) -> LinearisedReadings:
         """Return the likelihood of an image near a place, of pose and constants.
 
-        Parameters
-        ----------
-        readings, roll
-            As they were fitted.
-        at
-            Pose and offsets of the constants, shape ``(5 + q,)``.
-        stretch
-            Of the fit, as its result has it.
-        left_out
-            Places of readings that say nothing.
+        - readings, roll: as they were fitted.
+        - at: pose and offsets of the constants, shape ``(5 + q,)``.
+        - stretch: of the fit, as its result has it.
+        - left_out: places of readings that say nothing.
         """
         near = self._linearise(readings, at, roll)
         variances = stretch * near.variances

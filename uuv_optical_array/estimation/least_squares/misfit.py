@@ -37,14 +37,9 @@ def cut_moments(inside: Any) -> tuple[Any, Any]:
 def residual_moments(light: Any, std: Any, noise: ReadingNoise) -> tuple[Any, Any]:
     """Return mean and variance of the square of a residual, in standard deviations of the reading.
 
-    Parameters
-    ----------
-    light
-        Expected, counts.
-    std
-        Of the reading, counts.
-    noise
-        Of the scene: the limits are asked for.
+    - light: expected, counts.
+    - std: of the reading, counts.
+    - noise: of the scene: the limits are asked for.
     """
     low_square, low_fourth = cut_moments((light - noise.low) / std)
     high_square, high_fourth = cut_moments((noise.high - light) / std)
@@ -64,12 +59,8 @@ def chi_square_shape(mean: Any, variance: Any) -> tuple[Any, Any]:
 def chi_square_score(squares: Any, mean: Any, variance: Any) -> Any:
     """Return the standard normal value that is as improbable as a sum of squares.
 
-    Parameters
-    ----------
-    squares
-        The sum, what priors of other unknowns add included, >= 0.
-    mean, variance
-        As in `chi_square_shape`.
+    - squares: the sum, what priors of other unknowns add included, >= 0.
+    - mean, variance: as in `chi_square_shape`.
     """
     left, spread = chi_square_shape(mean, variance)
     return ((squares / left) ** (1 / 3) - 1 + spread) / sqrt(spread)

@@ -61,23 +61,16 @@ CORRECTIONS = 12  # steps of all else at a node
 class Lattice(NamedTuple):
     """The posterior at m attitudes, all else integrated.
 
-    Parameters
-    ----------
-    logs
-        Logarithm of the probability density of the attitude, without constants, shape ``(m,)``;
-        -inf: no node.
-    ats
-        Coordinates and nuisances of the conditional mean, shape ``(m, p)``.
-    moved
-        How the conditional mean of all else moves with pitch and yaw, shape ``(m, 2, p)``; 1 for
-        pitch and yaw themselves.
-    slopes
-        Of the logarithm of the density by pitch and yaw, shape ``(m, 2)``.
-    curvatures
-        Its second derivatives in Gauss and Newton's approximation, sign turned: by pitch, by both,
-        by yaw, shape ``(m, 3)``.
-    poses, covariances
-        Conditional mean and covariance of the pose, shapes ``(m, 5)`` and ``(m, 5, 5)``.
+    - logs: logarithm of the probability density of the attitude, without constants, shape ``(m,)``;
+      -inf: no node.
+    - ats: coordinates and nuisances of the conditional mean, shape ``(m, p)``.
+    - moved: how the conditional mean of all else moves with pitch and yaw, shape ``(m, 2, p)``; 1
+      for pitch and yaw themselves.
+    - slopes: of the logarithm of the density by pitch and yaw, shape ``(m, 2)``.
+    - curvatures: its second derivatives in Gauss and Newton's approximation, sign turned: by pitch,
+      by both, by yaw, shape ``(m, 3)``.
+    - poses, covariances: conditional mean and covariance of the pose, shapes ``(m, 5)`` and ``(m,
+      5, 5)``.
     """
 
     logs: Array
@@ -92,14 +85,9 @@ class Lattice(NamedTuple):
 class PosteriorMoments(NamedTuple):
     """Moments of a posterior.
 
-    Parameters
-    ----------
-    log_weight
-        Logarithm of the integral of the posterior, without constants.
-    mean, covariance
-        Of the pose, m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    nodes
-        How many nodes of the lattice count.
+    - log_weight: logarithm of the integral of the posterior, without constants.
+    - mean, covariance: of the pose, m and rad, shapes ``(5,)`` and ``(5, 5)``.
+    - nodes: how many nodes of the lattice count.
     """
 
     log_weight: float
@@ -252,22 +240,12 @@ def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
 def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMoments, Array]:
     """Sum the posterior over a lattice, outwards from its first node.
 
-    Parameters
-    ----------
-    problem
-        The posterior.
-    basis
-        Steps of the lattice in pitch and yaw, by columns, rad, shape ``(2, 2)``.
-    lattice
-        Its first node, and room for the others.
-
-    Returns
-    -------
-    moments
-        Per cell of the lattice.
-    coarseness
-        The largest square of each step in standard deviations there, where it counts, shape
-        ``(2,)``; negative where there were more nodes than the map has room for.
+    - problem: the posterior.
+    - basis: steps of the lattice in pitch and yaw, by columns, rad, shape ``(2, 2)``.
+    - lattice: its first node, and room for the others.
+    - returned moments: per cell of the lattice.
+    - returned coarseness: the largest square of each step in standard deviations there, where it
+      counts, shape ``(2,)``; negative where there were more nodes than the map has room for.
     """
     logs, most = lattice.logs, len(lattice.logs)
     seen = np.zeros((2 * HALF_WIDTH + 1, 2 * HALF_WIDTH + 1), dtype=np.bool_)
@@ -466,19 +444,10 @@ def laplace(state: State) -> PosteriorMoments:
 def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
     """Integrate the posterior that is connected with a minimum.
 
-    Parameters
-    ----------
-    problem
-        The posterior.
-    minimum
-        Coordinates and nuisances of a minimum of the cost, shape ``(p,)``.
-    lattice
-        A new one; result, over all that is not negligible.
-
-    Returns
-    -------
-    PosteriorMoments
-        With a weight of -inf where the image leaves no finite posterior.
+    - problem: the posterior.
+    - minimum: coordinates and nuisances of a minimum of the cost, shape ``(p,)``.
+    - lattice: a new one; result, over all that is not negligible.
+    - returned: with a weight of -inf where the image leaves no finite posterior.
     """
     lattice = unowned(lattice)
     write_node(problem, minimum, lattice, MINIMUM)

@@ -57,12 +57,8 @@ AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
 class PosePrior:
     """A Gaussian prior, independent by parameter.
 
-    Parameters
-    ----------
-    pose_mean, pose_std
-        Of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
-    nuisance_std
-        Of the offset of each setting that is estimated along, by name; the mean is 0.
+    - pose_mean, pose_std: of x, y, z, pitch and yaw, m and rad, shape ``(5,)`` each.
+    - nuisance_std: of the offset of each setting that is estimated along, by name; the mean is 0.
     """
 
     pose_mean: Array
@@ -73,22 +69,14 @@ class PosePrior:
 class Problem(NamedTuple):
     """A scene and a prior in numbers; with readings and a roll, a posterior.
 
-    Parameters
-    ----------
-    optics, noise, frame
-        Of the scene.
-    pose_mean, pose_std
-        Of the prior of the pose, m and rad, shape ``(5,)`` each.
-    nuisance_mean, nuisance_precision
-        Of the prior of the q nuisances: mean and inverse covariance, shapes ``(q,)``, ``(q, q)``.
-    reach
-        Longest step of a fit by coordinate, shape ``(p,)``.
-    readings
-        Counts, finite, shape ``(n,)``.
-    weights
-        1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.
-    roll
-        Of the follower, rad.
+    - optics, noise, frame: of the scene.
+    - pose_mean, pose_std: of the prior of the pose, m and rad, shape ``(5,)`` each.
+    - nuisance_mean, nuisance_precision: of the prior of the q nuisances: mean and inverse
+      covariance, shapes ``(q,)``, ``(q, q)``.
+    - reach: longest step of a fit by coordinate, shape ``(p,)``.
+    - readings: counts, finite, shape ``(n,)``.
+    - weights: 1 for each reading that counts, 0 for one that is left out, shape ``(n,)``.
+    - roll: of the follower, rad.
     """
 
     optics: Optics
@@ -107,17 +95,12 @@ class Problem(NamedTuple):
 class State(NamedTuple):
     """The posterior at one place.
 
-    Parameters
-    ----------
-    cost
-        Negative log-posterior of the pose, without constants.
-    log_volume
-        Logarithm of the volume of poses that a unit volume of the coordinates holds.
-    parts
-        All else, in rows as above, as one array is made and freed faster than six: coordinates and
-        nuisances; slopes of the opposite of the cost; pose, m and rad; slopes of `log_volume`;
-        five rows of the pose's slopes by the coordinates; information of Gauss-Newton, prior
-        included. Shape ``(9 + p, p)``.
+    - cost: negative log-posterior of the pose, without constants.
+    - log_volume: logarithm of the volume of poses that a unit volume of the coordinates holds.
+    - parts: all else, in rows as above, as one array is made and freed faster than six: coordinates
+      and nuisances; slopes of the opposite of the cost; pose, m and rad; slopes of `log_volume`;
+      five rows of the pose's slopes by the coordinates; information of Gauss-Newton, prior
+      included. Shape ``(9 + p, p)``.
     """
 
     cost: float
@@ -130,16 +113,10 @@ def problem_of(
 ) -> Problem:
     """Return the problem of a model's images, without readings.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model.
-    prior
-        What is known before the image: wide for the pose, as given for the nuisances.
-    compiled
-        Whether it is for compiled code.
-    given
-        Backgrounds to be given levels, as `ForwardModel.optics` has them.
+    - model: the scene's forward model.
+    - prior: what is known before the image: wide for the pose, as given for the nuisances.
+    - compiled: whether it is for compiled code.
+    - given: backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
     nuisance_std = np.array(list(prior.nuisance_std.values()), dtype=float)
     return Problem(
@@ -299,15 +276,10 @@ def light_at(problem: Problem, at: Array) -> Array:
 class Misfit(NamedTuple):
     """How well a fit explains the readings.
 
-    Parameters
-    ----------
-    score
-        Standard normal value that is as improbable as what an honest image leaves.
-    lenient_score
-        The same where unknown gains may be twice as large as the prior says.
-    stretch
-        Factor of the covariance, >= 1: the power `DOUBT` of how many times the squares are those
-        that one honest image of a thousand exceeds.
+    - score: standard normal value that is as improbable as what an honest image leaves.
+    - lenient_score: the same where unknown gains may be twice as large as the prior says.
+    - stretch: factor of the covariance, >= 1: the power `DOUBT` of how many times the squares are
+      those that one honest image of a thousand exceeds.
     """
 
     score: float

@@ -26,12 +26,8 @@ ENOUGH = 400  # samples that count
 class SaturatedPosterior(NamedTuple):
     """What an image with every reading at full scale says.
 
-    Parameters
-    ----------
-    mean, covariance
-        Of the pose, m and rad, shapes ``(5,)`` and ``(5, 5)``.
-    score
-        Of the misfit of the likeliest sample, as `misfit.chi_square_score`.
+    - mean, covariance: of the pose, m and rad, shapes ``(5,)`` and ``(5, 5)``.
+    - score: of the misfit of the likeliest sample, as `misfit.chi_square_score`.
     """
 
     mean: Array
@@ -42,14 +38,9 @@ class SaturatedPosterior(NamedTuple):
 def saturated_posterior(model: ForwardModel, prior: PosePrior, roll: float) -> SaturatedPosterior:
     """Return the posterior of an image with every reading at full scale.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model, with a largest reading.
-    prior
-        Of pose and nuisances.
-    roll
-        Of the follower, rad.
+    - model: the scene's forward model, with a largest reading.
+    - prior: of pose and nuisances.
+    - roll: of the follower, rad.
     """
     rng = np.random.default_rng(0)  # the same in every run: an image has one answer
     std = np.concatenate([prior.pose_std, list(prior.nuisance_std.values())])

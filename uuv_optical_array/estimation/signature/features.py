@@ -38,15 +38,8 @@ class FeatureSettings:
 def skewness(values: ArrayLike) -> Array:
     """Compute the population skewness along the last axis; 0 for values that do not vary.
 
-    Parameters
-    ----------
-    values
-        Shape ``(..., n)``, any unit.
-
-    Returns
-    -------
-    Array
-        ``m3 / m2^1.5``, shape ``(...)``, dimensionless.
+    - values: shape ``(..., n)``, any unit.
+    - returned: ``m3 / m2^1.5``, shape ``(...)``, dimensionless.
     """
     values = np.asarray(values, dtype=float)
     skews = np.empty(values.shape[:-1])
@@ -145,16 +138,10 @@ def write_parameters(
 ) -> None:
     """Write the key parameters of images: see `key_parameters`.
 
-    Parameters
-    ----------
-    readings
-        Counts, row-major, shape ``(side * side, m)``.
-    side, full_scale_counts
-        As in `key_parameters`.
-    subdetector
-        Whether the peak is placed between detectors.
-    parameters
-        Result, shape ``(5, m)``.
+    - readings: counts, row-major, shape ``(side * side, m)``.
+    - side, full_scale_counts: as in `key_parameters`.
+    - subdetector: whether the peak is placed between detectors.
+    - parameters: result, shape ``(5, m)``.
     """
     last, middle, m = side - 1, 0.5 * (side - 1), readings.shape[1]
     peaks, flats = workspace(6, 0.0, m), zeros(4, m, 0.0)
@@ -263,19 +250,10 @@ def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Arr
     The spectral angle of five numbers does not see their common scale, so that an aligned
     array has one signature at every range; the appended constant makes the angle see it.
 
-    Parameters
-    ----------
-    parameters
-        Key parameters, shape ``(..., 5)``.
-    settings
-        The scene's weights.
-    side
-        Detectors in a row, >= 2.
-
-    Returns
-    -------
-    Array
-        Shape ``(..., 6)``, dimensionless.
+    - parameters: key parameters, shape ``(..., 5)``.
+    - settings: the scene's weights.
+    - side: detectors in a row, >= 2.
+    - returned: shape ``(..., 6)``, dimensionless.
     """
     parameters = np.asarray(parameters, dtype=float)
     position = settings.position_weight * 2 / (side - 1)
@@ -290,17 +268,9 @@ def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Arr
 def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     """Say why an image carries no pattern to match, or ``None`` where it does.
 
-    Parameters
-    ----------
-    image
-        Readings in counts, shape ``(side, side)``.
-    min_peak_counts
-        Peak below which there is no light, counts.
-
-    Returns
-    -------
-    str or None
-        The reason, with the figure that decided.
+    - image: readings in counts, shape ``(side, side)``.
+    - min_peak_counts: peak below which there is no light, counts.
+    - returned: the reason, with the figure that decided.
     """
     brightest, darkest = float(np.max(image)), float(np.min(image))
     if not np.isfinite(brightest):

@@ -26,15 +26,8 @@ FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
 def bounds(scene: Scene) -> Array:
     """Return the largest absolute value of each key parameter that an array can give.
 
-    Parameters
-    ----------
-    scene
-        The scene; without saturation and converter its peak has no bound.
-
-    Returns
-    -------
-    Array
-        Shape ``(5,)``.
+    - scene: the scene; without saturation and converter its peak has no bound.
+    - returned: shape ``(5,)``.
     """
     side, full = scene.array.detectors_per_side, scene.full_scale_counts
     peak = 1.0
@@ -49,17 +42,9 @@ def bounds(scene: Scene) -> Array:
 def check_parameters(parameters: Array, largest: Array) -> None:
     """Refuse key parameters that no array can have.
 
-    Parameters
-    ----------
-    parameters
-        Shape ``(5,)``, finite.
-    largest
-        What `bounds` returned.
-
-    Raises
-    ------
-    NoPose
-        With the value and its bound.
+    - parameters: shape ``(5,)``, finite.
+    - largest: what `bounds` returned.
+    - NoPose: with the value and its bound.
     """
     for name, value, high in zip(FEATURE_NAMES, parameters.tolist(), largest.tolist(), strict=True):
         low, slack = (0.0 if name == "peak" else -high), ROUNDING * max(1.0, high)
@@ -73,17 +58,9 @@ def check_parameters(parameters: Array, largest: Array) -> None:
 def check_full_scale(image: Array, scene: Scene) -> None:
     """Refuse an image with a reading that the array of a scene cannot give.
 
-    Parameters
-    ----------
-    image
-        Counts, shape ``(side, side)``.
-    scene
-        The scene, of which `Scene.full_scale_counts` is asked.
-
-    Raises
-    ------
-    NoPose
-        With the reading and its bound.
+    - image: counts, shape ``(side, side)``.
+    - scene: the scene, of which `Scene.full_scale_counts` is asked.
+    - NoPose: with the reading and its bound.
     """
     if image.max() > scene.full_scale_counts:
         raise NoPose(
@@ -95,19 +72,10 @@ def check_full_scale(image: Array, scene: Scene) -> None:
 def check_image(parameters: Array, image: Array, scene: Scene) -> None:
     """Refuse key parameters that are not those of their image.
 
-    Parameters
-    ----------
-    parameters
-        Shape ``(5,)``.
-    image
-        Counts, shape ``(side, side)``.
-    scene
-        The scene of both.
-
-    Raises
-    ------
-    NoPose
-        As of `check_parameters`, or with the parameter that differs and both of its values.
+    - parameters: shape ``(5,)``.
+    - image: counts, shape ``(side, side)``.
+    - scene: the scene of both.
+    - NoPose: as of `check_parameters`, or with the parameter that differs and both of its values.
     """
     own = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
     alike = np.abs(parameters - own) <= ROUNDING * np.maximum(1.0, np.abs(own))
@@ -128,10 +96,7 @@ class FrozenFrames:
     one after the other, multiply. So a scene without noise, and a dark or saturated image, may
     repeat.
 
-    Parameters
-    ----------
-    model
-        The model of the scene.
+    - model: the model of the scene.
     """
 
     def __init__(self, model: ForwardModel) -> None:
@@ -142,18 +107,10 @@ class FrozenFrames:
     def check(self, frame: Array, readings: Callable[[], Array]) -> None:
         """Compare a frame with the one before.
 
-        Parameters
-        ----------
-        frame
-            What would repeat, an image or key parameters, any shape.
-        readings
-            Returns the readings that it depends on, measured or expected, counts, any shape;
-            asked where the frame repeats.
-
-        Raises
-        ------
-        NoPose
-            For a frame that repeats with a chance below `FROZEN`.
+        - frame: what would repeat, an image or key parameters, any shape.
+        - readings: returns the readings that it depends on, measured or expected, counts, any
+          shape; asked where the frame repeats.
+        - NoPose: for a frame that repeats with a chance below `FROZEN`.
         """
         repeats = np.array_equal(frame, self._before)
         self._before = np.array(frame)
@@ -178,17 +135,10 @@ class FrozenFrames:
     def profiles(self, pose: Array, roll: float, parameters: Array) -> Array:
         """Return the readings that key parameters depend on, as expected at a pose.
 
-        Parameters
-        ----------
-        pose, roll
-            ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``, and rad.
-        parameters
-            Which say where the peak is, shape ``(5,)``.
-
-        Returns
-        -------
-        Array
-            The row and the rest of the column through the peak, counts, shape ``(2 side - 1,)``.
+        - pose, roll: ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``, and rad.
+        - parameters: which say where the peak is, shape ``(5,)``.
+        - returned: the row and the rest of the column through the peak, counts, shape ``(2 side -
+          1,)``.
         """
         image = self._model.expected(pose, roll)
         last = len(image) - 1

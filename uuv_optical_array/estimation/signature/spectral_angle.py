@@ -20,20 +20,9 @@ SMALL, LARGE = 1e-100, 1e100
 def unit_vectors(vectors: ArrayLike) -> Array:
     """Scale vectors to length one, whatever their magnitude.
 
-    Parameters
-    ----------
-    vectors
-        Finite and not zero, shape ``(..., n)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(..., n)``, float64.
-
-    Raises
-    ------
-    ValueError
-        For a zero vector, which has no direction, or one that is not finite.
+    - vectors: finite and not zero, shape ``(..., n)``.
+    - returned: shape ``(..., n)``, float64.
+    - ValueError: for a zero vector, which has no direction, or one that is not finite.
     """
     own: Array = np.asarray(vectors, dtype=float)
     largest = np.abs(own).max(axis=-1, keepdims=True)
@@ -101,15 +90,8 @@ class SpectralIndex:
     Nearest by angle is nearest by chord on the unit sphere, so a k-d tree on normalised rows
     answers exactly; the candidates are ranked again by the stable angle.
 
-    Parameters
-    ----------
-    rows
-        Finite and not zero, shape ``(m, n)``, m >= 1.
-
-    Raises
-    ------
-    ValueError
-        For a row that has no direction, or no rows.
+    - rows: finite and not zero, shape ``(m, n)``, m >= 1.
+    - ValueError: for a row that has no direction, or no rows.
     """
 
     def __init__(self, rows: ArrayLike) -> None:
@@ -135,24 +117,11 @@ class SpectralIndex:
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Find the rows nearest to a vector, or to each of many, by angle and then by row number.
 
-        Parameters
-        ----------
-        query
-            Finite and not zero, shape ``(n,)`` or, many at once, ``(q, n)``.
-        k
-            How many, >= 1; fewer come back where the table has fewer.
-
-        Returns
-        -------
-        angles : Array
-            Ascending, rad, shape ``(min(k, m),)`` or ``(q, min(k, m))``.
-        rows : ndarray of int
-            Row numbers, in the same order.
-
-        Raises
-        ------
-        ValueError
-            For a query that has no direction, or is of another length than the rows.
+        - query: finite and not zero, shape ``(n,)`` or, many at once, ``(q, n)``.
+        - k: how many, >= 1; fewer come back where the table has fewer.
+        - returned angles: ascending, rad, shape ``(min(k, m),)`` or ``(q, min(k, m))``.
+        - returned rows: row numbers, in the same order.
+        - ValueError: for a query that has no direction, or is of another length than the rows.
         """
         query = np.asarray(query, dtype=float)
         length = self._units.shape[1]

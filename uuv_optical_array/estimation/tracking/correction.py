@@ -76,16 +76,10 @@ class Corrected(NamedTuple):
 class Correction:
     """Corrects states by frames.
 
-    Parameters
-    ----------
-    space
-        Of the state.
-    constants
-        What is not known of the scene.
-    common_share
-        Of a pose's variance, that all frames have in common, in [0, 1).
-    gate
-        Distance beyond which readings are not linearised once more.
+    - space: of the state.
+    - constants: what is not known of the scene.
+    - common_share: of a pose's variance, that all frames have in common, in [0, 1).
+    - gate: distance beyond which readings are not linearised once more.
     """
 
     def __init__(
@@ -99,19 +93,10 @@ class Correction:
     def pose_errors(self, state: Gaussian, frame: Measurement) -> tuple[Array, Array]:
         """Return how the pose of a frame depends on the state, and its white errors.
 
-        Parameters
-        ----------
-        state
-            Before the frame.
-        frame
-            Of which the pose is used.
-
-        Returns
-        -------
-        root
-            Of the covariance of the white errors, shape ``(5, 5)``.
-        slopes
-            Of the measured pose by the whole state, shape ``(5, size)``.
+        - state: before the frame.
+        - frame: of which the pose is used.
+        - returned root: of the covariance of the white errors, shape ``(5, 5)``.
+        - returned slopes: of the measured pose by the whole state, shape ``(5, size)``.
         """
         of, shades = self._space.constants, self._space.shades
         slopes, root = np.eye(5, self._space.size), frame.root

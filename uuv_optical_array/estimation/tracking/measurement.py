@@ -20,16 +20,10 @@ Relinearise = Callable[[Array], LinearisedReadings]
 class Measurement(NamedTuple):
     """A frame as `Tracker.take` takes it, checked.
 
-    Parameters
-    ----------
-    stamp_ns
-        Of the image, ns.
-    pose
-        m and rad, shape ``(5,)``, yaw in [-pi, pi].
-    root
-        Of the covariance of `pose`, lower triangular, shape ``(5, 5)``.
-    readings, relinearise, shaded
-        As of `Tracker.take`.
+    - stamp_ns: of the image, ns.
+    - pose: m and rad, shape ``(5,)``, yaw in [-pi, pi].
+    - root: of the covariance of `pose`, lower triangular, shape ``(5, 5)``.
+    - readings, relinearise, shaded: as of `Tracker.take`.
     """
 
     stamp_ns: int
@@ -43,11 +37,8 @@ class Measurement(NamedTuple):
 def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Return copies of a pose, its yaw in [-pi, pi], and of the lower root of its covariance.
 
-    Raises
-    ------
-    ValueError
-        For a wrong shape, a number out of bounds, or a covariance that is not symmetric or not
-        positive definite.
+    - ValueError: for a wrong shape, a number out of bounds, or a covariance that is not symmetric
+      or not positive definite.
     """
     pose, covariance = np.array(pose, dtype=float), np.asarray(covariance, dtype=float)
     cure = f"give ({', '.join(DOF_NAMES)}), five numbers within +-{MAX_POSE:g}"
@@ -73,11 +64,8 @@ def checked_pose(pose: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
 def checked_readings(readings: LinearisedReadings, constants: Constants) -> LinearisedReadings:
     """Return a copy of readings.
 
-    Raises
-    ------
-    ValueError
-        For shapes that are not those of `constants`, numbers that are not finite, or variances that
-        are not > 0.
+    - ValueError: for shapes that are not those of `constants`, numbers that are not finite, or
+      variances that are not > 0.
     """
     readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
     width = 5 + len(constants.names)

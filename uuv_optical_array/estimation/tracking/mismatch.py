@@ -27,17 +27,10 @@ NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all the
 class LastingResiduals:
     """Tests the frames of a track.
 
-    Parameters
-    ----------
-    constants
-        What is not known of the scene. Arrays of more than `MOST_LEARNT` detectors are not tested.
-
-    Attributes
-    ----------
-    mismatch : str
-        What would explain the frames best; empty while the scene does.
-    shift : Array
-        How far that moves the pose of the newest frame, m and rad, shape ``(5,)``.
+    - constants: what is not known of the scene. Arrays of more than `MOST_LEARNT` detectors are not
+      tested.
+    - mismatch: what would explain the frames best; empty while the scene does.
+    - shift: how far that moves the pose of the newest frame, m and rad, shape ``(5,)``.
     """
 
     def __init__(self, constants: Constants) -> None:

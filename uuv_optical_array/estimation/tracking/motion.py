@@ -20,17 +20,9 @@ MAX_RATE = MAX_TWIST[:5]  # of surge, sway, heave, pitch and yaw rate
 def walk_noise(walk: Array, step_s: float) -> Array:
     """Return a root of the covariance that a random walk of the rate adds to pose and rate.
 
-    Parameters
-    ----------
-    walk
-        Standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.
-    step_s
-        Length of the step, s, >= 0.
-
-    Returns
-    -------
-    Array
-        Shape ``(10, 10)``: five rows of the pose, five of its rate.
+    - walk: standard deviations of the change of the rate in 1 s, m/s and rad/s, shape ``(5,)``.
+    - step_s: length of the step, s, >= 0.
+    - returned: shape ``(10, 10)``: five rows of the pose, five of its rate.
     """
     noise, pose, rate = np.zeros((10, 10)), np.arange(5), np.arange(5, 10)
     # A root of [step^3 / 3, step^2 / 2; step^2 / 2, step].
@@ -60,18 +52,10 @@ class OwnMotion:
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Add a command; those from its stamp on are replaced by it.
 
-        Parameters
-        ----------
-        stamp_ns
-            From when on it holds, ns.
-        twist
-            Surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
-            ``(5,)``.
-
-        Raises
-        ------
-        ValueError
-            For a twist of wrong shape or out of bounds.
+        - stamp_ns: from when on it holds, ns.
+        - twist: surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
+          ``(5,)``.
+        - ValueError: for a twist of wrong shape or out of bounds.
         """
         twist = checked_rate("twist", twist)
         del self._commands[bisect_left(self._commands, stamp_ns, key=_stamp) :]
@@ -110,17 +94,9 @@ def _stamp(command: tuple[int, Array]) -> int:
 def in_beacon(pose: Array, twist: Array) -> Array:
     """Turn a motion in the follower's frame into that of its pose.
 
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    twist
-        Surge, sway, heave, pitch and yaw, as rates or as a short way, shape ``(5,)``.
-
-    Returns
-    -------
-    Array
-        In the units of `twist`, shape ``(5,)``. The pitch is taken for small, so that both turns
-        add to the angles.
+    - pose: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
+    - twist: surge, sway, heave, pitch and yaw, as rates or as a short way, shape ``(5,)``.
+    - returned: in the units of `twist`, shape ``(5,)``. The pitch is taken for small, so that both
+      turns add to the angles.
     """
     return np.concatenate([rotation_matrix(pose[PITCH], pose[YAW]) @ twist[:3], twist[3:]])

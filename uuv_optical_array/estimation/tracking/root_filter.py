@@ -25,15 +25,10 @@ from uuv_optical_array.core.geometry import Array
 class Gaussian(NamedTuple):
     """A Gaussian state; its covariance is ``root root' + consider consider'``.
 
-    Parameters
-    ----------
-    mean
-        Shape ``(d,)``.
-    root
-        Root of the covariance of errors of its own, shape ``(d, k)``.
-    consider
-        Errors by h standard normal consider parameters, which are in every observation and never
-        estimated, shape ``(d, h)``.
+    - mean: shape ``(d,)``.
+    - root: root of the covariance of errors of its own, shape ``(d, k)``.
+    - consider: errors by h standard normal consider parameters, which are in every observation and
+      never estimated, shape ``(d, h)``.
     """
 
     mean: Array
@@ -54,17 +49,11 @@ class Gaussian(NamedTuple):
 class Observation(NamedTuple):
     """``innovation = slopes @ (x - mean) + consider * consider parameters + noise``.
 
-    Parameters
-    ----------
-    innovation
-        Shape ``(n,)``.
-    slopes
-        By the state, shape ``(n, d)``.
-    noise
-        Its standard deviations, > 0, shape ``(n,)``.
-    consider
-        By the consider parameters, of which each entry has one of its own (h = n), shape ``(n,)``;
-        of length 0 where there are none.
+    - innovation: shape ``(n,)``.
+    - slopes: by the state, shape ``(n, d)``.
+    - noise: its standard deviations, > 0, shape ``(n,)``.
+    - consider: by the consider parameters, of which each entry has one of its own (h = n), shape
+      ``(n,)``; of length 0 where there are none.
     """
 
     innovation: Array
@@ -92,26 +81,15 @@ def weigh(
 ) -> tuple[Callable[[], Array], float, float]:
     """Return the gain of an observation, its distance from a state, and how improbable it is.
 
-    Parameters
-    ----------
-    state
-        Before.
-    observation
-        Of the state.
-    corrected
-        How many of the first entries of the state are corrected.
-
-    Returns
-    -------
-    gain
-        Returns the gain of these entries, shape ``(corrected, n)``.
-    distance
-        Mahalanobis distance of the innovation from 0 in the directions in which the first five
-        entries move it: the likelihood ratio test of a jump in these (A. Willsky and H. Jones,
-        1976, IEEE Trans. Automatic Control 21, 108), chi with five degrees of freedom.
-    cost
-        Twice the negative log-likelihood of the observation, but for what is the same for all
-        states.
+    - state: before.
+    - observation: of the state.
+    - corrected: how many of the first entries of the state are corrected.
+    - returned gain: returns the gain of these entries, shape ``(corrected, n)``.
+    - returned distance: mahalanobis distance of the innovation from 0 in the directions in which
+      the first five entries move it: the likelihood ratio test of a jump in these (A. Willsky and
+      H. Jones, 1976, IEEE Trans. Automatic Control 21, 108), chi with five degrees of freedom.
+    - returned cost: twice the negative log-likelihood of the observation, but for what is the same
+      for all states.
     """
     _, root, consider = state
     innovation, slopes, noise, by_consider = observation
@@ -167,15 +145,10 @@ def _qr_factor(stack: Array) -> Array:
 def correct(state: Gaussian, observation: Observation, gain: Array) -> Gaussian:
     """Return a state corrected by an observation.
 
-    Parameters
-    ----------
-    state
-        Before; its root is square and has zeros in the first columns of what is not corrected, as
-        `triangular` returns it.
-    observation
-        Of the state.
-    gain
-        As `weigh` returns it; entries behind its rows keep mean and covariance.
+    - state: before; its root is square and has zeros in the first columns of what is not corrected,
+      as `triangular` returns it.
+    - observation: of the state.
+    - gain: as `weigh` returns it; entries behind its rows keep mean and covariance.
     """
     mean, root, consider = (part.copy() for part in state)
     innovation, slopes, noise, by_consider = observation

@@ -19,14 +19,9 @@ LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
 class SceneChange(NamedTuple):
     """A line of the scene to write anew.
 
-    Parameters
-    ----------
-    key
-        Dotted key of the scene.
-    value
-        To write there, in the unit of the key.
-    text
-        The same for a reader, with the reason.
+    - key: dotted key of the scene.
+    - value: to write there, in the unit of the key.
+    - text: the same for a reader, with the reason.
     """
 
     key: str
@@ -42,16 +37,10 @@ def scene_changes(
     A scene gives the lamp's power by the reading at a reference range, through its water, so that
     reading changes with the water even where the lamp is the same.
 
-    Parameters
-    ----------
-    model
-        The scene's forward model.
-    constants
-        What the scene does not know.
-    learnt
-        What is known of it by now, as `Track.constants` has it.
-    beyond
-        Standard deviations of its prior by which a constant must be off to be named.
+    - model: the scene's forward model.
+    - constants: what the scene does not know.
+    - learnt: what is known of it by now, as `Track.constants` has it.
+    - beyond: standard deviations of its prior by which a constant must be off to be named.
     """
     scene = model.scene
     off = {

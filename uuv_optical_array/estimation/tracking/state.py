@@ -20,23 +20,12 @@ MOST_LEARNT = 49
 class StateSpace:
     """Which entry of the state is what, and how the slowly varying ones drift.
 
-    Parameters
-    ----------
-    constants
-        What is not known of the scene.
-    hold_s
-        Time in which constants and gains drift to new values, s.
-
-    Attributes
-    ----------
-    constants, gains, shades : slice
-        Entries of the state.
-    size : int
-        Of the state.
-    consider : int
-        How many gain errors are consider parameters.
-    linear : ndarray of int
-        Pose and constants.
+    - constants: what is not known of the scene.
+    - hold_s: time in which constants and gains drift to new values, s.
+    - constants, gains, shades: entries of the state.
+    - size: of the state.
+    - consider: how many gain errors are consider parameters.
+    - linear: pose and constants.
     """
 
     def __init__(self, constants: Constants, hold_s: float) -> None:

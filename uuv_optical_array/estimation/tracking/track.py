@@ -20,12 +20,8 @@ class Outlier(NoPose):
 class StampRefused(NoPose):
     """The frame is older than the buffer, or in it already.
 
-    Parameters
-    ----------
-    message
-        Why, its kind before the colon.
-    newest_ns
-        Stamp of the newest frame, ns.
+    - message: why, its kind before the colon.
+    - newest_ns: stamp of the newest frame, ns.
     """
 
     def __init__(self, message: str, newest_ns: int) -> None:
@@ -90,16 +86,10 @@ class Track:
 class RelativeOdometry(NamedTuple):
     """The follower in ``beacon``, and how it moves.
 
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
-    covariance
-        Of the pose as `geometry.covariance_6x6` has it, shape ``(6, 6)``.
-    twist
-        Linear and angular velocity in the follower's frame, m/s and rad/s, shape ``(6,)``.
-    spread
-        Covariance of `twist`, shape ``(6, 6)``.
+    - pose: ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
+    - covariance: of the pose as `geometry.covariance_6x6` has it, shape ``(6, 6)``.
+    - twist: linear and angular velocity in the follower's frame, m/s and rad/s, shape ``(6,)``.
+    - spread: covariance of `twist`, shape ``(6, 6)``.
     """
 
     pose: Array
@@ -111,12 +101,8 @@ class RelativeOdometry(NamedTuple):
 def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdometry:
     """Return a track as odometry.
 
-    Parameters
-    ----------
-    track
-        Of a frame, as `Pipeline.track` returns it.
-    roll, roll_std
-        Of the follower, and its standard deviation, rad.
+    - track: of a frame, as `Pipeline.track` returns it.
+    - roll, roll_std: of the follower, and its standard deviation, rad.
     """
     covariance = covariance_6x6(track.pose, track.covariance, roll_std)
     twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)

@@ -106,12 +106,8 @@ class _State:
 class Tracker:
     """Filter frames in the order of their stamps, in whatever order they come.
 
-    Parameters
-    ----------
-    settings
-        Checked settings.
-    constants
-        What is not known of the scene, to be learnt from frames with readings.
+    - settings: checked settings.
+    - constants: what is not known of the scene, to be learnt from frames with readings.
     """
 
     def __init__(self, settings: TrackerSettings, constants: Constants | None = None) -> None:
@@ -138,18 +134,10 @@ class Tracker:
     def command(self, stamp_ns: int, twist: ArrayLike) -> None:
         """Take the follower's own motion, which carries the pose on until the next command.
 
-        Parameters
-        ----------
-        stamp_ns
-            From when on it moves so, ns; commands of later stamps are forgotten.
-        twist
-            Surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
-            ``(5,)``.
-
-        Raises
-        ------
-        ValueError
-            For a twist of wrong shape or out of bounds.
+        - stamp_ns: from when on it moves so, ns; commands of later stamps are forgotten.
+        - twist: surge, sway, heave (m/s), pitch and yaw rate (rad/s) in the follower's frame, shape
+          ``(5,)``.
+        - ValueError: for a twist of wrong shape or out of bounds.
         """
         self._own_motion.command(stamp_ns, twist)
         # Late frames need the commands of buffer and reset; twice that, as frames are older than
@@ -182,39 +170,22 @@ class Tracker:
 
         This is half of the work of a frame; the rest is left to `track`.
 
-        Parameters
-        ----------
-        stamp_ns
-            Of the image, ns. One farther behind than ``buffer_s + reset_after_s`` starts anew:
-            the clock was set back.
-        pose
-            ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
-        covariance
-            Of `pose`, shape ``(5, 5)``, positive definite.
-        readings
-            The likelihood of the image near its own best fit; ``None``: only `pose` and
-            `covariance` are used, and the constants stay as they are.
-        relinearise
-            Returns the same likelihood near another place, as `LinearisedReadings.at` has it; it is
-            called on the way from the predicted to the corrected state. ``None``: `readings` are
-            used as they are.
-        shaded
-            Probability that something shades the frame, in [0, 1], where `constants` name shades;
-            not used for a frame with `readings`.
-
-        Returns
-        -------
-        int
-            Stamp of the newest frame in the track, ns: a later one where this frame came late.
-
-        Raises
-        ------
-        Outlier
-            For a pose beyond the gate.
-        StampRefused
-            For a frame older than the buffer, or a stamp that is in it.
-        ValueError
-            For a pose, covariance or readings of wrong shape or out of bounds.
+        - stamp_ns: of the image, ns. One farther behind than ``buffer_s + reset_after_s`` starts
+          anew: the clock was set back.
+        - pose: ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``.
+        - covariance: of `pose`, shape ``(5, 5)``, positive definite.
+        - readings: the likelihood of the image near its own best fit; ``None``: only `pose` and
+          `covariance` are used, and the constants stay as they are.
+        - relinearise: returns the same likelihood near another place, as `LinearisedReadings.at`
+          has it; it is called on the way from the predicted to the corrected state. ``None``:
+          `readings` are used as they are.
+        - shaded: probability that something shades the frame, in [0, 1], where `constants` name
+          shades; not used for a frame with `readings`.
+        - returned int: stamp of the newest frame in the track, ns: a later one where this frame
+          came late.
+        - Outlier: for a pose beyond the gate.
+        - StampRefused: for a frame older than the buffer, or a stamp that is in it.
+        - ValueError: for a pose, covariance or readings of wrong shape or out of bounds.
         """
         s, history, previous = self._settings, self._history, self._previous
         if readings is not None:
@@ -253,10 +224,7 @@ class Tracker:
     def track(self) -> Track:
         """Return the track at the newest frame in it.
 
-        Raises
-        ------
-        NoPose
-            Where there is no frame yet.
+        - NoPose: where there is no frame yet.
         """
         if not self._history:
             raise NoPose("no track: there is no frame yet")
@@ -295,16 +263,10 @@ class Tracker:
     def expected(self, stamp_ns: int) -> Expected:
         """Return what is known of a frame before its image: the prior of its fit.
 
-        Parameters
-        ----------
-        stamp_ns
-            Of that frame, ns; the constants have drifted since the newest one in the track, and
-            its light may have become other light.
-
-        Returns
-        -------
-        Expected
-            Offsets in the order of the constants' names; the covariance is positive definite.
+        - stamp_ns: of that frame, ns; the constants have drifted since the newest one in the track,
+          and its light may have become other light.
+        - returned: offsets in the order of the constants' names; the covariance is positive
+          definite.
         """
         state = self._history[-1][1] if self._history else self._previous
         usual, lasts_s = self._constants.uneven, self._constants.unclear_lasts_s

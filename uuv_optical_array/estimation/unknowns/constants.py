@@ -15,13 +15,10 @@ from uuv_optical_array.forward.model import ForwardModel
 class Expected(NamedTuple):
     """What is known of a frame before its image.
 
-    Parameters
-    ----------
-    mean, covariance
-        Of the offsets of the scene's q unknown constants, shapes ``(q,)`` and ``(q, q)``.
-    uneven
-        Probability that it is lit unevenly in a way that the scene does not name, in [0, 1];
-        ``None``: as the scene's prior says.
+    - mean, covariance: of the offsets of the scene's q unknown constants, shapes ``(q,)`` and ``(q,
+      q)``.
+    - uneven: probability that it is lit unevenly in a way that the scene does not name, in [0, 1];
+      ``None``: as the scene's prior says.
     """
 
     mean: Array
@@ -33,30 +30,19 @@ class Expected(NamedTuple):
 class Constants:
     """Settings of the scene that are not known, and how far they may be off.
 
-    Parameters
-    ----------
-    names
-        Dotted names, as `ForwardModel.nuisances` has them; the offset of ``lamp.power`` is that
-        of its logarithm.
-    stds
-        Standard deviation of the offset of each, > 0; the mean is 0.
-    gain_std
-        Relative gain error of a detector, white over the array; 0: none.
-    detectors
-        How many there are, where there are gain errors.
-    frame
-        Of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
-        constants are corrected as they are, which is right only where the light is linear in them.
-    unclear_lasts_s
-        Time in which light that is not clear becomes other light, s; 0: it is always clear.
-    uneven
-        Share of frames that are lit unevenly in a way that the scene does not name, in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        For standard deviations that are not > 0 or not one for each name, or for gain errors of no
-        detector.
+    - names: dotted names, as `ForwardModel.nuisances` has them; the offset of ``lamp.power`` is
+      that of its logarithm.
+    - stds: standard deviation of the offset of each, > 0; the mean is 0.
+    - gain_std: relative gain error of a detector, white over the array; 0: none.
+    - detectors: how many there are, where there are gain errors.
+    - frame: of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
+      constants are corrected as they are, which is right only where the light is linear in them.
+    - unclear_lasts_s: time in which light that is not clear becomes other light, s; 0: it is always
+      clear.
+    - uneven: share of frames that are lit unevenly in a way that the scene does not name, in [0,
+      1].
+    - ValueError: for standard deviations that are not > 0 or not one for each name, or for gain
+      errors of no detector.
     """
 
     names: tuple[str, ...] = ()
@@ -101,16 +87,8 @@ def drift(hold_s: ArrayLike, step_s: float) -> Array:
     Constants drift as an Ornstein-Uhlenbeck process, whose mean goes to 0 and whose variance goes
     to that of the prior and never beyond.
 
-    Parameters
-    ----------
-    hold_s
-        Time in which each drifts to a new value, s, > 0, any shape.
-    step_s
-        Length of the step, s; one before the start counts as 0.
-
-    Returns
-    -------
-    Array
-        In the shape of `hold_s`.
+    - hold_s: time in which each drifts to a new value, s, > 0, any shape.
+    - step_s: length of the step, s; one before the start counts as 0.
+    - returned: in the shape of `hold_s`.
     """
     return np.exp(-max(step_s, 0.0) / np.asarray(hold_s, dtype=float))

@@ -36,18 +36,11 @@ LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar arra
 class CoordinateFrame(NamedTuple):
     """What the coordinates of an array under a lamp depend on.
 
-    Parameters
-    ----------
-    centre_x, centre_y, centre_z
-        The array's centre in ``base_link``, m.
-    beam_sigma_rad
-        Standard deviation of the beam, rad, > 0.
-    k_per_m
-        Attenuation, 1/m, >= 0.
-    share
-        The ``s / (s + 3)`` of a planar array; 0 for any other.
-    scattered_per_m
-        How much of the attenuation is by scattering, 1/m.
+    - centre_x, centre_y, centre_z: the array's centre in ``base_link``, m.
+    - beam_sigma_rad: standard deviation of the beam, rad, > 0.
+    - k_per_m: attenuation, 1/m, >= 0.
+    - share: the ``s / (s + 3)`` of a planar array; 0 for any other.
+    - scattered_per_m: how much of the attenuation is by scattering, 1/m.
     """
 
     centre_x: float
@@ -132,19 +125,10 @@ def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any
 def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
     """Return the coordinates of a pose.
 
-    Parameters
-    ----------
-    frame
-        As `frame_of` returns it.
-    pose
-        x, y, z, pitch and yaw, m and rad, shape ``(5, ...)``.
-    roll
-        Roll of the follower, rad.
-
-    Returns
-    -------
-    Array
-        Shape ``(5, ...)``.
+    - frame: as `frame_of` returns it.
+    - pose: x, y, z, pitch and yaw, m and rad, shape ``(5, ...)``.
+    - roll: roll of the follower, rad.
+    - returned: shape ``(5, ...)``.
     """
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp_in_body(
         pose[0], pose[1], pose[2], pose[3], pose[4], roll
@@ -167,21 +151,12 @@ def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
 def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     """Return lamp and pose at coordinates.
 
-    Parameters
-    ----------
-    frame, roll
-        As in `from_pose`.
-    at
-        Coordinates, shape ``(5, ...)`` or more.
-
-    Returns
-    -------
-    lamp
-        Position, m, and axis of the beam in ``base_link``: six components.
-    pose
-        x, y, z, pitch and yaw, m and rad: five components.
-    log_volume
-        Logarithm of the volume of poses in m and rad that a unit volume of the coordinates holds.
+    - frame, roll: as in `from_pose`.
+    - at: coordinates, shape ``(5, ...)`` or more.
+    - returned lamp: position, m, and axis of the beam in ``base_link``: six components.
+    - returned pose: x, y, z, pitch and yaw, m and rad: five components.
+    - returned log_volume: logarithm of the volume of poses in m and rad that a unit volume of the
+      coordinates holds.
     """
     ahead, aside, above = rotation(at[PITCH], at[YAW], roll)
     azimuth, elevation = sight_angles(frame, at, ahead)
@@ -212,16 +187,10 @@ def write_slopes(
 ) -> None:
     """Differentiate `to_lamp` by the coordinates.
 
-    Parameters
-    ----------
-    frame, at, roll
-        As in `to_lamp`.
-    lamp
-        What that returned.
-    slopes
-        Result for lamp and axis, given as zeros, shape ``(6, 5, ...)``.
-    pose_slopes
-        Result for the pose, likewise, shape ``(5, 5, ...)``.
+    - frame, at, roll: as in `to_lamp`.
+    - lamp: what that returned.
+    - slopes: result for lamp and axis, given as zeros, shape ``(6, 5, ...)``.
+    - pose_slopes: result for the pose, likewise, shape ``(5, 5, ...)``.
     """
     rows = rotation(at[PITCH], at[YAW], roll)
     ahead, aside, _ = rows

@@ -43,12 +43,9 @@ LEAST_WIDTH = 0.1  # of the beam, of that in the scene: below it no constant mak
 class Joint(NamedTuple):
     """What the coordinates depend on.
 
-    Parameters
-    ----------
-    frame
-        Of the scene, as `coordinates.frame_of` returns it.
-    power, water, width, scattering
-        Places of the constants that change the attenuation, from 5 on; -1: known.
+    - frame: of the scene, as `coordinates.frame_of` returns it.
+    - power, water, width, scattering: places of the constants that change the attenuation, from 5
+      on; -1: known.
     """
 
     frame: CoordinateFrame
@@ -130,12 +127,8 @@ class AsTheyAre:
     def place(self, coordinates: Array) -> tuple[Array, Array]:
         """Return pose and constants at coordinates, and their slopes by them.
 
-        Returns
-        -------
-        at
-            Shape ``(5 + q,)``.
-        slopes
-            Shape ``(5 + q, 5 + q)``.
+        - returned at: shape ``(5 + q,)``.
+        - returned slopes: shape ``(5 + q, 5 + q)``.
         """
         return coordinates.copy(), np.eye(len(coordinates))
 
@@ -147,12 +140,8 @@ class AsTheyAre:
 class JointCoordinates(AsTheyAre):
     """From pose and constants to coordinates and back; the constants stay as they are.
 
-    Parameters
-    ----------
-    frame
-        Of the scene, as `coordinates.frame_of` returns it.
-    names
-        Dotted names of the constants; those that do not change the attenuation are left alone.
+    - frame: of the scene, as `coordinates.frame_of` returns it.
+    - names: dotted names of the constants; those that do not change the attenuation are left alone.
     """
 
     def __init__(self, frame: CoordinateFrame, names: Sequence[str]) -> None:

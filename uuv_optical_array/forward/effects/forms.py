@@ -14,16 +14,11 @@ from uuv_optical_array.core.geometry import Array
 class Transmission:
     """Attenuation on the way to a detector, by the geometry of the ray.
 
-    Parameters
-    ----------
-    law
-        ``law(range_m, half_square, incidence, a, b, c)`` of numbers or arrays, marked by
-        `core.numerics.elementwise.law`: the factor of the light, and the slopes of its logarithm by
-        range, 1/m, half the squared off-axis angle, 1/rad^2, cosine of incidence, and `a`.
-    settings
-        Its ``a, b, c``.
-    nuisance
-        Dotted name of the setting `a` where the prior may leave it uncertain; empty: none.
+    - law: ``law(range_m, half_square, incidence, a, b, c)`` of numbers or arrays, marked by
+      `core.numerics.elementwise.law`: the factor of the light, and the slopes of its logarithm by
+      range, 1/m, half the squared off-axis angle, 1/rad^2, cosine of incidence, and `a`.
+    - settings: its ``a, b, c``.
+    - nuisance: dotted name of the setting `a` where the prior may leave it uncertain; empty: none.
     """
 
     law: Callable[..., Any]
@@ -42,12 +37,9 @@ class Scattering:
 class Moving:
     """Attenuation at a time, in simulation only; an estimator does not know it.
 
-    Parameters
-    ----------
-    factor
-        ``factor(time_s, rays, axis)``: shape ``(..., n)``, from the time, s, shape ``(..., 1)``,
-        the rays as `forward.light.ray` returns them, shape ``(13, ..., n)``, and the beam's axis in
-        ``base_link``, shape ``(3, ..., 1)``.
+    - factor: ``factor(time_s, rays, axis)``: shape ``(..., n)``, from the time, s, shape ``(...,
+      1)``, the rays as `forward.light.ray` returns them, shape ``(13, ..., n)``, and the beam's
+      axis in ``base_link``, shape ``(3, ..., 1)``.
     """
 
     factor: Callable[..., Array]
@@ -118,12 +110,8 @@ class Saturation:
 class Demodulation:
     """Synchronous detection of a modulated lamp: daylight is in the noise and not in the reading.
 
-    Parameters
-    ----------
-    noise_factor
-        Of the variance of all noise, beside a plain mean over the same time.
-    black_counts
-        Reading of darkness, which keeps noise above zero.
+    - noise_factor: of the variance of all noise, beside a plain mean over the same time.
+    - black_counts: reading of darkness, which keeps noise above zero.
     """
 
     noise_factor: float

@@ -149,30 +149,17 @@ def follow(
 ) -> tuple[list[FollowRecord], float, bool]:
     """Run the demonstration in real time.
 
-    Parameters
-    ----------
-    ros_args
-        ROS arguments for every node, such as a parameter file.
-    duration_s
-        Length of the run, s, from the moment when the leader sets off.
-    on_tick
-        Called five times a second with the first follower's record so far and the elapsed time, s.
-    fleet
-        The followers, each in its namespace; empty for one in none, with the parameters' station.
-    bag
-        An open one, which gets what the nodes publish.
-
-    Returns
-    -------
-    tuple
-        A record for each follower, the longest time without a pose that the formation control
-        accepts, s, and whether a signal ended the run.
-
-    Raises
-    ------
-    ValueError
-        For a parameter or a scene that a node refuses, and where another run publishes on the
-        topics of this one.
+    - ros_args: ROS arguments for every node, such as a parameter file.
+    - duration_s: length of the run, s, from the moment when the leader sets off.
+    - on_tick: called five times a second with the first follower's record so far and the elapsed
+      time, s.
+    - fleet: the followers, each in its namespace; empty for one in none, with the parameters'
+      station.
+    - bag: an open one, which gets what the nodes publish.
+    - returned: a record for each follower, the longest time without a pose that the formation
+      control accepts, s, and whether a signal ended the run.
+    - ValueError: for a parameter or a scene that a node refuses, and where another run publishes on
+      the topics of this one.
     """
     start(["--ros-args", *ros_args])
     executor = SingleThreadedExecutor()

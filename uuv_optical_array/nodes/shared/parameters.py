@@ -65,15 +65,10 @@ class Parameter:
 class Parameters:
     """The parameters of a node: declared, checked, and read by name.
 
-    Parameters
-    ----------
-    node
-        The node that gets them.
-    declarations
-        Declaration by name; a start value out of its bounds is a ValueError.
-    apply
-        Called with the new values of a change before it takes effect. A ValueError refuses all of
-        it, so it must come before anything is taken over; its text reaches who sets them.
+    - node: the node that gets them.
+    - declarations: declaration by name; a start value out of its bounds is a ValueError.
+    - apply: called with the new values of a change before it takes effect. A ValueError refuses all
+      of it, so it must come before anything is taken over; its text reaches who sets them.
     """
 
     def __init__(

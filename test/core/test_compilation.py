@@ -27,6 +27,15 @@ sys.stdin.readline()
 function = compilation.prepare(quarter_turn, 0.1, 0.2)
 print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
 """
+LOAD = """
+import os
+os.umask(0)
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
+function = compilation.prepare(quarter_turn, 0.1, 0.2)
+(compilation.cache_folder() / f"fit{compilation.DONE}").touch()
+print(sum(function.stats.cache_misses.values()), function(0.1, 0.2))
+"""
 FOLDER = (
     "from uuv_optical_array.core.numerics import compilation; print(compilation.cache_folder())"
 )
@@ -113,3 +122,121 @@ def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_wa
     linked, *answer = run.stdout.split()
     assert linked == str(known)
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)
+
+
+def damage(path, bit):
+    data = bytearray(path.read_bytes())
+    data[bit // 8 % len(data)] ^= 1 << bit % 8
+    path.write_bytes(data)
+
+
+def test_damaged_code_is_compiled_anew_and_not_run(tmp_path):
+    def load():
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        run = subprocess.run(
+            [sys.executable, "-c", LOAD], env=environment, capture_output=True, text=True
+        )
+        assert run.returncode == 0, run.stderr
+        return run.stdout.strip()
+
+    assert load() == "1 (0.2, -0.1)"
+    assert load() == "0 (0.2, -0.1)"
+    (folder,) = (tmp_path / "compiled").iterdir()
+    code, index = sorted(folder.glob("*/*"))
+    for path in (folder.parent, folder, code.parent, code, index):
+        assert path.stat().st_mode & 0o077 == 0, path
+    damage(code, 8 * (code.stat().st_size // 2))
+    damage(index, 100)
+    assert load() == "1 (0.2, -0.1)"
+    folder.chmod(0o777)
+    assert load() == "1 (0.2, -0.1)"
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A folder in which two functions and what is done were kept."""
+    for place in ("a/f.nbi", "a/f.1.nbc", "b/g.nbi"):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        with compilation._alone_with(tmp_path) as sums:
+            (tmp_path / place).write_bytes(place.encode())
+            (tmp_path / place).chmod(0o600)
+            sums[place] = compilation._sum(tmp_path / place)
+    (tmp_path / f"fit{compilation.DONE}").touch()
+    return tmp_path
+
+
+def left(folder):
+    compilation._drop_unsound(folder)
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*.*"))
+
+
+def test_of_any_flipped_bit_only_its_file_is_dropped_and_nothing_passes_as_done(kept):
+    every = left(kept)
+    assert every == ["a/f.1.nbc", "a/f.nbi", "b/g.nbi", "fit.done"]
+    sums = kept / "SHA256SUMS"
+    kinds = set()
+    for path in (*kept.glob("*/*"), sums):
+        whole = path.read_bytes()
+        for bit in range(0, 8 * len(whole), 11):
+            before = {each: each.read_bytes() for each in (*kept.glob("*/*"), sums)}
+            damage(path, bit)
+            names = left(kept)
+            dropped = set(every) - set(names)
+            assert len(dropped - {"fit.done"}) in ((1,) if path != sums else (0, 1, 2))
+            if path == sums:
+                kinds.add(len(dropped))
+            assert ("fit.done" in dropped) == bool(dropped)
+            assert left(kept) == names  # at the next start nothing more
+            for each, data in before.items():
+                each.write_bytes(data)
+            (kept / "fit.done").touch()
+    assert len(kinds) > 1
+
+
+@pytest.mark.parametrize("how", ["left over", "others may write", "another's", "no sums", "gone"])
+def test_what_this_user_did_not_keep_is_dropped(kept, how):
+    path = kept / "a" / "f.nbi"
+    if how == "left over":
+        path = kept / "a" / "f.2.nbc"
+        path.write_bytes(b"code of a process that was killed")
+    elif how == "others may write":
+        path.chmod(0o606)
+    elif how == "another's":
+        if os.geteuid() != 0:
+            pytest.skip("only root can give a file away")
+        os.chown(path, 12345, -1)
+    elif how == "no sums":
+        (kept / "SHA256SUMS").unlink()
+    else:
+        path.unlink()
+    names = left(kept)
+    assert not path.exists()
+    assert "fit.done" not in names
+    assert ("b/g.nbi" in names) == (how != "no sums")
+    assert left(kept) == names
+
+
+NOTE = """
+import sys
+from pathlib import Path
+from uuv_optical_array.core.numerics import compilation
+print("ready", flush=True)
+sys.stdin.readline()
+for i in range(50):
+    with compilation._alone_with(Path(sys.argv[1])) as sums:
+        sums[f"{sys.argv[2]}{i}"] = "0"
+"""
+
+
+def test_two_processes_note_all_sums(kept):
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", NOTE, str(kept)]
+    processes = [subprocess.Popen([*command, name], **pipes) for name in "xy"]
+    for process in processes:
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    for process in processes:
+        process.communicate()
+    assert len((kept / "SHA256SUMS").read_text().splitlines()) == 103

@@ -29,9 +29,8 @@ LOAD_S = 5.0  # longest that an estimator waits for what is compiled already
 
 def compiled_parts(scene: Scene) -> str:
     """Name what of the compiled fit depends on the scene: the laws of its effects."""
-    return "-".join(
-        ["fit", *sorted({law.__qualname__ for law in ForwardModel(scene).optics().laws})]
-    )
+    laws = {law.__qualname__ for law in ForwardModel(scene).optics().laws}
+    return "-".join(["fit", *sorted(laws)]) + compilation.DONE
 
 
 def is_compiled(scene: Scene) -> bool:
@@ -44,7 +43,10 @@ def compile_fit(scene: Scene) -> None:
     """Compile what ``least_squares`` runs in a scene, or load it from disk."""
     folder = compilation.cache_folder()
     if folder is None:
-        raise OSError("no folder to keep compiled code in; set NUMBA_CACHE_DIR to one")
+        raise OSError(
+            "no folder to keep compiled code in that this user alone can write; set "
+            "NUMBA_CACHE_DIR to one"
+        )
     model = ForwardModel(scene)
     ImageFit(model, constants_of(model), candidates=1, max_misfit=0.5, compiled=True)
     (folder / compiled_parts(scene)).touch()

@@ -15,7 +15,8 @@ import importlib.util
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import CellType, CodeType, FunctionType
@@ -26,6 +27,7 @@ from uuv_optical_array.core.storage import files
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 SOURCES = ("core", "forward", "estimation")  # the folders whose functions may be compiled
 KEPT = 8  # caches of other versions of the package that are left on disk
+DONE = ".done"  # how the names of files end that say, in the folder, what need not be compiled
 
 
 def installed() -> bool:
@@ -79,7 +81,7 @@ def law_address(law: Callable[..., Any]) -> int:
     transmit = _compiled_twin(mathematics.transmit_by, law=compiled_inside(law))
     # Its own name on disk: the file tells the laws apart by nothing else.
     transmit.__qualname__ = f"{transmit.__qualname__}.{law.__module__}.{law.__qualname__}"
-    with _CacheFolder(numba) as kept:
+    with _kept_on_disk(numba) as kept:
         callback = numba.cfunc(mathematics.TRANSMIT, cache=kept, **OPTIONS)(transmit)
     _CALLBACKS.append(callback)
     return int(callback.address)
@@ -160,7 +162,7 @@ def _jit(function: FunctionType, keep: bool) -> Any:
         # Nobody calls it from Python.
         options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_inner_options())
         return numba.njit(**options)(function)
-    with _CacheFolder(numba) as kept:
+    with _kept_on_disk(numba) as kept:
         return numba.njit(cache=kept, **options)(function)
 
 
@@ -169,36 +171,95 @@ def _inner_options() -> dict[str, Any]:
     return dict(importlib.import_module(f"{__package__}.linked_functions").options())
 
 
-class _CacheFolder:
-    """Let Numba keep what it compiles in a folder of this version of `SOURCES`.
+@contextlib.contextmanager
+def _kept_on_disk(numba: Any) -> Iterator[bool]:
+    """Let Numba keep what it compiles in `cache_folder`, with its sums; yield whether it can.
 
-    Numba itself looks at the file of the function alone, not at those that it calls.
+    Numba itself looks at the file of the function alone, not at those that it calls, and loads what
+    it finds unchecked.
     """
+    with _SETTING:
+        config, caching, folder = numba.config, numba.core.caching, cache_folder()
+        before = config.CACHE_DIR, caching.IndexDataCacheFile
+        try:
+            if folder is not None:
+                config.CACHE_DIR, caching.IndexDataCacheFile = str(folder), _summed(folder)
+            yield folder is not None
+        finally:
+            config.CACHE_DIR, caching.IndexDataCacheFile = before
 
-    def __init__(self, numba: Any) -> None:
-        self._config = numba.config
 
-    def __enter__(self) -> bool:
-        self._before = self._config.CACHE_DIR
-        folder = cache_folder()
-        if folder is None:
-            return False
-        self._config.CACHE_DIR = str(folder)
-        return True
+_SETTING = threading.RLock()
 
-    def __exit__(self, *error: object) -> None:
-        self._config.CACHE_DIR = self._before
+
+@cache
+def _summed(folder: Path) -> Any:
+    """Return Numba's class of a function's files, which notes the sums of what it writes."""
+
+    class Summed(_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]  # untyped
+        def save(self, key: Any, data: Any) -> None:
+            with _alone_with(folder) as sums:
+                # A file is replaced by another, never written to.
+                before = {path.stat().st_ino for path in folder.glob("*/*")}
+                super().save(key, data)
+                for path in folder.glob("*/*"):
+                    if path.stat().st_ino not in before:
+                        path.parent.chmod(0o700)
+                        path.chmod(0o600)
+                        sums[f"{path.relative_to(folder)}"] = _sum(path)
+
+    return Summed
+
+
+def _drop_unsound(folder: Path) -> None:
+    """Remove what is not as it was written, or not this user's; nothing passes as done then."""
+    with _alone_with(folder) as sums:
+        found = {f"{path.relative_to(folder)}": _sum(path) for path in folder.glob("*/*")}
+        sound = dict(found.items() & sums.items())
+        if found != sums:
+            for path in (*map(folder.joinpath, found.keys() - sound), *folder.glob(f"*{DONE}")):
+                path.unlink(missing_ok=True)
+            sums.clear()
+            sums.update(sound)
+
+
+@contextlib.contextmanager
+def _alone_with(folder: Path) -> Iterator[dict[str, str]]:
+    """Keep other processes from checking and writing; yield the sums by name, which are kept."""
+    kept = folder / "SHA256SUMS"
+    with (folder / "writing").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        lines = kept.read_text(errors="replace").splitlines() if _sum(kept) else []
+        sums = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+        before = dict(sums)
+        yield sums
+        if sums != before:
+            files.write_text(kept, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
+            kept.chmod(0o600)
+
+
+def _sum(path: Path) -> str:
+    """Return the SHA-256 of a file; empty for what is none that this user alone can write."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest() if _own(path.lstat()) else ""
+    except OSError:
+        return ""
+
+
+def _own(status: os.stat_result) -> bool:
+    return status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of what was compiled from these sources; ``None`` where none is writable.
+    """Return this user's folder of what was compiled from these sources, whose files are sound.
 
-    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache. Another copy of the same
-    sources has another folder, as Numba takes a function for a new one where its file is elsewhere
-    or newer, and so has another Python or Numba.
+    It lies in Numba's own (``NUMBA_CACHE_DIR``) or in the user's cache; ``None`` where there is
+    none that this user alone can write. Another copy of the same sources has another folder, as
+    Numba takes a function for a new one where its file is elsewhere or newer, and so has another
+    Python or Numba.
     """
-    digest = hashlib.sha256(sys.implementation.cache_tag.encode())
+    digest = hashlib.sha256(f"{sys.implementation.cache_tag} {os.geteuid()}".encode())
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
         digest.update(importlib.metadata.version("numba").encode())
     package = Path(importlib.import_module(files.PACKAGE).__path__[0])
@@ -208,8 +269,13 @@ def cache_folder() -> Path | None:
     home = (Path(given) if given else files.cache_dir()) / "compiled"
     folder = home / digest.hexdigest()[:16]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        home.mkdir(parents=True, exist_ok=True)
+        home.chmod(0o700)
+        if folder.exists() and not _own(folder.lstat()):
+            shutil.rmtree(folder)
+        folder.mkdir(mode=0o700, exist_ok=True)
         os.utime(folder)
+        _drop_unsound(folder)
     except OSError:
         return None
     with contextlib.suppress(OSError):  # where another process tidies up too

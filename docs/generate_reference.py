@@ -1,7 +1,8 @@
 """Write ``docs/reference/`` and the schema of scenes: ``python docs/generate_reference.py``.
 
-They come from the declarations. Parameters, topics, diagnostics, commands, scene keys, effects,
-mismatches and public names each get a page. A new node, command, key or effect appears by itself.
+They come from the declarations, as do the drawings of ``drawings.py``. Parameters, topics,
+diagnostics, commands, scene keys, effects, mismatches and public names each get a page. A new node,
+command, key or effect appears by itself.
 """
 
 import argparse
@@ -16,6 +17,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from drawings import geometry
+from drawings import nodes as nodes_and_topics
 
 import uuv_optical_array
 from uuv_optical_array import nodes
@@ -32,6 +36,7 @@ from uuv_optical_array.studies.mismatches import KINDS, Kind
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/reference"
+PICTURES = ROOT / "docs/pictures"
 SCHEMA = ROOT / "config/scene.schema.json"
 WRITTEN = "<!-- Written by docs/generate_reference.py. -->"
 # Names, a year and perhaps equations: "Shinozuka and Jan 1972", "Eren et al. 2016, eq. 5".
@@ -197,7 +202,16 @@ def value_of(expression: ast.expr, names: dict[str, Any], *more: dict[str, str])
     try:
         return eval(compile(ast.Expression(expression), "node", "eval"), names, *more)
     except NameError:
-        return f"<{ast.unparse(expression)}>"
+        parts = expression.values if isinstance(expression, ast.JoinedStr) else [expression]
+        return "".join(
+            str(part.value) if isinstance(part, ast.Constant) else f"<{ast.unparse(of(part))}>"
+            for part in parts
+        )
+
+
+def of(part: ast.expr) -> ast.expr:
+    """Return what stands between the braces of a part of an f-string, or the part itself."""
+    return part.value if isinstance(part, ast.FormattedValue) else part
 
 
 def topics_of(node: str, module: Any) -> Iterator[Topic]:
@@ -241,8 +255,10 @@ def topics() -> list[str]:
         "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
         "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
         "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
-        "parameter `publish_tf` publish `/tf` on request. A name in brackets follows from "
-        "parameters.",
+        "parameter `publish_tf` publish `/tf` on request. What stands in `<` and `>` follows "
+        "from parameters: a leader alone listens to each of its followers. Below, a filled mark "
+        "publishes and an open one subscribes.",
+        "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
     ]
 
@@ -508,10 +524,17 @@ def text_of(name: str) -> str:
     return "\n\n".join((heading, WRITTEN, *parts)) + "\n"
 
 
+def drawings() -> dict[str, str]:
+    """Return the drawings by their files' names."""
+    return {"geometry.svg": geometry(), "nodes.svg": nodes_and_topics(all_topics())}
+
+
 def main() -> None:
-    """Write every page, and the schema."""
+    """Write every page, the drawings and the schema."""
     FOLDER.mkdir(exist_ok=True)
     SCHEMA.write_text(schema_text(), encoding="utf-8")
+    for name, text in drawings().items():
+        (PICTURES / name).write_text(text, encoding="utf-8")
     for name in PAGES:
         (FOLDER / f"{name}.md").write_text(text_of(name), encoding="utf-8")
 

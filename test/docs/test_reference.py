@@ -1,6 +1,7 @@
 """The pages of the reference are what their generator writes, and it sees what is declared."""
 
 import ast
+from xml.etree import ElementTree
 
 import pytest
 import rclpy
@@ -17,6 +18,29 @@ def test_every_page_is_what_the_generator_writes():
     for name in pages:
         text = (reference.FOLDER / f"{name}.md").read_text(encoding="utf-8")
         assert text == reference.text_of(name), cure
+
+
+def test_the_drawings_are_what_the_generator_draws():
+    for name, text in reference.drawings().items():
+        written = (reference.PICTURES / name).read_text(encoding="utf-8")
+        assert written == text, "run docs/generate_reference.py"
+
+
+def test_an_arrow_goes_from_each_publisher_to_each_subscriber():
+    """By the marks in the row of each topic, beside those that the nodes declare."""
+    drawn = ElementTree.fromstring(reference.drawings()["nodes.svg"])
+    space = "{http://www.w3.org/2000/svg}"
+    names = {}
+    for text in drawn.iter(f"{space}text"):
+        names.setdefault(float(text.get("y")), []).append((float(text.get("x")), text.text))
+    columns = {x: name for row in names.values() for x, name in row if name.endswith("_node")}
+    found = set()
+    for mark in drawn.iter(f"{space}circle"):
+        y, x = float(mark.get("cy")), float(mark.get("cx"))
+        near = min(columns, key=lambda column: abs(column - x))
+        if abs(near - x) <= 15:
+            found.add((columns[near], mark.get("stroke") is None, names[y][0][1]))
+    assert found == {topic[:3] for topic in reference.all_topics()}
 
 
 def test_the_schema_of_scenes_is_what_the_command_prints(capsys):

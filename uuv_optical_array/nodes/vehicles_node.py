@@ -92,10 +92,14 @@ class VehiclesNode(Node):
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         count = self.parameters["followers"]
         self.awaited = (
-            {f"follower_{i + 1}/cmd_vel" for i in range(count)} if role == "leader" else {"cmd_vel"}
+            {f"follower_{n + 1}/cmd_vel" for n in range(count)} if role == "leader" else {"cmd_vel"}
         )
-        for topic in sorted(self.awaited):
-            subscribe(self, TwistStamped, topic, partial(self.on_command, topic))
+        if role == "leader":
+            for n in range(1, count + 1):
+                heard = partial(self.on_command, f"follower_{n}/cmd_vel")
+                subscribe(self, TwistStamped, f"follower_{n}/cmd_vel", heard)
+        else:
+            subscribe(self, TwistStamped, "cmd_vel", partial(self.on_command, "cmd_vel"))
         if role == "follower":
             self.diagnostics.warn("follower waits: no leader/odometry has come yet")
             subscribe(self, Odometry, "leader/odometry", self.on_leader)

@@ -21,9 +21,10 @@ posed = np.array([answer.track is not None for answer in answers])  # the others
 frames = np.array([answer.estimate.pose for answer in answers if answer.track])
 track = np.array([answer.track.pose for answer in answers if answer.track])
 truth = truth[posed]
-for name, poses in (("frames", frames), ("track", track), ("truth", truth)):
+for name, poses in (("frames", frames), ("track", track)):
     print(f"{name}: RMS error of y {np.sqrt(np.mean((poses - truth)[:, 1] ** 2)):.3f} m")
     plt.plot(times[posed], poses[:, 1], ".-", label=name)
+plt.plot(times[posed], truth[:, 1], label="truth")
 plt.gca().set(xlabel="time (s)", ylabel="y, to port (m)")
 plt.legend()
 plt.savefig(picture)

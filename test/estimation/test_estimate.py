@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from scenes import coarse_settings
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
@@ -65,13 +67,33 @@ def test_a_scene_alone_is_answered_from_its_table(small, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "image", [np.zeros(25), np.zeros((2, 5, 5)), np.full((5, 5), np.nan), None]
+    "image",
+    [np.ones(25), np.ones((2, 5, 5)), np.ones((0, 0)), np.full((5, 5), np.nan), "x", None],
+    ids=str,
 )
 def test_what_is_no_image_is_refused_by_name(small, image):
-    with pytest.raises(
-        NoPose, match=r"no image: (shape \(|nan).*; sam needs 5 x 5 finite readings"
-    ):
+    with pytest.raises(NoPose, match=r"no image: (of shape \(.*, not \(5, 5\)|nan)"):
         small.estimate(image)
+    with pytest.raises(NoPose):
+        Pipeline(small).check(image)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda scene: Estimator("follow"), "source: 'follow'; give a scene, as load_scene"),
+        (lambda scene: ForwardModel("follow"), "scene: 'follow'; give what load_scene returns"),
+        (lambda scene: build_table(None), "scene: of type NoneType; give what load_scene"),
+        (lambda scene: Pipeline(scene), r"estimator: of type Scene; give Estimator\(scene\)"),
+        (
+            lambda scene: cramer_rao_bound(scene, [-5, 0, 0, 0, 0]),
+            r"model: of type Scene; give ForwardModel\(scene\)",
+        ),
+    ],
+)
+def test_what_is_given_in_place_of_another_is_named_with_the_cure(scene, call, words):
+    with pytest.raises(ValueError, match=words):
+        call(scene)
 
 
 @pytest.mark.parametrize("lift", [0.0, 1.0])

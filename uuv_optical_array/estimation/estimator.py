@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dposv
 from scipy.special import ndtr
 
 from uuv_optical_array.core.errors import NoPose as NoPose
+from uuv_optical_array.core.errors import expect
 from uuv_optical_array.core.geometry import (
     Array,
     turned_about_beam,
@@ -170,6 +171,7 @@ class Estimator:
         max_misfit: float = EstimatorSettings.max_misfit,
         compiled: bool | None = None,
     ) -> None:
+        expect(source, (Scene, SignatureTable), "source", "a scene, as load_scene returns it")
         if method not in METHODS:
             raise ValueError(f"method: {method!r} is unknown; choose {' or '.join(METHODS)}")
         if isinstance(source, SignatureTable) and len(source.poses) < 2:
@@ -314,16 +316,17 @@ class Estimator:
         parameters = parameters[:, None]
         return self._verified(match, *near, parameters, self._readings(image), roll, expected)
 
+    def check_shape(self, image: ArrayLike | None) -> None:
+        """Raise `NoPose` for what is no image of the scene's array."""
+        side, shape = self._side, np.asarray(image).shape
+        if shape != (side, side):
+            raise NoPose(f"no image: of shape {shape}, not ({side}, {side})")
+
     def _readings(self, image: ArrayLike | None) -> Array:
-        side = self._side
+        self.check_shape(image)
         readings = np.array(image, dtype=float, order="C")
-        if readings.shape != (side, side) or not np.isfinite(readings).all():
-            seen = (
-                "nan or infinite" if readings.shape == (side, side) else f"shape {readings.shape}"
-            )
-            raise NoPose(
-                f"no image: {seen}; {self.settings.method} needs {side} x {side} finite readings"
-            )
+        if not np.isfinite(readings).all():
+            raise NoPose("no image: nan or infinite readings")
         check_full_scale(readings, self.scene)
         return readings.reshape(-1)
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.errors import NoPose, expect
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimate, Estimator
 from uuv_optical_array.estimation.signature.features import FeatureSettings, no_pattern
@@ -61,6 +61,7 @@ class Pipeline:
         tracking: TrackerSettings | None = DEFAULT_TRACKING,
         min_peak_counts: float = FeatureSettings.min_peak_counts,
     ) -> None:
+        expect(estimator, Estimator, "estimator", "Estimator(scene)")
         self._min_peak_counts = min_peak_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
         self.estimator = estimator
@@ -102,6 +103,7 @@ class Pipeline:
         NoPose
             With the reason.
         """
+        self.estimator.check_shape(image)
         if reason := no_pattern(image, self._min_peak_counts):
             raise NoPose(reason)
         self._frozen.check(image, lambda: np.asarray(image))

@@ -129,10 +129,11 @@ def build_table(
     ValueError
         Where no pose of the grid has light, or this machine has too little memory.
     """
+    model = ForwardModel(scene)
     axes = grid_axes(scene.table)
     count = grid_rows(axes)
     check_memory(count, f"scene {scene.name}")
-    parameters = grid_parameters(ForwardModel(scene), range(count), min_peak_counts, progress)
+    parameters = grid_parameters(model, range(count), min_peak_counts, progress)
     lit = lit_rows(parameters)
     if not len(lit):
         raise no_light(scene, min_peak_counts)

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv_optical_array.core.errors import expect
 from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import stack, workspace
@@ -76,6 +77,7 @@ class ForwardModel:
     """
 
     def __init__(self, scene: Scene) -> None:
+        expect(scene, Scene, "scene", "what load_scene returns")
         self.scene = scene
         self.array = build_array(scene.array)
         self._forms = effects.plan(scene.effects, self.array)

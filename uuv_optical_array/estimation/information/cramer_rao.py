@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uuv_optical_array.core.errors import expect
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.aim import aim_slopes
@@ -71,6 +72,7 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
       derivative; the side without light is taken.
     - ValueError: for a pose that is not finite.
     """
+    expect(model, ForwardModel, "model", "ForwardModel(scene)")
     poses = np.asarray(poses, dtype=float)
     if not np.isfinite(poses).all():
         raise ValueError("poses: not finite; give metres and radians")

@@ -13,7 +13,7 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.advise import Need, advise
 from uuv_optical_array.studies.shared import tradeoff_measurement
 from uuv_optical_array.studies.shared.results import Results
-from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, Origin
+from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, origin_of
 
 NEED = Need(rate_hz=10.0, position_m=0.2, angle_deg=10.0)
 
@@ -43,7 +43,7 @@ def folder(scene, tmp_path):
         row("sam", 5, 1024, position=0.6, p99=0.5),
         row(side=7, position=0.05, angle=1.0, p99=20.0),
     ]
-    Results(tmp_path / "tradeoff.csv", Measurement, Origin.here(scene, "quick", 3)).append(rows)
+    Results(tmp_path / "tradeoff.csv", Measurement, origin_of(scene, "quick", 3)).append(rows)
     return tmp_path
 
 
@@ -134,8 +134,8 @@ def test_json_holds_the_same(folder, capsys):
 
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])
 def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, monkeypatch):
-    origin = vars(Origin.here(scene, "quick", 1)) | {field: "another"}
-    Results(tmp_path / "tradeoff.csv", Measurement, Origin(**origin)).append([row(side=2)])
+    origin = origin_of(scene, "quick") | {field: "another"}
+    Results(tmp_path / "tradeoff.csv", Measurement, origin).append([row(side=2)])
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     stopped = []
 

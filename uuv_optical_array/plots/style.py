@@ -37,6 +37,14 @@ METHOD_COLOURS = {
     "tracker": "#2c9c5a",
     "docking": "#12305e",
 }
+# And one shape of its mark, which is also told in grey.
+METHOD_MARKS = {
+    "moments": "v",
+    "look_up": "D",
+    "sam": "s",
+    "sam_interpolated": "^",
+    "least_squares": "o",
+}
 SPECIFIED = "#2c9c5a"
 IMAGES = "magma"  # colours of what the array reads
 MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
@@ -162,6 +170,23 @@ def number_label(
         bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
         arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
     )
+
+
+def label_ends(axes: "Axes", ends: Iterable[tuple[str, float]], gap: float = 0.055) -> None:
+    """Write the name of each line beside its right end, so that none is on another."""
+    low, high = axes.get_ylim()
+    names = sorted(((y - low) / (high - low), name) for name, y in ends)
+    for (height, name), place in zip(names, apart([y for y, _ in names], gap), strict=True):
+        axes.annotate(
+            name,
+            (1.0, height),
+            (1.05, place),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            va="center",
+            fontsize=9,
+            arrowprops={"arrowstyle": "-", "lw": 0.6, "color": "0.4", "shrinkA": 0, "shrinkB": 0},
+        )
 
 
 def save(figure: "Figure", path: Path) -> None:

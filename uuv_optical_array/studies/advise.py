@@ -16,17 +16,15 @@ from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import METHODS
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
-from uuv_optical_array.studies.shared.results import read
+from uuv_optical_array.studies.shared.results import Results, read
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
-    SEED,
     SETTINGS_CSV,
     Group,
     Measurement,
-    Origin,
-    TradeoffRun,
+    measure_missing,
+    origin_of,
     plan,
-    this_machine,
 )
 
 DESCRIPTION = """\
@@ -46,17 +44,12 @@ examples:
   uuv_array advise --rate 5 --scene sea.yaml --json         your own scene, as one JSON object
 Ctrl-C while it measures keeps the results so far; the next call goes on."""
 
+POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
 # The fields of `Need`.
 NEEDS = {
     "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
-    "position": (
-        Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3),
-        float(SPECIFICATION[X]),
-    ),
-    "angle": (
-        Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360),
-        float(SPECIFICATION[YAW]),
-    ),
+    "position": (Quantity("largest RMS distance from the truth", "m", 1e-6, 1e3), POSITION_M),
+    "angle": (Quantity("largest RMS of pitch and yaw together", "deg", 1e-6, 360), ANGLE_DEG),
 }
 UNITS = {
     "position_m": ("position", "m"),
@@ -163,22 +156,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _measured(scene: Scene, folder: Path) -> tuple[Path, Origin, list[Measurement], bool]:
-    """Return the measurements of this scene and machine: folder, origin, rows, and if complete."""
-    origin, rows = read(folder / SETTINGS_CSV, Origin, Measurement)
-    if origin is not None and origin.is_here(scene):
-        return folder, origin, rows, True
-    if origin is not None:
-        print(
-            f"{folder / SETTINGS_CSV} is of another scene or machine, so it is not used",
-            file=sys.stderr,
-        )
-    machine = "".join(letter if letter.isalnum() else "-" for letter in this_machine())
+def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement], bool]:
+    """Return file, frames and lines of this scene and machine, and whether all are there."""
+    path, here = folder / SETTINGS_CSV, origin_of(scene, "quick")
+    there, rows = read(path, Measurement)
+    if there and all(there[name] == here[name] for name in ("fingerprint", "machine")):
+        return path, there["frames"], rows, True
+    if there:
+        print(f"{path} is of another scene or machine, so it is not used", file=sys.stderr)
+    machine = "".join(letter if letter.isalnum() else "-" for letter in here["machine"])
     name = f"{scene.name}-{scene.fingerprint[:16]}-{machine}"
-    folder = files.cache_dir() / "tradeoff" / name
-    measured = TradeoffRun(scene, "quick", SEED, folder, plan(scene, "quick"))
-    complete = measured.measure()
-    return folder, measured.origin, measured.rows, complete
+    results = Results(files.cache_dir() / "tradeoff" / name / SETTINGS_CSV, Measurement, here)
+    complete = measure_missing(scene, plan(scene, "quick"), results)
+    return results.path, here["frames"], results.lines, complete
 
 
 def run(args: argparse.Namespace) -> int:
@@ -186,14 +176,9 @@ def run(args: argparse.Namespace) -> int:
     need = Need(args.rate, args.position, args.angle)
     scene = options.scene_of(args)
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
-    folder, origin, rows, complete = _measured(scene, given)
+    path, frames, rows, complete = _measured(scene, given)
     row, excess = advise(rows, need)
-    about = {
-        "measured": str(folder / SETTINGS_CSV),
-        "settings": len(rows),
-        "load_average": max(row.load_average for row in rows),
-        "complete": complete,
-    }
+    load = max(row.load_average for row in rows)
     result = {
         "scene": scene.name,
         "asked": dataclasses.asdict(need),
@@ -201,12 +186,14 @@ def run(args: argparse.Namespace) -> int:
         "lacks": excess,
         "found": row.columns(),
         "change": settings_of(scene, row),
-        **about,
+        "measured": str(path),
+        "settings": len(rows),
+        "load_average": load,
+        "complete": complete,
     }
     text = (
         f"{report(scene, need, row, excess)}\n\n"
-        f"of {len(rows)} settings, {origin.frames} frames each, load average up to "
-        f"{about['load_average']:.1f}: {about['measured']}"
+        f"of {len(rows)} settings, {frames} frames each, load average up to {load:.1f}: {path}"
     )
     missing = "" if complete else "some settings are not measured yet"
     return outputs.finish(args, result, text, missing) or bool(excess)

@@ -83,14 +83,12 @@ def run(args: argparse.Namespace) -> int:
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
     results = Results(csv, ScoredDesign, study.origin)
-
-    def tell(text: str) -> None:
-        print(text, file=sys.stderr if args.json else sys.stdout)
-
+    told = sys.stderr if args.json else sys.stdout
     if dropped := sweep.dropped():
-        tell(f"left out: {sum(dropped.values())} designs whose corners lie beyond their sphere")
+        count = sum(dropped.values())
+        print(f"left out: {count} designs whose corners lie beyond their sphere", file=told)
     if scored := study.swept(results):
-        tell(f"{csv}: {len(scored)} designs are there already")
+        print(f"{csv}: {len(scored)} designs are there already", file=told)
     try:
         study.score_rest(results, lambda rounds: progress.over(rounds, "design"))
     except KeyboardInterrupt:
@@ -103,9 +101,8 @@ def run(args: argparse.Namespace) -> int:
     if args.take is not None:
         with options.checking_options():
             numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
-            number = check(numbers, args.take, "--take")
-        written.append(csv.with_suffix(f".{number}.yaml"))
-        design = choice.numbered[number - 1].design
+            design = choice.numbered[check(numbers, args.take, "--take") - 1].design
+        written.append(csv.with_suffix(f".{args.take}.yaml"))
         taken = designed(scene, design, study.power, study.mount)
         taken = scene_from_settings(taken.settings(), written[-1].stem)
         about = f"{design.label}, by uuv_array study design from {scene.name}"

@@ -38,11 +38,8 @@ CLOSE_UP_SIDE = 5
 def draw(choice: Choice) -> Any:
     """Draw bounds against detectors, lamp, size and radius, and list the designs that fit."""
     study, rows = choice.study, choice.rows
-    named = {
-        number: row
-        for number, row in enumerate(choice.numbered, start=1)
-        if row in choice.fronts["fits"] or row in choice.papers
-    }
+    listed = [*choice.fronts["fits"], *choice.papers]
+    named = {number: row for number, row in enumerate(choice.numbered, start=1) if row in listed}
     figure = new_figure(14, 13)
     parts: Any = figure.subfigures(3, 1, height_ratios=[5, 4, 2.4])
     for axes, name in zip(parts[0].subplots(1, 2), BOUNDS, strict=True):
@@ -58,7 +55,16 @@ def draw(choice: Choice) -> Any:
     left.set_axis_off()
     words: dict[str, Any] = {"family": "monospace", "fontsize": 7.5, "linespacing": 1.3}
     left.text(0, 1, choice.table(named), va="top", in_layout=False, **words)
-    _legend(right, study.scene.array.width_m)
+    right.set_axis_off()
+    handles = [
+        *(mark(f"{s}; wider arrays to the right", color=c) for s, c in SHAPE_COLOURS.items()),
+        mark(f"front 'fits': no wider than {study.scene.array.width_m:g} m, numbered", "",
+             color="k", lw=1.2),
+        mark("front 'any': of any width", "", color="k", lw=1.2, ls="--"),
+        mark("specification of the paper", "", color=SPECIFIED, lw=1.4, ls="--"),
+        mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
+    ]  # fmt: skip
+    right.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
     figure.suptitle(
         f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}\n"
         f"lamp power: {study.power}; mount: {study.mount}; {study.poses} poses, seed {study.seed}",
@@ -113,14 +119,11 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=style, lw=1.2, zorder=2.5)
     low, high = np.log(axes.get_ylim())
     for i, side in enumerate(sides):
-        of_side = sorted(
-            (bound(row), number, row)
-            for number, row in named.items()
-            if row.detectors_per_side == side
-        )
-        heights = [(np.log(y) - low) / (high - low) for y, *_ in of_side]
-        for (y, number, row), height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
-            point = place(row), y
+        of_side = [(n, row) for n, row in named.items() if row.detectors_per_side == side]
+        of_side.sort(key=lambda item: (bound(item[1]), item[0]))
+        heights = [(np.log(bound(row)) - low) / (high - low) for _, row in of_side]
+        for (number, row), height in zip(of_side, apart(heights, LABEL_GAP), strict=True):
+            point = place(row), bound(row)
             axes.plot(*point, "o", color=SHAPE_COLOURS[row.shape], ms=6, mec="k", zorder=3)
             at = (i + 0.5 + LANE) / len(sides), height
             number_label(axes, number, point, at, ha="right")
@@ -141,14 +144,12 @@ def _close_up(
     close = [row for row in rows if row.detectors_per_side == side]
     of_width = [row for row in close if row.width_m == width]
     _lines(by_beam, of_width, "beam_sigma_deg", "radius_m", "radius {:g} m", "viridis")
-    by_beam.set(
-        xlabel="standard deviation of the beam (deg)", title=f"{side} x {side} on {width:g} m"
-    )
+    by_beam.set_xlabel("standard deviation of the beam (deg)")
+    by_beam.set_title(f"{side} x {side} on {width:g} m")
     of_sigma = [r for r in close if r.radius_m and r.beam_sigma_deg == sigma]
     _lines(by_radius, of_sigma, "radius_m", "width_m", "{:g} m wide", "cividis")
-    by_radius.set(
-        xlabel="radius of the sphere (m)", title=f"{side} x {side}, beam of {sigma:g} deg"
-    )
+    by_radius.set_xlabel("radius of the sphere (m)")
+    by_radius.set_title(f"{side} x {side}, beam of {sigma:g} deg")
 
 
 def _lines(
@@ -157,21 +158,16 @@ def _lines(
     """Draw the bound on the position against a setting, a line for each value of another one."""
     from matplotlib.ticker import NullLocator
 
-    groups = {getattr(row, group_name) for row in rows}
-    values = sorted(groups - {None})
-    palette = shades(cmap, 0, 0.88, len(values))
-    styles = [(value, label.format(value), c) for value, c in zip(values, palette, strict=True)]
-    if None in groups:
-        styles.append((None, "planar", SHAPE_COLOURS["planar"]))
-    for value, text, colour in styles:
-        x, y = zip(
-            *sorted(
-                (getattr(row, x_name), row.position_m)
-                for row in rows
-                if getattr(row, group_name) == value
-            ),
-            strict=True,
-        )
+    lines: dict[Any, list[tuple[float, float]]] = {}
+    for row in rows:
+        point = getattr(row, x_name), row.position_m
+        lines.setdefault(getattr(row, group_name), []).append(point)
+    values = sorted(lines.keys() - {None})
+    colours = dict(zip(values, shades(cmap, 0, 0.88, len(values)), strict=True))
+    for value in values + [None] * (None in lines):
+        x, y = np.transpose(sorted(lines[value]))
+        text = "planar" if value is None else label.format(value)
+        colour = SHAPE_COLOURS["planar"] if value is None else colours[value]
         axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
     _levels(axes, "position_m")
     axes.set_xscale("log")
@@ -180,19 +176,3 @@ def _lines(
     axes.xaxis.set_minor_locator(NullLocator())
     if rows:
         axes.legend(fontsize=9, loc="best", framealpha=0.85)
-
-
-def _legend(axes: Any, width_m: float) -> None:
-    """Say what colours and lines mean."""
-    axes.set_axis_off()
-    handles = [
-        *(
-            mark(f"{shape}; wider arrays to the right", color=colour)
-            for shape, colour in SHAPE_COLOURS.items()
-        ),
-        mark(f"front 'fits': no wider than {width_m:g} m, numbered", "", color="k", lw=1.2),
-        mark("front 'any': of any width", "", color="k", lw=1.2, ls="--"),
-        mark("specification of the paper", "", color=SPECIFIED, lw=1.4, ls="--"),
-        mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
-    ]
-    axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uuv_optical_array.cli.options import SEED
 from uuv_optical_array.core.geometry import Array
@@ -44,12 +45,7 @@ from uuv_optical_array.studies.shared.separation import (
 
 CLEAR_SIGMAS = 3.0
 # What Eren et al. (2016) choose; their lamp is not given.
-PAPER: dict[str, Any] = {
-    "shape": "curved",
-    "detectors_per_side": 5,
-    "width_m": 0.4,
-    "radius_m": 0.32,
-}
+PAPER = {"shape": "curved", "detectors_per_side": 5, "width_m": 0.4, "radius_m": 0.32}
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
@@ -110,9 +106,7 @@ class ScoredDesign(Line, Design):
     @property
     def design(self) -> Design:
         """The design alone."""
-        return Design(
-            **{field.name: vars(self)[field.name] for field in dataclasses.fields(Design)}
-        )
+        return Design(*(vars(self)[field.name] for field in dataclasses.fields(Design)))
 
     @property
     def is_papers_array(self) -> bool:
@@ -121,12 +115,9 @@ class ScoredDesign(Line, Design):
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column."""
-        return {
-            **vars(self),
-            "detectors": self.detectors,
-            "resolved_at_4_m": self.resolved_at_4m,
-            "resolved_4_to_8_m": self.resolved_4_to_8m,
-        }
+        resolved = {"resolved_at_4_m": self.resolved_at_4m}
+        resolved["resolved_4_to_8_m"] = self.resolved_4_to_8m
+        return {**vars(self), "detectors": self.detectors, **resolved}
 
 
 def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
@@ -140,12 +131,12 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
     with np.errstate(divide="ignore", invalid="ignore"):
         sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
-    near_and_least = [(values[:, 0], values.min(axis=1)) for values in (moved_deg, sigmas)]
     known, alone, lit = bounds(model, poses)
     values: list[Any] = [
         *vars(Design.of(scene)).values(),
         scene.lamp.reference_counts,
-        *np.ravel(near_and_least).tolist(),
+        *(moved_deg[:, 0].tolist() + moved_deg.min(axis=1).tolist()),
+        *(sigmas[:, 0].tolist() + sigmas.min(axis=1).tolist()),
         *position_and_angle(known),
         float(lit.mean()),
         *position_and_angle(alone[lit]),
@@ -153,19 +144,12 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     return ScoredDesign(*values)
 
 
-def separations(scene: Scene, motion: Motion) -> Array:
+def separations(scene: Scene, motion: Motion) -> list[float]:
     """Return the spectral angle of a wanted move, the smaller of both signs, deg, at `RANGES_M`."""
-    array = scene.array
-    return np.array(
-        [
-            angles_deg(
-                scene,
-                Conditions(array.shape, array.detectors_per_side, range_m, motion),
-                [WANTED[motion], -WANTED[motion]],
-            ).min()
-            for range_m in RANGES_M
-        ]
-    )
+    shape, side = scene.array.shape, scene.array.detectors_per_side
+    steps = [WANTED[motion], -WANTED[motion]]
+    every = (Conditions(shape, side, range_m, motion) for range_m in RANGES_M)
+    return [float(angles_deg(scene, conditions, steps).min()) for conditions in every]
 
 
 def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
@@ -177,47 +161,33 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
     clean = model.expected(pose)
     on_axis_counts = float(clean.max())
     calm = scene_signature(clean, on_axis_counts, model.scene)
-    step = _block(model)
     squares = 0.0
-    for start in range(0, NOISE_DRAWS, step):
-        count = min(step, NOISE_DRAWS - start)
-        readings = model.expose(np.broadcast_to(pose, (count, 5)), rng)
+    for poses in _blocks(model, np.broadcast_to(pose, (NOISE_DRAWS, 5))):
+        readings = model.expose(poses, rng)
         angles = spectral_angle(calm, scene_signature(readings, on_axis_counts, model.scene))
         squares += float((angles**2).sum())
     return math.degrees(math.sqrt(squares / NOISE_DRAWS))
 
 
-def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, Array]:
+def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the bounds at poses ``(n, 5)``, and where there is light.
 
     Least standard deviations, m and rad, ``(n, 5)``: of an image whose pose is known to lie in the
     volume, and of the image alone (the Cramer-Rao bound); then whether there is light, ``(n,)``.
     """
-    known, alone, lit = np.empty_like(poses), np.empty_like(poses), np.empty(len(poses), bool)
-    step = _block(model)
-    for start in range(0, len(poses), step):
-        part = slice(start, start + step)
-        bound = cramer_rao_bound(model, poses[part])
-        known[part], alone[part] = known_volume_std(bound.information), bound.std
-        lit[part] = model.expected(poses[part]).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
-    return known, alone, lit
+    parts = []
+    for block in _blocks(model, poses):
+        bound = cramer_rao_bound(model, block)
+        lit = model.expected(block).max(axis=(-2, -1)) > MIN_PEAK_COUNTS
+        parts.append((known_volume_std(bound.information), bound.std, lit))
+    known, alone, where = map(np.concatenate, zip(*parts, strict=True))
+    return known, alone, where
 
 
-def _block(model: ForwardModel) -> int:
-    """Return how many images are worked on at a time."""
-    return max(1, BLOCK_READINGS // model.array.side**2)
-
-
-@dataclass(frozen=True)
-class ScoreOrigin:
-    """What scores depend on beside their design, as in `DesignStudy`."""
-
-    scene: str
-    fingerprint: str
-    power: str
-    mount: str
-    poses: int
-    seed: int
+def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
+    """Part poses into as many as are worked on at a time."""
+    step = max(1, BLOCK_READINGS // model.array.side**2)
+    return [poses[start : start + step] for start in range(0, len(poses), step)]
 
 
 @dataclass(frozen=True)
@@ -244,14 +214,12 @@ class DesignStudy:
     seed: Annotated[int, SEED] = 1
 
     @property
-    def origin(self) -> ScoreOrigin:
-        """What its scores depend on."""
+    def origin(self) -> dict[str, Any]:
+        """What its scores depend on beside the design."""
         own = {name: vars(self)[name] for name in ("power", "mount", "poses", "seed")}
-        return ScoreOrigin(self.scene.name, self.scene.fingerprint, **own)
+        return {"scene": self.scene.name, "fingerprint": self.scene.fingerprint, **own}
 
-    def score_rest(
-        self, results: Results[ScoreOrigin, ScoredDesign], progress: Progress = iter
-    ) -> None:
+    def score_rest(self, results: Results[ScoredDesign], progress: Progress = iter) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
         scored_before = {line.design for line in results.lines}
         left = [design for design in self.sweep.designs() if design not in scored_before]
@@ -260,13 +228,12 @@ class DesignStudy:
         try:
             for i in progress(range(len(left))):
                 scene = designed(self.scene, left[i], self.power, self.mount)
-                noise = np.random.default_rng([self.seed, 1])
-                scored.append(score(scene, poses, noise))
+                scored.append(score(scene, poses, np.random.default_rng([self.seed, 1])))
         finally:
             if scored:
                 results.append(scored)
 
-    def swept(self, results: Results[ScoreOrigin, ScoredDesign]) -> list[ScoredDesign]:
+    def swept(self, results: Results[ScoredDesign]) -> list[ScoredDesign]:
         """Return the designs of the sweep that have a score, in its order."""
         scored = {line.design: line for line in results.lines}
         return [scored[design] for design in self.sweep.designs() if design in scored]
@@ -310,15 +277,6 @@ class Choice:
         on_fronts = [row for rows in self.fronts.values() for row in rows]
         return list(dict.fromkeys([*on_fronts, *self.papers]))
 
-    @property
-    def standing(self) -> list[str]:
-        """On which fronts each of `numbered` is, and whether it is the paper's array."""
-        return [
-            ", ".join([name for name, rows in self.fronts.items() if row in rows] or ["none"])
-            + "; the paper's array" * row.is_papers_array
-            for row in self.numbered
-        ]
-
     def table(self, numbers: Collection[int] | None = None) -> str:
         """Return `numbered` as a table, or those of some numbers, from 1."""
         heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
@@ -327,22 +285,18 @@ class Choice:
             line.format("no", "design", *heads),
             line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
         ]
-        listed = zip(self.numbered, self.standing, strict=True)
-        for number, (row, standing) in enumerate(listed, start=1):
-            if numbers is not None and number not in numbers:
-                continue
+        for number, row in enumerate(self.numbered, start=1):
+            on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
             values = (
-                row.label,
-                f"{row.position_m:.3f}",
-                f"{row.angle_deg:.2f}",
+                *(row.label, f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"),
                 f"{100 * row.lit:.0f}",
                 f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}",
                 f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}",
-                f"{row.sigmas:.1f}",
-                row.resolved,
-                standing,
+                *(f"{row.sigmas:.1f}", row.resolved),
+                ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array,
             )
-            lines.append(line.format(number, *values))
+            if numbers is None or number in numbers:
+                lines.append(line.format(number, *values))
         return "\n".join(lines)
 
     @property
@@ -355,13 +309,11 @@ class Choice:
     def as_object(self) -> dict[str, Any]:
         """Return plain values; None is not known, or has no bound."""
         study, at = self.study, {id(row): i for i, row in enumerate(self.rows)}
+        about = {name: vars(study)[name] for name in ("power", "mount", "poses", "seed")}
         return {
             "scene": study.scene.name,
             "sweep": vars(study.sweep),
-            "power": study.power,
-            "mount": study.mount,
-            "poses": study.poses,
-            "seed": study.seed,
+            **about,
             "designs": [row.columns() for row in self.rows],
             "fronts": {name: [at[id(row)] for row in rows] for name, rows in self.fronts.items()},
             "numbered": [at[id(row)] for row in self.numbered],

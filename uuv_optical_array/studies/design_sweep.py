@@ -4,7 +4,8 @@ import dataclasses
 import itertools
 import math
 import typing
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -31,9 +32,11 @@ DEFAULTS: dict[str, tuple[Any, ...]] = {
     "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
 }
 # Powers of the gain by which settings change that are a reading of the light, or its inverse.
-WITH_GAIN = {("ambient", "level_counts"): 1, ("ambient", "surface_counts"): 1}
-WITH_GAIN |= {("shot_noise", "electrons_per_count"): -1, ("photodiode", "amps_per_count"): -1}
-WITH_GAIN |= {("photodiode", "watts_per_m2_per_count"): -1}
+WITH_GAIN = {
+    "ambient": {"level_counts": 1, "surface_counts": 1},
+    "shot_noise": {"electrons_per_count": -1},
+    "photodiode": {"amps_per_count": -1, "watts_per_m2_per_count": -1},
+}
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,8 @@ class Design:
     def label(self) -> str:
         """The design in words."""
         radius = "" if self.radius_m is None else f", radius {self.radius_m:g} m"
-        return (
-            f"{self.shape} {self.detectors_per_side} x {self.detectors_per_side}, "
-            f"{self.width_m:g} m{radius}, beam {self.beam_sigma_deg:g} deg"
-        )
+        side, beam = self.detectors_per_side, f"beam {self.beam_sigma_deg:g} deg"
+        return f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, {beam}"
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,8 @@ class Sweep:
 
     def __post_init__(self) -> None:
         for name, setting in SWEPT.items():
-            values = [
-                check(Annotated[setting.kind, setting.quantity], value, name)
-                for value in getattr(self, name)
-            ]
+            hint: Any = Annotated[setting.kind, setting.quantity]
+            values = [check(hint, value, name) for value in getattr(self, name)]
             if not values and (name != "radius_m" or "curved" in self.shape):
                 raise ValueError(f"{name}: no value; give at least one")
             for value in values:
@@ -99,26 +98,19 @@ class Sweep:
 
     def designs(self) -> list[Design]:
         """List what can be built, the number of detectors changing fastest."""
-        return [design for design in self._grid() if _fault(design) is None]
+        return [design for design in self._grid() if not _fault(design)]
 
     def dropped(self) -> dict[str, int]:
         """Count what cannot be built, by the reason."""
-        counts: dict[str, int] = {}
-        for fault in filter(None, map(_fault, self._grid())):
-            counts[fault] = counts.get(fault, 0) + 1
-        return counts
+        return dict(Counter(filter(None, map(_fault, self._grid()))))
 
-    def _grid(self) -> list[Design]:
-        return [
-            Design(shape, side, width_m, radius_m, sigma_deg)
-            for shape in self.shape
-            for radius_m, width_m, sigma_deg, side in itertools.product(
-                self.radius_m if shape == "curved" else (None,),
-                self.width_m,
-                self.beam_sigma_deg,
-                self.detectors_per_side,
-            )
-        ]
+    def _grid(self) -> Iterator[Design]:
+        for shape in self.shape:
+            radii = self.radius_m if shape == "curved" else (None,)
+            sides = self.detectors_per_side
+            grid = itertools.product(radii, self.width_m, self.beam_sigma_deg, sides)
+            for radius_m, width_m, sigma_deg, side in grid:
+                yield Design(shape, side, width_m, radius_m, sigma_deg)
 
 
 def lists_named(words: Sequence[str]) -> dict[str, list[Any]]:
@@ -148,13 +140,13 @@ def default_lists(scene: Scene) -> dict[str, tuple[Any, ...]]:
     return {"shape": typing.get_args(Shape), **lists}
 
 
-def _fault(design: Design) -> str | None:
-    """Say why a design cannot be built, alike for all that share the reason."""
+def _fault(design: Design) -> str:
+    """Say why a design cannot be built, alike for all that share the reason; empty: it can be."""
     try:
         ArraySettings(design.shape, 2, design.width_m, 0.0, design.radius_m)
     except ValueError:
         return f"{design.width_m:g} m wide on a sphere of {design.radius_m:g} m: corners beyond it"
-    return None
+    return ""
 
 
 def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount = "front") -> Scene:
@@ -173,9 +165,8 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     bow_m = scene.array.bow_m
     if mount == "front":
         bow_m += (scene.array.radius_m or 0.0) - (design.radius_m or 0.0)
-    array = ArraySettings(
-        design.shape, design.detectors_per_side, design.width_m, bow_m, design.radius_m
-    )
+    side, radius_m = design.detectors_per_side, design.radius_m
+    array = ArraySettings(design.shape, side, design.width_m, bow_m, radius_m)
     lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
     changed = dataclasses.replace(scene, array=array, lamp=lamp)
     if power == "counts" or design == Design.of(scene):
@@ -196,16 +187,11 @@ def with_gain(scene: Scene, gain: float) -> Scene:
 
     The lamp's `reference_counts` are not touched: they say how strong the lamp is after the change.
     """
-    effects = {
-        name: {
-            key: value * gain ** WITH_GAIN[name, key]
-            if (name, key) in WITH_GAIN and value is not None
-            else value
-            for key, value in settings.items()
-        }
-        for name, settings in scene.effects.items()
-    }
-    prior = dataclasses.replace(
-        scene.prior, ambient_std_counts=gain * scene.prior.ambient_std_counts
-    )
+    effects = {name: dict(settings) for name, settings in scene.effects.items()}
+    for name in WITH_GAIN.keys() & effects.keys():
+        for key, power in WITH_GAIN[name].items():
+            if effects[name].get(key) is not None:
+                effects[name][key] *= gain**power
+    ambient_std_counts = gain * scene.prior.ambient_std_counts
+    prior = dataclasses.replace(scene.prior, ambient_std_counts=ambient_std_counts)
     return dataclasses.replace(scene, effects=effects, prior=prior)

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uuv_optical_array.core.geometry import Array
-
 # Costs that differ by less than 10 % count as equal: that is noise, or not worth a decision.
 STEP = 1.1
 
@@ -16,15 +14,9 @@ def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
     do not dominate each other. A point with a nan or an infinity is never optimal.
     """
     costs = np.asarray(costs, dtype=float)
-    front = np.isfinite(costs).all(axis=1)
-    points = np.unique(costs[front], axis=0)  # sorted: only an earlier one can dominate
-    kept: list[Array] = []
-    for point in points:
-        if not any((other <= point).all() for other in kept):
-            kept.append(point)
-    if kept:
-        front &= (costs[:, None] == np.array(kept)).all(axis=2).any(axis=1)
-    return front
+    finite = np.isfinite(costs).all(axis=1)
+    no_more = (costs[:, None] <= costs).all(axis=2) & finite[:, None]
+    return finite & ~(no_more & ~no_more.T).any(axis=0)
 
 
 def thinned_front(effort: ArrayLike, costs: ArrayLike) -> list[int]:

@@ -13,8 +13,7 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,7 +34,7 @@ from uuv_optical_array.studies.shared.errors import (
     frame_errors,
     position_and_angle,
 )
-from uuv_optical_array.studies.shared.results import Line, Results, differences
+from uuv_optical_array.studies.shared.results import Line, Results
 
 SETTINGS_CSV = "tradeoff.csv"
 SEED = 1
@@ -81,11 +80,8 @@ class Group:
 
     def scene(self, scene: Scene) -> Scene:
         """Return the scene with this array, and with a table of the working volume."""
-        array = dataclasses.replace(
-            scene.array.with_shape(self.shape),
-            detectors_per_side=self.detectors_per_side,
-            wiring=None,
-        )
+        array = scene.array.with_shape(self.shape)
+        array = dataclasses.replace(array, detectors_per_side=self.detectors_per_side, wiring=None)
         table = volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)
 
@@ -121,37 +117,26 @@ def this_machine() -> str:
     return f"{' '.join(name.split())}, {os.cpu_count()} cores"
 
 
-@dataclass(frozen=True)
-class Origin:
-    """What a measurement depends on beside its setting; the name of the scene is not compared."""
-
-    scene: str
-    fingerprint: str
-    machine: str
-    mode: str
-    frames: int
-    seed: int
-
-    @classmethod
-    def here(cls, scene: Scene, mode: Mode, seed: int) -> "Origin":
-        """Return the origin of what is measured now."""
-        return cls(scene.name, scene.fingerprint, this_machine(), mode, FRAMES[mode], seed)
-
-    def is_here(self, scene: Scene) -> bool:
-        """Say whether this is the scene and this machine."""
-        here = dataclasses.replace(self, fingerprint=scene.fingerprint, machine=this_machine())
-        return not differences(self, here)
+def origin_of(scene: Scene, mode: Mode, seed: int = SEED) -> dict[str, Any]:
+    """Return what a measurement made now depends on beside its setting."""
+    return {
+        "scene": scene.name,
+        "fingerprint": scene.fingerprint,
+        "machine": this_machine(),
+        "mode": mode,
+        "frames": FRAMES[mode],
+        "seed": seed,
+    }
 
 
 @dataclass(frozen=True)
 class Measurement(Line):
     """The measured error and time of one setting, which is as in `Group`.
 
-    `table_rows` are the poses of the table that was used, `without_pose` is the share of frames
-    without a pose. Errors and bounds are root mean square distances, and angles of pitch and yaw
-    together; ``bound`` is the Cramer-Rao bound of the image alone, ``floor`` the same with the
-    volume known, a Gaussian prior of its variance. nan where no frame got a pose, inf where a pose
-    is unobservable.
+    `without_pose` is the share of frames without a pose. Errors and bounds are root mean square
+    distances, and angles of pitch and yaw together; ``bound`` is the Cramer-Rao bound of the image
+    alone, ``floor`` the same with the volume known, a Gaussian prior of its variance. nan where no
+    frame got a pose, inf where a pose is unobservable.
 
     Times are from image to pose. `model_ms` is that of one forward model with Jacobian of
     `errors.MODEL_POSES` poses, of the scene's own array, timed between the frames, median; `models`
@@ -177,11 +162,6 @@ class Measurement(Line):
     models: float
     build_s: float
     load_average: float
-
-    @property
-    def setting(self) -> tuple[str, str, int, int]:
-        """The setting, for comparison."""
-        return self.method, self.shape, self.detectors_per_side, self.steps
 
     @property
     def label(self) -> str:
@@ -253,27 +233,25 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
         else:
             answers = _ours(table, group.methods)
     results = frame_errors(answers, yardstick, poses, images)
+    if any(len(result.errors) < frames for result in results.values()):
+        raise KeyboardInterrupt  # cut short, so no measurement
     bound = cramer_rao_bound(model, poses)
     floor = known_volume_std(bound.information)
-    measurements = []
-    for method, result in results.items():
-        if len(result.errors) < frames:  # cut short, so no measurement
-            raise KeyboardInterrupt
-        measurements.append(
-            Measurement(
-                *(method, group.shape, side, group.steps, rows),
-                float((~result.posed).mean()),
-                *position_and_angle(result.errors[result.posed]),
-                *position_and_angle(bound.std),
-                *position_and_angle(floor),
-                *result.frame_ms,
-                model_ms=result.model_ms,
-                models=result.frame_ms[0] / result.model_ms,
-                build_s=build_s,
-                load_average=os.getloadavg()[0],
-            )
+    return [
+        Measurement(
+            *(method, group.shape, side, group.steps, rows),
+            float((~result.posed).mean()),
+            *position_and_angle(result.errors[result.posed]),
+            *position_and_angle(bound.std),
+            *position_and_angle(floor),
+            *result.frame_ms,
+            model_ms=result.model_ms,
+            models=result.frame_ms[0] / result.model_ms,
+            build_s=build_s,
+            load_average=os.getloadavg()[0],
         )
-    return measurements
+        for method, result in results.items()
+    ]
 
 
 def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float]:
@@ -289,8 +267,8 @@ def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float
             began = time.perf_counter()
             table = build_table(model.scene)
             row_s = (time.perf_counter() - began) / len(table.poses)
-            images = model.expose(poses, rng)
-            results = frame_errors(_ours(table, METHODS), model, poses, images)
+            answers = _ours(table, METHODS)
+            results = frame_errors(answers, model, poses, model.expose(poses, rng))
             samples[key] = row_s, sum(float(r.frame_s.mean()) for r in results.values())
         row_s, frame_s = samples[key]
         if group.methods == (MOMENTS,):
@@ -298,68 +276,42 @@ def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float
         elif group.methods == (LOOK_UP,):
             expected.append(LOOK_UP_ROWS * row_s)
         else:
-            rows_s = group.steps**5 * (row_s + INDEX_S_PER_ROW)
-            expected.append(rows_s + frames * frame_s)
+            expected.append(group.steps**5 * (row_s + INDEX_S_PER_ROW) + frames * frame_s)
     return expected
 
 
-class TradeoffRun:
-    """A run of measurements in a folder, finished or not; ValueError for one of another run."""
+def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Measurement]) -> bool:
+    """Measure the groups that the results lack, with progress, and say whether all is there.
 
-    def __init__(
-        self, scene: Scene, mode: Mode, seed: int, folder: Path, groups: Sequence[Group]
-    ) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.scene, self.folder, self.groups = scene, folder, groups
-        self.origin = Origin.here(scene, mode, seed)
-        self._settings = Results(folder / SETTINGS_CSV, Measurement, self.origin)
+    Ctrl-C ends it with the groups before it; it is raised where there are none.
+    """
 
-    @property
-    def rows(self) -> list[Measurement]:
-        """The settings that are measured."""
-        return self._settings.lines
+    def settings(group: Group) -> set[tuple[str, str, int, int]]:
+        array = group.shape, group.detectors_per_side, group.steps
+        return {(method, *array) for method in group.methods}
 
-    @property
-    def count(self) -> int:
-        """How many settings there are to measure."""
-        return sum(len(group.methods) for group in self.groups)
-
-    def missing(self) -> list[Group]:
-        """Return the groups that are not measured yet."""
-        measured = {row.setting for row in self.rows}
-
-        def settings(group: Group) -> set[tuple[str, str, int, int]]:
-            array = group.shape, group.detectors_per_side, group.steps
-            return {(method, *array) for method in group.methods}
-
-        return [group for group in self.groups if not settings(group) <= measured]
-
-    def measure(self) -> bool:
-        """Measure what is missing, with progress, and say whether all is there.
-
-        Ctrl-C ends it with the groups before it; it is raised where there are none.
-        """
-        groups = self.missing()
-        if not groups:
-            return True
-        try:
-            durations_s = expected_s(self.scene, groups, self.origin.frames)
-            total_s = sum(durations_s)
-            already = f", {len(self.rows)} are there" if self.rows else ""
-            print(
-                f"{self.count} settings{already}; about {math.ceil(total_s / 60)} min; "
-                f"into {self.folder}",
-                file=sys.stderr,
-            )
-            with progress.counter(100, "%") as bar:
-                for group, seconds in zip(groups, durations_s, strict=True):
-                    side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
-                    bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
-                    origin = self.origin
-                    self._settings.append(measure(self.scene, group, origin.frames, origin.seed))
-                    bar.update(100 * seconds / total_s)
-        except KeyboardInterrupt:
-            if not self.rows:
-                raise
-            return False
+    rows = results.lines
+    measured = {(row.method, row.shape, row.detectors_per_side, row.steps) for row in rows}
+    left = [group for group in groups if not settings(group) <= measured]
+    if not left:
         return True
+    folder, frames, seed = results.path.parent, results.origin["frames"], results.origin["seed"]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        durations_s = expected_s(scene, left, frames)
+        total_s = sum(durations_s)
+        count = sum(len(group.methods) for group in groups)
+        already = f", {len(rows)} are there" if rows else ""
+        minutes = math.ceil(total_s / 60)
+        print(f"{count} settings{already}; about {minutes} min; into {folder}", file=sys.stderr)
+        with progress.counter(100, "%") as bar:
+            for group, seconds in zip(left, durations_s, strict=True):
+                side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
+                bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
+                results.append(measure(scene, group, frames, seed))
+                bar.update(100 * seconds / total_s)
+    except KeyboardInterrupt:
+        if not results.lines:
+            raise
+        return False
+    return True

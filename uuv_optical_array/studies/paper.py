@@ -16,8 +16,9 @@ import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.plots.style import SHAPE_COLOURS, new_figure, save, shades
+from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
 from uuv_optical_array.studies.paper_statements import (
     FAR,
@@ -114,43 +115,23 @@ class Reproduction:
 
 def as_object(result: Reproduction) -> dict[str, Any]:
     """Return the results as plain values, by figure; nan is None."""
-
-    def finite(ours: float) -> float | None:
-        return None if math.isnan(ours) else ours
-
-    figures: dict[str, dict[str, list[Any]]] = {
-        panel: {"points": [], "curves": []} for panel in panels()
-    }
+    figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in panels()}
     for statement, ours in zip(STATEMENTS, result.points, strict=False):
-        figures[statement.figure]["points"].append(
-            {
-                "point": statement.text,
-                "conditions": dict(statement.conditions),
-                "relation": statement.relation,
-                "paper_deg": statement.paper,
-                "ours_deg": finite(ours),
-                "met": statement.met(ours),
-            }
-        )
+        stated = {"point": statement.text, "conditions": statement.conditions}
+        numbers = {"relation": statement.relation, "paper_deg": statement.paper, "ours_deg": ours}
+        point = {**stated, **numbers, "met": statement.met(ours)}
+        figures[statement.figure]["points"].append(point)
     for panel, conditions, angles in result.curves:
         steps = conditions.as_object(STEPS[conditions.motion])
-        curve = {**steps, "angle_deg": [*map(finite, angles.tolist())]}
-        figures[panel]["curves"].append(curve)
+        figures[panel]["curves"].append({**steps, "angle_deg": angles})
     names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
-    return {
-        "complete": result.complete,
-        "figures": figures,
-        "sizes": result.sizes,
-        "choices": [
-            {
-                "choice": text,
-                "ours_deg": dict(zip(names, map(finite, points), strict=True)),
-                "met": agreement(points)[0],
-                "rms_deg": finite(agreement(points)[1]),
-            }
-            for text, points in result.choices
-        ],
-    }
+    choices = []
+    for text, points in result.choices:
+        met, rms_deg = agreement(points)
+        ours_deg = dict(zip(names, points, strict=True))
+        choices.append({"choice": text, "ours_deg": ours_deg, "met": met, "rms_deg": rms_deg})
+    found = {"complete": result.complete, "figures": figures, "sizes": result.sizes}
+    return plain({**found, "choices": choices})
 
 
 def _number(ours: float) -> str:
@@ -190,18 +171,17 @@ def report(result: Reproduction) -> str:
         stated = [s.label.replace(" ", "") if s.paper is not None else "" for s in STATEMENTS]
         lines.append(row.format("the paper", *stated, "", ""))
         first = [*map(_number, result.choices[0][1])]
-        for text, points in result.choices:
+        for i, (text, points) in enumerate(result.choices):
             met, rms_deg = agreement(points)
-            shown = [*map(_number, points)]
-            if points is not result.choices[0][1]:
-                shown = [c * (c != same) for c, same in zip(shown, first, strict=True)]
+            pairs = zip(map(_number, points), first, strict=True)
+            shown = ["" if i and cell == same else cell for cell, same in pairs]
             lines.append(row.format(text, *shown, met, _number(rms_deg)))
     return "\n".join(line.rstrip() for line in lines)
 
 
 # Free areas of the panels for the statements, in fractions of the axes.
 FREE = {
-    ("5a", "above"): (0.02, 0.52),
+    ("5a", "above"): (0.02, 0.72),
     ("5a", "below"): (0.6, 0.1),
     ("5b", "above"): (0.02, 0.72),
     ("5b", "below"): (0.6, 0.08),
@@ -216,7 +196,7 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
 
     `curves` are those of a `Reproduction`. Returns the figure.
     """
-    figure = new_figure(10.5, 12.8)
+    figure = new_figure(11.4, 12.4)
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])
     fourth, fifth = upper.subfigures(1, 2)
     by_panel: dict[str, Any] = {}
@@ -227,37 +207,32 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
             axes.set_ylabel("spectral angle (deg)")
     fourth.suptitle("Fig. 4: planar and curved, 21 x 21, 4 m")
     fifth.suptitle("Fig. 5: curved arrays by detectors in a row, 4 m")
-    lower.suptitle("Fig. 6: curved arrays by range, coloured as in (a)")
+    lower.suptitle("Fig. 6: curved arrays by range")
     for panel, axes in by_panel.items():
         own = [(conditions, angles) for name, conditions, angles in curves if name == panel]
         motion, side = own[0][0].motion, own[0][0].side
-        for (_, angles), (name, colour) in zip(own, _styles(panel, own), strict=True):
-            axes.plot(STEPS[motion], angles, color=colour, lw=1.8, label=name)
-        _draw_statements(axes, panel, motion)
         title = f"({panel[1]})" + (f" {side} x {side}" if panel[0] == "6" else "")
         axes.set_title(title, loc="left", fontsize=11)
         axes.set(xlabel=AXES[motion], xlim=(0, STEPS[motion][-1]))
         axes.set_ylim(0, 80 if motion == "shift" else 60)
         axes.grid(alpha=0.3)
-    for panel in ("4a", "4b", "5a", "6a"):
-        by_panel[panel].legend(loc="upper left", fontsize=9, ncols=2 if panel == "5a" else 1)
+        # Dark for many detectors and for far, so that grey tells it, too; names at the ends.
+        ends = []
+        for (conditions, angles), shade in zip(
+            own, shades("viridis", 0.85, 0, len(own)), strict=True
+        ):
+            name = {"4": conditions.shape, "5": f"{conditions.side}"}.get(panel[0])
+            dashed = "--" if conditions.shape == "planar" else "-"
+            axes.plot(STEPS[motion], angles, color=shade, lw=1.8, ls=dashed)
+            ends.append((name or f"{conditions.range_m:g} m", float(angles[-1])))
+        label_ends(axes, ends)
+        _draw_statements(axes, panel, motion)
     figure.suptitle(
         f"Eren et al. (2016), Figs 4 to 6: our curves (scene {scene_name}); in black, what the "
         "text states",
         fontsize=13,
     )
     return figure
-
-
-def _styles(panel: str, own: Sequence[tuple[Conditions, Array]]) -> list[tuple[str, Any]]:
-    """Return label and colour of each curve of a panel."""
-    if panel[0] == "4":
-        return [(conditions.shape, SHAPE_COLOURS[conditions.shape]) for conditions, _ in own]
-    colours = shades("turbo" if panel[0] == "5" else "plasma", 0.05, 0.9, len(own))
-    return [
-        (f"{c.side} x {c.side}" if panel[0] == "5" else f"{c.range_m:g} m", colour)
-        for (c, _), colour in zip(own, colours, strict=True)
-    ]
 
 
 def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
@@ -275,11 +250,11 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         if statement.relation == "is":
             axes.plot(step, angle, "o", color="k", ms=6, zorder=4)
             # The curved array's angles are above the planar one's here.
-            above = statement.conditions["array"] == "curved"
-            place = {"xytext": (-9, 7) if above else (9, -9), "textcoords": "offset points"}
+            off = (-9, 7) if statement.conditions["array"] == "curved" else (9, -9)
             axes.annotate(
-                f"{angle:g}", (step, angle), ha="center", va="center", fontsize=9, **place
-            )
+                f"{angle:g}", (step, angle), off, textcoords="offset points", ha="center",
+                va="center", fontsize=9,
+            )  # fmt: skip
             continue
         up = statement.relation == "above"
         # A bar with an arrowhead to the side on which the curve should be.
@@ -287,16 +262,11 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         axes.plot(step, angle + (3 if up else -3), "^" if up else "v", color="k", ms=5, zorder=4)
         side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
         which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
+        line = {"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4}
         axes.annotate(
-            f"{which}: {statement.label}",
-            (step, angle),
-            FREE[panel, statement.relation],
-            textcoords="axes fraction",
-            va="center",
-            fontsize=9,
-            zorder=5,
-            arrowprops={"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4},
-        )
+            f"{which}: {statement.label}", (step, angle), FREE[panel, statement.relation],
+            textcoords="axes fraction", va="center", fontsize=9, zorder=5, arrowprops=line,
+        )  # fmt: skip
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -36,11 +36,19 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
         ),
         Choice("blur of 11 detectors always", _blur_of_11_detectors),
         Choice("blur, dark beyond the border", images=_dark_border),
-        Choice("peak between detectors", signature=_subdetector),
-        Choice("column, row from 0", signature=_from_zero),
-        Choice("column, row from the centre", signature=_from_centre),
-        Choice("the same, per half width", signature=_per_half_width),
-        Choice("peak over full scale", signature=_over_full_scale),
+        Choice(
+            "peak between detectors",
+            signature=lambda images, top, scene: paper_signature(images, top, "subdetector"),
+        ),
+        Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
+        Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
+        Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
+        Choice(
+            "peak over full scale",
+            signature=lambda images, top, scene: scene_signature(
+                images, scene.full_scale_counts, scene
+            ),
+        ),
         Choice("sample skewness", signature=_sample_skewness),
         Choice("skewness of differences", signature=_differences),
         Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
@@ -112,30 +120,15 @@ def _about_array(poses: Array, scene: Scene) -> Array:
     return moved
 
 
-def _subdetector(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    return paper_signature(images, on_axis_counts, "subdetector")
+def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Scene], Array]:
+    """Return a signature whose column and row are found from those off the centre, of n."""
 
+    def signature(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+        vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
+        vectors[..., 1:3] = place(vectors[..., 1:3], images.shape[-1])
+        return vectors
 
-def _over_full_scale(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    return scene_signature(images, scene.full_scale_counts, scene)
-
-
-def _from_zero(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = scene_signature(images, on_axis_counts, scene)
-    vectors[..., 1:3] -= 1 / images.shape[-1]
-    return vectors
-
-
-def _from_centre(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
-    vectors[..., 1:3] /= images.shape[-1]
-    return vectors
-
-
-def _per_half_width(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
-    vectors[..., 1:3] *= 2 / (images.shape[-1] - 1)
-    return vectors
+    return signature
 
 
 def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:

@@ -18,6 +18,7 @@ MOTIONS: tuple[Motion, ...] = ("shift", "yaw")
 STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
 FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
 SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
+SIGNS = {"is": "", "above": "> ", "below": "< "}
 
 # Spectral angles of moves, once scene and choice are fixed.
 Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
@@ -28,32 +29,28 @@ class Statement:
     """A statement of the paper's text about a figure, and the same number of ours.
 
     The number and panel of the figure, such as ``4b``; what is compared, in words and as plain
-    values; the stated number, deg, ``None`` where the paper has words only; whether that ``is`` the
-    angle, or the angle lies ``above`` or ``below`` it, or the paper's words; and what computes our
-    number, deg.
+    values; whether the stated number ``is`` the angle, or the angle lies ``above`` or ``below`` it,
+    or else the paper's words; what computes our number, deg; and the stated number, deg.
     """
 
     figure: str
     text: str
     conditions: Mapping[str, Any]
-    paper: float | None
     relation: str
     ours: Callable[[Angles], float]
+    paper: float | None = None
 
     @property
     def label(self) -> str:
         """The paper's number as it is printed: ``12``, ``> 15``, or its words."""
-        if self.paper is None:
-            return self.relation
-        sign = {"is": "", "above": "> ", "below": "< "}[self.relation]
-        return f"{sign}{self.paper:g}"
+        return self.relation if self.paper is None else f"{SIGNS[self.relation]}{self.paper:g}"
 
     def met(self, ours: float) -> bool | None:
         """Whether our number lies on the stated side; ``None`` where no side is stated.
 
         A number that is nan lies on neither.
         """
-        if self.paper is None or self.relation not in ("above", "below"):
+        if self.paper is None or self.relation == "is":
             return None
         return ours > self.paper if self.relation == "above" else ours < self.paper
 
@@ -65,17 +62,24 @@ class Statement:
         return "" if self.paper is None or math.isnan(ours) else f"{ours - self.paper:+.1f}"
 
 
-def _at(figure: str, conditions: Conditions, step: float, relation: str, paper: float) -> Statement:
-    side, unit = conditions.side, UNITS[conditions.motion]
-    return Statement(
-        figure,
-        f"{conditions.shape} {side} x {side}, {conditions.range_m:g} m, "
-        f"{conditions.motion} {step:g} {unit}",
-        conditions.as_object(step),
-        paper,
-        relation,
-        lambda angles: float(angles(conditions, [step])[0]),
-    )
+def _of(angles: Angles, conditions: Conditions, step: float) -> float:
+    return float(angles(conditions, [step])[0])
+
+
+def _at(
+    figure: str,
+    shape: Shape,
+    side: int,
+    range_m: float,
+    motion: Motion,
+    step: float,
+    relation: str,
+    paper: float,
+) -> Statement:
+    conditions = Conditions(shape, side, range_m, motion)
+    text = f"{shape} {side} x {side}, {range_m:g} m, {motion} {step:g} {UNITS[motion]}"
+    plain = conditions.as_object(step)
+    return Statement(figure, text, plain, relation, lambda a: _of(a, conditions, step), paper)
 
 
 def _curved_less_planar(angles: Angles, steps: Array) -> Array:
@@ -90,24 +94,17 @@ def _largest_near(angles: Angles) -> float:
 
 def best_gain(motion: Motion, step: float, sides: Sequence[int] = SIDES) -> Statement:
     """Compare the best array of more than 7 x 7 detectors of `sides` with that of 7 x 7."""
-    larger = [side for side in sides if side > 7]
+    every = [Conditions("curved", side, 4.0, motion) for side in sides if side >= 7]
+    conditions = every[0].as_object(step)
+    conditions["compared_with_detectors_per_side"] = [other.side for other in every[1:]]
 
     def ours(angles: Angles) -> float:
-        at_7, *others = (
-            float(angles(Conditions("curved", side, 4.0, motion), [step])[0])
-            for side in (7, *larger)
-        )
+        at_7, *others = (_of(angles, conditions, step) for conditions in every)
         return max(others) - at_7
 
-    conditions = Conditions("curved", 7, 4.0, motion).as_object(step)
-    return Statement(
-        "5a" if motion == "shift" else "5b",
-        f"best gain over 7 x 7, 4 m, {motion} {step:g} {UNITS[motion]}",
-        {**conditions, "compared_with_detectors_per_side": larger},
-        None,
-        "not significant",
-        ours,
-    )
+    figure = "5a" if motion == "shift" else "5b"
+    text = f"best gain over 7 x 7, 4 m, {motion} {step:g} {UNITS[motion]}"
+    return Statement(figure, text, conditions, "not significant", ours)
 
 
 _BOTH = {"array": "curved less planar", "detectors_per_side": 21, "range_m": 4.0}
@@ -116,30 +113,29 @@ STATEMENTS = (
         "4a",
         "curved less planar, shift > 0.6 m, mean",
         {**_BOTH, "shift_m": FAR.tolist(), "statistic": "mean"},
-        2.0,
         "is",
         lambda angles: float(_curved_less_planar(angles, FAR).mean()),
+        2.0,
     ),
     Statement(
         "4a",
         "curved less planar, shift <= 0.6 m, largest",
         {**_BOTH, "shift_m": NEAR.tolist(), "statistic": "largest in magnitude"},
-        None,
         "similar",
         _largest_near,
     ),
-    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 5.0, "is", 5.0),
-    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
-    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 5.0, "is", 12.0),
-    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
-    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
-    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
+    _at("4b", "planar", 21, 4.0, "yaw", 5.0, "is", 5.0),
+    _at("4b", "planar", 21, 4.0, "yaw", 10.0, "is", 11.0),
+    _at("4b", "curved", 21, 4.0, "yaw", 5.0, "is", 12.0),
+    _at("4b", "curved", 21, 4.0, "yaw", 10.0, "is", 22.0),
+    _at("5a", "curved", 3, 4.0, "shift", 0.2, "below", THRESHOLD_DEG),
+    _at("5a", "curved", 5, 4.0, "shift", 0.2, "above", THRESHOLD_DEG),
     best_gain("shift", 0.2),
-    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
-    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
+    _at("5b", "curved", 3, 4.0, "yaw", 10.0, "below", THRESHOLD_DEG),
+    _at("5b", "curved", 5, 4.0, "yaw", 10.0, "above", THRESHOLD_DEG),
     best_gain("yaw", 10.0),
-    _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
-    _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
+    _at("6b", "curved", 5, 8.0, "shift", 0.2, "above", 6.0),
+    _at("6e", "curved", 5, 8.0, "yaw", 10.0, "above", 10.0),
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from uuv_optical_array import Estimator, ForwardModel, NoPose, load_scene
 
 scene = load_scene(*sys.argv[1:] or ["follow"])
-truth = np.array([-6.0, 0.3, -0.2, 0.1, -0.15])  # x, y, z in m, pitch and yaw in rad
+truth = np.array([-4.5, 0.3, -0.2, 0.1, -0.15])  # x, y, z in m, pitch and yaw in rad
 image = ForwardModel(scene).expose(truth, np.random.default_rng(seed=1))
 try:
     estimate = Estimator(scene).estimate(image)

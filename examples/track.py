@@ -13,7 +13,7 @@ from uuv_optical_array import Estimator, ForwardModel, Pipeline, load_scene
 scene, picture = load_scene([*sys.argv[1:], "follow"][0]), [*sys.argv[2:], "track.png"][0]
 model, rng, pipeline = ForwardModel(scene), np.random.default_rng(1), Pipeline(Estimator(scene))
 times = np.arange(0, 6, 0.1)  # s
-truth = np.tile([-6.0, 0, 0, 0, 0], (len(times), 1))  # x, y, z in m, pitch and yaw in rad
+truth = np.tile([-4.5, 0, 0, 0, 0], (len(times), 1))  # x, y, z in m, pitch and yaw in rad
 truth[:, 1] = 0.5 * np.sin(2 * np.pi * times / 6)
 images = [model.expose(pose, rng, time_s=time) for pose, time in zip(truth, times, strict=True)]
 answers = [pipeline.answer(round(t * 1e9), image) for t, image in zip(times, images, strict=True)]

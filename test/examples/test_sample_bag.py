@@ -1,0 +1,54 @@
+"""The sample bag of the tutorials is what its script writes, and a fit finds the script's sea."""
+
+import importlib.util
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.recording.images import read_recording
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return read_recording(EXAMPLES / "sample", load_scene("follow").array)
+
+
+def test_it_is_what_its_script_writes(sample, monkeypatch, tmp_path):
+    monkeypatch.setattr("sys.argv", ["sample_bag", str(tmp_path / "again")])
+    names = runpy.run_path(str(EXAMPLES / "sample_bag.py"), run_name="__main__")
+    again = read_recording(tmp_path / "again", load_scene("follow").array)
+    np.testing.assert_array_equal(again.stamps_ns, sample.stamps_ns)
+    # Where a reading lies between two counts, rounding may choose the other.
+    assert np.abs(again.images - sample.images).max() <= 1
+    assert (again.images == sample.images).mean() > 0.999
+    true = np.array(
+        [names["relative"](t)[0] for t in np.arange(names["IMAGES"]) / names["RATE_HZ"]]
+    )
+    np.testing.assert_allclose(sample.poses, true, atol=1e-9)
+    assert sum(file.stat().st_size for file in (EXAMPLES / "sample").iterdir()) < 2**20
+
+
+def test_a_calibration_finds_its_sea(sample):
+    some = slice(None, None, 4)
+    found = calibrate(
+        load_scene("follow"), sample.images[some], sample.poses[some], sample.rolls[some]
+    )
+    fitted = {parameter.name: parameter for parameter in found.parameters}
+    for name, true in {
+        "lamp.beam_sigma_deg": 6.8,
+        "sea.absorption_per_m": 0.17,
+        "sea.scattering_per_m": 0.2,
+        "field_of_view.cosine_power": 1.0,
+        "array.radius_m": 0.32,
+    }.items():
+        assert abs(fitted[name].value - true) < 5 * fitted[name].std, name

@@ -52,7 +52,7 @@ def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
     for i, axes in enumerate(figure.subplots(1, 5)):
         axes.axhspan(
             -SPECIFICATION[i], SPECIFICATION[i], color=SPECIFIED, alpha=0.2, lw=0,
-            label="specification",
+            label="within the specification of Eren et al. (2016)",
         )  # fmt: skip
         limit = 3 * SPECIFICATION[i]
         for number, record in enumerate(records):
@@ -64,7 +64,7 @@ def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
             line = "0.2" if len(records) == 1 else colour
             axes.plot(at_station, station, color=line, lw=1, label="truth less station")
             limit = max(limit, 1.1 * np.abs([*error, *station]).max())
-        title = f"{DOF_NAMES[i]}, specification ±{SPECIFICATION[i]:g} {DOF_UNITS[i]}"
+        title = f"{DOF_NAMES[i]}, specified ±{SPECIFICATION[i]:g} {DOF_UNITS[i]}"
         axes.set_title(title, fontsize=10)
         axes.set(xlabel="time (s)", ylabel=f"error of {DOF_NAMES[i]} ({DOF_UNITS[i]})")
         axes.set_ylim(-limit, limit)

@@ -28,18 +28,25 @@ from uuv_optical_array.forward.scene import load_scene
 
 
 @pytest.mark.parametrize(
-    ("start", "pose_std"),
-    [("follow", None), ("reference", None), ("reference", [0.02, 0.01, 0.01, 0.01, 0.02])],
+    ("start", "pose_std", "images_a_place"),
+    [
+        ("follow", None, 1),
+        ("reference", None, 1),
+        ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 1),
+        ("reference", [0.02, 0.01, 0.01, 0.01, 0.02], 3),
+    ],
 )
-def test_the_gradient_is_that_of_the_value(start, pose_std):
+def test_the_gradient_is_that_of_the_value(start, pose_std, images_a_place):
     scene = sea(start, shot_noise__electrons_per_count=30.0)
     rng = np.random.default_rng(3)
     poses, rolls = drive(rng, 30)
+    places = np.arange(30) % (30 // images_a_place)
+    poses, rolls = poses[places], rolls[places]
     images = ForwardModel(scene).expose(poses, rng, rolls)
     std = None if pose_std is None else np.array(pose_std)
     start = load_scene(start)
-    likelihood = CalibrationLikelihood(start, images, poses, rolls, std)
-    shifts = rng.normal(size=poses.shape) * (0 if std is None else std)
+    likelihood = CalibrationLikelihood(start, images, poses, rolls, std, places)
+    shifts = rng.normal(size=(30 // images_a_place, 5)) * (0 if std is None else std)
     here = likelihood.start() + 0.05 * rng.standard_normal(36)
     if std is not None:
         # Of the shifts that follow the parameters, so that they leave nothing to gain.
@@ -53,7 +60,7 @@ def test_the_gradient_is_that_of_the_value(start, pose_std):
     for i, step in enumerate(1e-5 * np.eye(36)):
         ahead, behind = (likelihood.evaluate(Unknowns(here + x, shifts)) for x in (step, -step))
         slope = (behind.cost - ahead.cost) / 2e-5
-        assert slope == pytest.approx(gradient[i], rel=2e-5, abs=1e-2)
+        assert slope == pytest.approx(gradient[i], rel=5e-5, abs=1e-2)
 
 
 def problem_of(pose_std=None, held=(), seed=3):

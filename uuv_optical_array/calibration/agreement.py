@@ -96,7 +96,7 @@ def agreement_of(
     total = float((residuals[uncensored] ** 2).sum())
     if likelihood.pose_std is not None:
         # Shifts are residuals too, of poses that were recorded with this error.
-        images = uncensored.any(axis=1)
-        total += float(((state.at.shifts[images] / likelihood.pose_std) ** 2).sum())
+        seen = np.unique(likelihood.places[uncensored.any(axis=1)])
+        total += float(((state.at.shifts[seen] / likelihood.pose_std[seen]) ** 2).sum())
     misfit = total / remaining if remaining > 0 else 1.0
     return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)))

@@ -103,6 +103,7 @@ def calibrate(
     pose_std: ArrayLike | None = None,
     fit_noise: bool = False,
     on_step: Callable[[], object] = int,
+    places: ArrayLike | None = None,
 ) -> Calibration:
     """Fit lamp, water, array, aims and background to images at known poses.
 
@@ -112,10 +113,12 @@ def calibrate(
     - poses, rolls: of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to
       ``(m,)``.
     - hold: parameters that keep the values of the scene: of `parameters.names_in`, or ``gains``.
-    - pose_std: standard deviation of each pose, independent by image, m and rad, shape ``(5,)``, >
-      0; ``None``: exact.
+    - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
+      ``None``: exact.
     - fit_noise: whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
     - on_step: called at every step, to show progress.
+    - places: of each image, a whole number from 0 on, shape ``(m,)``: the images of a place share
+      the error of its pose. ``None``: those of the images are independent.
     - returned: the most probable values, and how well they are known.
     - ValueError: for images, poses or their errors that are not finite or of a wrong shape, an
       unknown name in `hold`, a noise to fit that the scene does not have, no reading that can be
@@ -141,12 +144,14 @@ def calibrate(
         raise ValueError(f"scene {scene.name}: no effects.sensor_noise to fit; add it")
     if pose_std is not None:
         pose_std = np.asarray(pose_std, float)
-        if pose_std.shape != (5,) or not (np.isfinite(pose_std) & (pose_std > 0)).all():
+        known_shape = pose_std.shape in ((5,), poses.shape)
+        if not (known_shape and (np.isfinite(pose_std) & (pose_std > 0)).all()):
             raise ValueError(
                 f"pose_std: {pose_std.tolist()}; give five numbers > 0, m and rad, or None for "
                 "exact poses"
             )
-    likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
+    where = None if places is None else np.unique(places, return_inverse=True)[1]
+    likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std, where)
     known = [i for i, name in enumerate(names) if name in hold or i in likelihood.lacking]
     if "gains" in hold:
         known += range(GAINS, GAINS + side**2)
@@ -160,7 +165,7 @@ def calibrate(
         settings = scene.settings()
         settings["effects"]["sensor_noise"]["sigma_counts"] = sigma
         scene = scene_from_settings(settings, scene.name)
-        likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std)
+        likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std, where)
         fit = CalibrationFit(likelihood, known, on_step)
     return _result(scene, fit, (FittedParameter(NOISE, "counts", start, sigma, error),), "")
 

@@ -70,7 +70,7 @@ class CalibrationFit:
         self.known, self.unknown = frozenset(known), frozenset[int]()
         self.correlated: dict[int, int] = {}
         self.outlying_images: tuple[int, ...] = ()
-        start = Unknowns(self.start, np.zeros(likelihood.poses.shape))
+        start = likelihood.unshifted(self.start)
         self.state = likelihood.evaluate(start, expected=True)
         self.dead = self._exclude_dead_detectors()
         # From a lamp that starts far too dim or too bright nothing would seem to be determined.
@@ -147,7 +147,7 @@ class CalibrationFit:
         likelihood, held = self.likelihood, list(self.held())
         parameters = self.state.at.parameters.copy()
         parameters[held] = self.start[held]
-        at = Unknowns(parameters, np.zeros(likelihood.poses.shape))
+        at = likelihood.unshifted(parameters)
         for _ in range(OUTLIER_ROUNDS):
             state = self._refined(at)
             at = state.at
@@ -176,6 +176,7 @@ class CalibrationFit:
         good = works & (np.abs(residuals) <= OUTLIER * max(1.0, spread))
         bad_images = (works & ~good).sum(axis=1) > OUTLYING_IMAGE * works.sum(axis=1)
         if likelihood.pose_std is not None:
-            bad_images |= (np.abs(state.at.shifts) > OUTLIER * likelihood.pose_std).any(axis=1)
+            far = np.abs(state.at.shifts) > OUTLIER * likelihood.pose_std
+            bad_images |= far[likelihood.places].any(axis=1)
         good[bad_images] = False
         return good, bad_images

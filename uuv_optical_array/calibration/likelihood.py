@@ -1,9 +1,9 @@
 """The likelihood of images at known poses as a function of the parameters of a calibration.
 
 A reading's mean is ``g L``, with its gain g and the light L of the scene's forward model. Where the
-poses have errors, each image has five shifts of its own; they are eliminated by the Schur
-complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows linearly with the
-number of images.
+poses have errors, each place has five shifts of its own, which all images of it share; they are
+eliminated by the Schur complement, as in bundle adjustment (Triggs et al. 2000), so that the work
+grows linearly with the number of images.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ BLOCK_READINGS = 100_000
 
 
 class Unknowns(NamedTuple):
-    """The parameters, shape ``(p,)``, and the shift of each image's pose, shape ``(m, 5)``."""
+    """The parameters, shape ``(p,)``, and the shift of the pose of each place, ``(k, 5)``."""
 
     parameters: Array
     shifts: Array
@@ -47,7 +47,7 @@ class CalibrationState(NamedTuple):
       ``(p,)``, ``(p, p)``.
     - mean, variance: of every reading, counts and counts^2, shape ``(m, n)``.
     - shift_step, shift_by_parameters: step of the shifts at fixed parameters, and its slope by
-      them, shapes ``(m, 5)`` and ``(m, 5, p)``; empty where poses are exact.
+      them, shapes ``(k, 5)`` and ``(k, 5, p)``; empty where poses are exact.
     - shift_decrement: how much `shift_step` lowers the cost, to second order.
     """
 
@@ -68,11 +68,20 @@ class CalibrationLikelihood:
     - scene: where the fit starts.
     - images: counts, finite, shape ``(m, side, side)``.
     - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    - pose_std: standard deviation of each image's pose, m and rad, shape ``(5,)``; ``None``: exact.
+    - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or, by image, ``(m, 5)``;
+      ``None``: exact.
+    - places: of each image, from 0 on, shape ``(m,)``: images of a place share the error of its
+      pose. ``None``: each image has a place of its own.
     """
 
     def __init__(
-        self, scene: Scene, images: Array, poses: Array, rolls: Array, pose_std: Array | None
+        self,
+        scene: Scene,
+        images: Array,
+        poses: Array,
+        rolls: Array,
+        pose_std: Array | None,
+        places: NDArray[np.intp] | None = None,
     ) -> None:
         settings = scene.settings()
         effects = settings["effects"]
@@ -98,7 +107,11 @@ class CalibrationLikelihood:
         self.start_gains = gains
         self.readings: Array = images.reshape(len(images), -1) - noise.black
         self.poses, self.rolls = poses, rolls
+        self.places = np.arange(len(poses)) if places is None else places
         self.pose_std = pose_std
+        if pose_std is not None:
+            _, first = np.unique(self.places, return_index=True)
+            self.pose_std = np.broadcast_to(pose_std, poses.shape)[first]
         self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
         self.names, self.lacking = names_in(self.scene), lacking(self.scene)
         self._own = [i for i in range(GAINS) if i not in {*AIMS, *self.lacking}]
@@ -128,6 +141,10 @@ class CalibrationLikelihood:
                 *np.log(gains / common),
             ]
         )
+
+    def unshifted(self, parameters: Array) -> Unknowns:
+        """Return unknowns with the poses as they were recorded."""
+        return Unknowns(parameters, np.zeros((self.places.max() + 1, 5)))
 
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
         """Return the light before the gains, and its slopes.
@@ -162,14 +179,19 @@ class CalibrationLikelihood:
         cost, gradient, joint = 0.0, np.zeros(size), np.zeros((size, size))
         mean, variance = np.empty((2, count, pixels))
         free, shift_decrement = self.pose_std is not None, 0.0
-        shift_step = np.empty((count, 5 if free else 0))
-        by_parameters = np.empty((count, 5 if free else 0, size))
+        many = len(shifts) if free else 0
+        inner, cross = np.zeros((many, 5, 5)), np.zeros((many, size, 5))
+        pull: Array = np.zeros((many, 5))
+        shift_step: Array = pull
+        by_parameters: Array = np.swapaxes(cross, 1, 2)
         block = max(1, BLOCK_READINGS // pixels)
         diagonal = GAINS + np.arange(pixels)
         for start in range(0, count, block):
             part = slice(start, start + block)
             light, slopes = self.light(
-                parameters, self.poses[part] + (shifts[part] if free else 0.0), self.rolls[part]
+                parameters,
+                self.poses[part] + (shifts[self.places[part]] if free else 0.0),
+                self.rolls[part],
             )
             mean[part] = light * gains
             slopes *= gains[:, None]
@@ -188,18 +210,20 @@ class CalibrationLikelihood:
             joint[:GAINS, :GAINS] += np.einsum("mni,mnj->ij", weighted, lamp)
             joint[:GAINS, GAINS:] += np.einsum("mni,mn->in", weighted, own)
             joint[diagonal, diagonal] += (weight * own**2).sum(axis=0)
-            if self.pose_std is not None:
-                precision = self.pose_std**-2.0
-                inner, cross, pull = _shift_equations(slopes, own, score, weight)
-                cost += 0.5 * float((shifts[part] ** 2 * precision).sum())
-                pull -= shifts[part] * precision
-                inverse = np.linalg.inv(inner + np.diag(precision))
-                shift_step[part] = (inverse @ pull[..., None])[..., 0]
-                shift_decrement += 0.5 * float((pull * shift_step[part]).sum())
-                by_parameters[part] = -inverse @ np.swapaxes(cross, 1, 2)
-                gradient -= np.einsum("mpi,mi->p", cross, shift_step[part])
-                flat = np.swapaxes(cross, 0, 1).reshape(size, -1)
-                joint += flat @ by_parameters[part].reshape(-1, size)
+            if free:
+                equations = _shift_equations(slopes, own, score, weight)
+                for total, each in zip((inner, cross, pull), equations, strict=True):
+                    np.add.at(total, self.places[part], each)
+        if self.pose_std is not None:
+            precision = self.pose_std**-2.0
+            cost += 0.5 * float((shifts**2 * precision).sum())
+            pull -= shifts * precision
+            inverse = np.asarray(np.linalg.inv(inner + precision[:, None] * np.eye(5)), float)
+            shift_step = np.einsum("mij,mj->mi", inverse, pull)
+            shift_decrement = 0.5 * float((pull * shift_step).sum())
+            by_parameters = -inverse @ np.swapaxes(cross, 1, 2)
+            gradient -= np.einsum("mpi,mi->p", cross, shift_step)
+            joint += np.swapaxes(cross, 0, 1).reshape(size, -1) @ by_parameters.reshape(-1, size)
         joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
         shift = shift_step, by_parameters, shift_decrement
         return CalibrationState(cost, at, gradient, joint, mean, variance, *shift)

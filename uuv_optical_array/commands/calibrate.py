@@ -18,15 +18,16 @@ from uuv_optical_array.forward.scene_files import own_text
 from uuv_optical_array.plots.calibration import draw_calibration
 from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.places import LEAST_STD, with_places
 
 DESCRIPTION = """\
 Fit the lamp (power and width of the beam), the water (absorption and scattering, or K), the array
 (response, radius of the sphere, each detector's gain), the aim of lamp and array, and the
-background to a recorded bag whose poses are known from both odometries, and write the resulting
-scene. Each value is printed with its standard error. What the bag does not determine keeps its
-value and is named, with what to record for it. Power and mean gain are one product, so the
-geometric mean of the gains is 1. Where the residuals show that the model is wrong, no scene is
-written; the exit code is 1."""
+background to a recorded bag whose poses are known from both odometries, or from a table of places
+measured on a rail, and write the resulting scene. Each value is printed with its standard error.
+What the bag does not determine keeps its value and is named, with what to record for it. Power and
+mean gain are one product, so the geometric mean of the gains is 1. Where the residuals show that
+the model is wrong, no scene is written; the exit code is 1."""
 
 EPILOG = """\
 examples:
@@ -35,13 +36,16 @@ examples:
   uuv_array calibrate sea --remap array/image:=/bow/array/image --beacon-position -0.7 0 0.2
   uuv_array calibrate sea --pose-std 0.02 0.5      odometry has errors of 2 cm and 0.5 deg
   uuv_array calibrate sea --noise                  fit the noise too
+  uuv_array calibrate tank --places places.csv     measured places instead of odometry
+The table has the columns image (from 0 on) or time_s (after the first image); x_m, y_m, z_m,
+pitch_deg, yaw_deg of base_link in beacon; x_std_m, y_std_m, z_std_m, pitch_std_deg, yaw_std_deg;
+and perhaps last_image or until_s, whose images share a place and its error, and roll_deg.
 Needs the extra `bags` (pip install 'uuv_optical_array[bags]'), but no ROS."""
 
 STDS = {
     "position": Quantity("standard deviation of x, y and z", "m", 0, 10),
     "attitude": Quantity("of pitch and yaw", "deg", 0, 90),
 }
-LEAST = 1e-6  # m and rad: exact, where only the other has an error
 SHOWN_IMAGES = 5
 
 
@@ -59,6 +63,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=[0.0, 0.0],
         metavar=("M", "DEG"),
         help=" and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)",
+    )
+    parser.add_argument(
+        "--places",
+        type=Path,
+        metavar="TABLE",
+        help="CSV of measured places and their errors, in place of odometries and --pose-std",
     )
     parser.add_argument(
         "--hold",
@@ -84,7 +94,7 @@ def pose_std_of(args: argparse.Namespace) -> Array | None:
         )
     if not position and not attitude:
         return None
-    return np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST)
+    return np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST_STD)
 
 
 def _digits(std: float) -> int:
@@ -124,13 +134,19 @@ def _gains(result: Calibration) -> list[str]:
     return [head, *rows]
 
 
-def report(result: Calibration, recording: Recording, path: Path, start: str) -> str:
-    """Return the fitted values and how well the model agrees, as text."""
+def report(
+    result: Calibration, recording: Recording, path: Path, start: str, places: int = 0
+) -> str:
+    """Return the fitted values and how well the model agrees, as text.
+
+    `places` were measured; 0: the poses are those of odometries.
+    """
     seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
     lines = [
-        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s, base_link "
+        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s"
+        f"{f' at {places} places' if places else ''}, base_link "
         f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
         "its axis",
         *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
@@ -188,14 +204,19 @@ def run(args: argparse.Namespace) -> int:
     pose_std, scene = pose_std_of(args), options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
+    table = args.places and files.user_path(args.places)
+    if table is not None and pose_std is not None:
+        raise options.OptionError("--pose-std: the table of --places says it; leave one out")
     path, text = files.user_path(args.bag), own_text(args.scene)
     output = outputs.file_to_write(args.output, "--output", outputs.SCENE)
     picture = args.picture and outputs.file_to_write(args.picture, "--picture", outputs.PICTURE)
     try:
-        recording = bag.read_bag(args, scene)
+        recording, places = bag.read_bag(args, scene, poses_needed=table is None), None
+        if table is not None:
+            recording, pose_std, places = with_places(recording, table)
         with progress.counter(None, "step") as steps:
             drive = recording.images, recording.poses, recording.rolls
-            result = calibrate(scene, *drive, args.hold, pose_std, args.noise, steps.update)
+            result = calibrate(scene, *drive, args.hold, pose_std, args.noise, steps.update, places)
     except KeyboardInterrupt:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
@@ -203,7 +224,9 @@ def run(args: argparse.Namespace) -> int:
     if written:
         comment = f"Calibrated by uuv_array calibrate from {path.name}, starting from {scene.name}."
         save_scene(result.scene, output, comment, text)
-    lines = [report(result, recording, path, scene.name), *[f"scene: {output}"] * written]
+    measured = 0 if places is None else int(places.max()) + 1
+    text = report(result, recording, path, scene.name, measured)
+    lines = [text, *[f"scene: {output}"] * written]
     outputs.finish(args, as_json(result, recording), "\n".join(lines))
     if picture is not None:
         count = int(result.uncensored.sum())

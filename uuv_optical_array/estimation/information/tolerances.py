@@ -20,17 +20,9 @@ def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
     the maximum likelihood; what the scene's prior leaves uncertain takes its share. Errors of
     single detectors are independent. The error grows in proportion to its cause.
 
-    Parameters
-    ----------
-    scene
-        As the estimator has it.
-    pose
-        Shape ``(5,)``, m and rad.
-
-    Returns
-    -------
-    dict
-        Errors in x, y, z, pitch and yaw, m and rad, shape ``(5,)``, by what is wrong.
+    - scene: as the estimator has it.
+    - pose: shape ``(5,)``, m and rad.
+    - returned: errors in x, y, z, pitch and yaw, m and rad, shape ``(5,)``, by what is wrong.
     """
     model = ForwardModel(scene)
     stds = scene.prior.nuisance_std()

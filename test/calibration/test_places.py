@@ -1,0 +1,131 @@
+"""``uuv_array calibrate --places``: a rail and a tape in place of two odometries."""
+
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+from bags import image_message, write_bag
+from calibrated_seas import sea, truth_of
+from command_line import run
+
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.recording.images import Recording
+from uuv_optical_array.recording.places import with_places
+
+bags = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+HEAD = "x_m,y_m,z_m,pitch_deg,yaw_deg,x_std_m,y_std_m,z_std_m,pitch_std_deg,yaw_std_deg"
+STDS = np.array([0.004, 0.006, 0.006, *np.radians([0.3, 0.3])])
+EACH = 4  # images at a place
+
+
+def line(pose, stds=STDS):
+    degrees = np.array([1, 1, 1, 180 / np.pi, 180 / np.pi])
+    return ",".join(f"{value:.9g}" for value in (*(pose * degrees), *(stds * degrees)))
+
+
+@pytest.fixture(scope="module")
+def tank():
+    """Places as they are and as they were measured, and images of each, with others between."""
+    rng = np.random.default_rng(11)
+    scene = sea("follow")
+    true = rng.uniform([-6, -0.8, -0.8, -0.35, -0.35], [-2.5, 0.8, 0.8, 0.35, 0.35], (50, 5))
+    told = true + STDS * rng.standard_normal(true.shape)
+    images = ForwardModel(scene).expose(np.repeat(true, EACH + 1, axis=0), rng)
+    images[EACH :: EACH + 1] = 7.0  # while the array is moved
+    return scene, told, images
+
+
+def table_of(told, path):
+    rows = [f"{i * (EACH + 1)},{i * (EACH + 1) + EACH - 1},{line(p)}" for i, p in enumerate(told)]
+    path.write_text("\n".join(["# tank", f"image,last_image,{HEAD}", *rows, ""]), encoding="utf-8")
+    return path
+
+
+@bags
+def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path, capsys):
+    scene, told, images = tank
+    messages = [image_message(10**8 * i, image) for i, image in enumerate(images, start=1)]
+    bag = write_bag(tmp_path / "tank", messages, "MCAP")
+    table = table_of(told, tmp_path / "places.csv")
+    output = tmp_path / "tank.yaml"
+    run("calibrate", bag, "--places", table, "-o", output, "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["images"] == 50 * EACH
+    assert 0.8 < found["mean_squared_residual"] < 1.2
+    values, gains = truth_of(scene)
+    for name, value in values.items():
+        fitted = found["parameters"][name]
+        assert abs(fitted["fitted"] - value) < 4 * fitted["std_error"], name
+    np.testing.assert_array_less(
+        np.abs(found["gains"] - gains), 5 * np.array(found["gain_std_errors"])
+    )
+    assert load_scene(output).lamp.beam_sigma_deg == pytest.approx(6.5, abs=0.2)
+    run("calibrate", bag, "--places", table, "--pose-std", 0.1, 1, code=2)
+
+
+def test_images_of_a_place_share_its_error(tank):
+    """So more images of the same places tell little more, and those of more places do."""
+    _, told, images = tank
+    start, kept = load_scene("follow"), np.delete(images, np.s_[EACH :: EACH + 1], axis=0)
+    numbers = np.repeat(np.arange(50), EACH)
+    poses = told[numbers]
+
+    def error(found, name="lamp.beam_sigma_deg"):
+        return next(p.std for p in found.parameters if p.name == name)
+
+    shared = calibrate(start, kept, poses, pose_std=STDS, places=numbers)
+    single = calibrate(start, kept[::EACH], told, pose_std=np.broadcast_to(STDS, told.shape))
+    independent = calibrate(start, kept, poses, pose_std=STDS)
+    assert error(independent) < 0.75 * error(shared)
+    assert 0.5 * error(single) < error(shared) < error(single)
+
+
+def recording(count=5):
+    stamps = 10**9 * np.arange(7, 7 + count)
+    poses = np.full((count, 5), np.nan)
+    return Recording(np.arange(count * 4.0).reshape(count, 2, 2), poses, poses[:, 0], stamps)
+
+
+def test_times_find_the_nearest_image_or_all_of_a_span(tmp_path):
+    table, pose = tmp_path / "places.csv", np.array([-3, 0.1, 0.2, 0.1, -0.2])
+    table.write_text(f"time_s,roll_deg,{HEAD}\n2.6,9,{line(pose)}\n0.8,0,{line(-pose)}\n", "utf-8")
+    found, stds, numbers = with_places(recording(), table)
+    np.testing.assert_array_equal(found.images[:, 0, 0], [4, 12])
+    np.testing.assert_allclose(found.poses, [-pose, pose])
+    np.testing.assert_allclose(found.rolls, [0, np.radians(9)])
+    np.testing.assert_allclose(stds, [STDS, STDS])
+    assert numbers.tolist() == [1, 0]
+    table.write_text(f"time_s,until_s,{HEAD}\n0.5,3,{line(pose, 0 * STDS)}\n", encoding="utf-8")
+    found, stds, numbers = with_places(recording(), table)
+    assert numbers.tolist() == [0, 0, 0]
+    assert (stds == 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "words"),
+    [
+        ("", [], "no column image or time_s, x_m"),
+        (f"image,{HEAD}", [], "no place in it"),
+        (HEAD, ["0"], "no column image or time_s;"),
+        (f"image,colour,{HEAD}", [], "column colour: not known"),
+        (f"image,until_s,{HEAD}", [], "column until_s: not known"),
+        (f"image,{HEAD}", ["0,far,0,0,0,0,1,1,1,1,1"], "line 2: x_m: 'far'; give a number"),
+        (f"image,{HEAD}", ["0,0,0,0,0,0,1,1,-1,1,1"], "z_std_m: '-1'; give a number of 0 or more"),
+        (f"image,{HEAD}", ["0,0,0,0,0,nan,1,1,1,1,1"], "yaw_deg: 'nan'"),
+        (f"image,{HEAD}", ["0,0,0"], "line 2: 3 cells for 11 columns"),
+        (f"image,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image of it; the bag has 5 in 4"),
+        (f"time_s,{HEAD}", ["9,0,0,0,0,0,1,1,1,1,1"], "line 2: no image of it"),
+        (f"image,{HEAD}", ["1,0,0,0,0,0,1,1,1,1,1"] * 2, "line 3: image 1 is that of another line"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_line(head, rows, words, tmp_path):
+    table = tmp_path / "places.csv"
+    table.write_text("\n".join([head, *rows]), encoding="utf-8")
+    with pytest.raises(ValueError, match=words) as caught:
+        with_places(recording(), table)
+    assert "\n" not in str(caught.value)

@@ -339,6 +339,8 @@ def rolling(lab, scene_file, scene, table_folder):
 
 @pytest.mark.parametrize("tilted_at", [3, 7])
 def test_a_roll_long_before_or_after_the_image_gives_no_pose(rolling, images, tilted_at):
+    rolling.send(images[0], 4)
+    rolling.lab.report(rolling.node, WARN, "no roll: no imu message has come")
     rolling.tilt(0.0, tilted_at)
     rolling.send(images[0], 5)
     rolling.lab.report(rolling.node, WARN, "no roll", "is 2 s from the image", "max_imu_age_s")

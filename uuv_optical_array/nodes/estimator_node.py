@@ -271,6 +271,8 @@ class EstimatorNode(Node):
         """Return the follower's roll when an image was taken, rad."""
         if not self.parameters["use_imu"]:
             return 0.0
+        if not self.roll_ns:
+            raise Refused("no roll: no imu message has come")
         age_s = abs(stamp_ns(header) - self.roll_ns) * 1e-9
         if age_s > self.parameters["max_imu_age_s"]:
             raise Refused(

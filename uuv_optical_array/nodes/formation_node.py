@@ -1,5 +1,6 @@
 """From the track of the follower to the velocity command that keeps station behind the leader."""
 
+import math
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped
@@ -39,16 +40,27 @@ class FormationNode(Node):
     def __init__(self, subscribed: bool = True, **options: Any) -> None:
         super().__init__("formation_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.controller = FormationController(self.parameters.settings(FormationSettings))
+        self.controller = FormationController(self.settings({}))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_track)
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
+    def settings(self, changes: dict[str, Any]) -> FormationSettings:
+        """Return the settings with a change; ValueError for a station that cannot be reached."""
+        settings = self.parameters.settings(FormationSettings, changes)
+        range_m = math.hypot(*settings.station_m)
+        if range_m < settings.min_distance_m:
+            raise ValueError(
+                f"min_distance_m: {settings.min_distance_m:g} is beyond the station, which is "
+                f"{range_m:.3g} m from the lamp; lower it, or move station_m away"
+            )
+        return settings
+
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
-        self.controller.configure(self.parameters.settings(FormationSettings, changes))
+        self.controller.configure(self.settings(changes))
 
     def on_track(self, message: Odometry) -> None:
         """Tell the controller where the follower is, and how it moves."""

@@ -81,6 +81,14 @@ def test_stamps_of_another_clock_are_told(bench, stamp, text):
     assert (status.level, status.message) == ((WARN, text) if text else (OK, "1 answered"))
 
 
+def test_a_node_without_its_clock_says_so_by_itself(lab):
+    lab.begin({"scene": "reference", "use_sim_time": True}, any_stamp=False)
+    node = lab.start(FeatureNode)
+    status = lab.until(lambda: lab.statuses, "a report")[0]
+    assert (status.name, status.level) == (node.get_name(), WARN)
+    assert status.message == "no clock: use_sim_time is true, and no /clock has come yet"
+
+
 def test_the_rate_is_that_of_the_last_five_periods(bench, monkeypatch):
     now_s = bench.node.diagnostics._heard_s
     clock = iter(np.arange(1, 100))

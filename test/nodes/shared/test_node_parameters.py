@@ -104,7 +104,8 @@ def test_every_parameter_is_described_with_meaning_unit_and_bounds(lab, name, sc
 
 @ALL
 def test_what_may_change_takes_both_bounds_and_refuses_all_beyond(lab, name, scene_file):
-    node, tried = begin(lab, name, scene_file), set()
+    lab.begin({"scene": scene_file, "formation_node:station_m": [-50.0, 0.0, 0.0]})
+    node, tried = lab.start(NODES[name][1]), set()
     for parameter in own_names(node):
         descriptor = node.describe_parameter(parameter)
         if descriptor.read_only or descriptor.type not in NUMBERS:
@@ -148,6 +149,18 @@ def test_words_to_choose_from_are_described(lab, scene_file):
     assert words == "sam or sam_interpolated or least_squares"
 
 
+def test_a_name_that_no_node_has_is_reported_with_the_nearest_that_exists(
+    lab, scene_file, tmp_path, capfd
+):
+    given = tmp_path / "mine.yaml"
+    words = "staton_m: [-5.0, 0.0, 0.0]", "use_imu: true", "scene: reference"
+    given.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {word}\n" for word in words))
+    lab.begin({"scene": scene_file}, "--params-file", given)
+    lab.start(NODES["feature_node"][1])
+    (line,) = (line for line in capfd.readouterr().err.splitlines() if "no node has" in line)
+    assert line.endswith("staton_m: no node has this parameter; the nearest name is station_m")
+
+
 def test_one_bad_value_among_several_changes_none(lab, scene_file):
     node = begin(lab, "formation_node", scene_file)
     result = node.set_parameters_atomically(
@@ -171,6 +184,7 @@ BAD_STARTS = [
     ("simulator_node", "beacon_position_m:=[0.0,0.0]", ("2 values", "3")),
     ("simulator_node", "beacon_position_m:=[0.0,0.0,-101.0]", ("[2]", "-101.0", "to 100 m")),
     ("formation_node", "station_m:=[-0.4,0.0,0.0]", ("-0.4", "from -50 to -0.5 m")),
+    ("formation_node", "min_distance_m:=8.0", ("8", "4.5 m from the lamp", "move station_m")),
     ("vehicles_node", "command_timeout_s:=.inf", ("inf", "from 0.05 to 60 s")),
 ]
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
@@ -57,7 +58,9 @@ class Diagnostics:
         self._windows = deque([(self._heard_s, 0)], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
         self._ages_s: list[float] = []
-        self.timer = node.create_timer(PERIOD_S, self.publish)
+        # A node that waits for /clock says so.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.timer = node.create_timer(PERIOD_S, self.publish, clock=steady)
 
     def answer(
         self, stamp_ns: int | None = None, values: Callable[[], Mapping[str, str]] = dict
@@ -156,7 +159,9 @@ class Diagnostics:
         """Say what is wrong with the stamps of the last period."""
         said = []
         least, most = ACCEPTABLE_AGE_S
-        if 0 in self._stamps_ns:
+        if not self._node.get_clock().now().nanoseconds:
+            said.append("no clock: use_sim_time is true, and no /clock has come yet")
+        elif 0 in self._stamps_ns:
             said.append("zero stamp: a message has none")
         elif self._ages_s and max(self._ages_s) > most:
             said.append(f"old stamps: {max(self._ages_s):.3g} s old, more than {most:g} s")

@@ -1,5 +1,7 @@
 """Node parameters, declared once: the descriptor, the check and the documentation follow."""
 
+import difflib
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
@@ -15,8 +17,10 @@ from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.settings import Quantity, check, declared
+from uuv_optical_array.core.storage.files import shared_file
 
 Settings = TypeVar("Settings")
+DEFAULTS = "config/follow.yaml"  # lists every parameter of every node, commented out
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,20 @@ class Parameters:
             descriptor.type = present.type_.value
             node.set_descriptor(name, descriptor)
         node.add_on_set_parameters_callback(self._on_set)
+        self._warn_of_unknown()
+
+    def _warn_of_unknown(self) -> None:
+        """Name the parameters that the node was given and no node of the package has."""
+        given = {name for name in self._node._parameter_overrides if "qos_overrides." not in name}
+        unknown = sorted(name for name in given if not self._node.has_parameter(name))
+        if unknown:
+            # A section `/**` has what other nodes declare.
+            known = re.findall(r"^#    (\w+):", shared_file(DEFAULTS).read_text("utf-8"), re.M)
+            for name in set(unknown) - set(known):
+                near = difflib.get_close_matches(name, known, 1, 0)[0]
+                self._node.get_logger().warning(
+                    f"{name}: no node has this parameter; the nearest name is {near}"
+                )
 
     def __getitem__(self, name: str) -> Any:
         """Return the present value of a parameter."""

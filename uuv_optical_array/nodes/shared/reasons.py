@@ -143,9 +143,10 @@ WARNINGS = {
         "battery; then calibrate, or widen the scene's `prior`.",
     ),
     "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
-    "future stamps": Reason(
-        _OLD_CLOCK + " With `use_sim_time`, no `/clock` may have come yet.",
-        "Set the clocks (NTP, PTP); check who publishes `/clock`.",
+    "future stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP); check who publishes `/clock`."),
+    "no clock": Reason(
+        "The node waits for simulated time.",
+        "Start what publishes `/clock`, such as the simulator, or set `use_sim_time` to false.",
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
     "faulty detector": Reason(

@@ -1,4 +1,4 @@
-"""What an afternoon with a rail and a tape tells a calibration: ``python benchmarks/calibration_rail.py``.
+"""What a rail and a tape tell a calibration: ``python benchmarks/calibration_rail.py``.
 
 It prints the table of docs/how_to/build_calibration.md: the median standard errors of several
 afternoons, and how large the true errors are beside them.

@@ -7,13 +7,14 @@ import pytest
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.frame import DISTINCT, RIVAL, cover, start_at
+from uuv_optical_array.estimation.least_squares.frame import DISTINCT, RIVAL, cover
 from uuv_optical_array.estimation.least_squares.problem import (
     POSE,
     PosePrior,
     State,
     evaluate,
     problem_of,
+    start_at,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings

@@ -8,9 +8,8 @@ import pytest
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.faults import most_faulty, trim
-from uuv_optical_array.estimation.least_squares.frame import start_at
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
-from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine
+from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine, start_at
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import lit_poses

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.numerics.elementwise import unowned
-from uuv_optical_array.estimation.least_squares.frame import Guide, lit, start_at
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     MOST_STEPS,
     Problem,
     light_at,
+    lit,
     misfit,
     refine,
+    start_at,
 )
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
@@ -51,7 +51,7 @@ def grows(noise: ReadingNoise) -> bool:
 def trim(squares: Array, count: int, weights: Array) -> bool:
     """Give the largest of squares no weight; returns whether that changes anything."""
     before = weights.copy()
-    weights[:] = 1.0
+    weights.fill(1.0)
     for _ in range(count):
         weights[(squares * weights).argmax()] = 0.0
     return bool((before != weights).any())
@@ -66,40 +66,40 @@ def write_squares(problem: Problem, at: Array, squares: Array) -> Array:
     return light
 
 
-def leave_out(problem: Problem, guide: Guide, count: int) -> None:
+def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
     """Give readings that no pose explains no weight, and the light of the pose of the others.
 
     - problem: with readings and weights of its own, which are written.
-    - guide: of the scene's table.
+    - poses, roots: where fits may start, as `frame.Guide` has them.
     - count: how many detectors may be faulty, > 0.
+    - returned: whether there is such a reading.
     """
-    problem, guide = unowned(problem), unowned(guide)
     weights, readings, noise = problem.weights, problem.readings, problem.noise
-    squares, roots, alike = weights.copy(), np.sqrt(np.maximum(readings, 0.0)), weights.copy()
-    distances = np.empty(len(guide.poses))
+    squares, sight = weights.copy(), np.sqrt(np.maximum(readings, 0.0))
+    distances = np.empty(len(poses))
     for row in range(len(distances)):
         for j in range(len(readings)):
-            squares[j] = (guide.roots[row, j] - roots[j]) ** 2
+            squares[j] = (roots[row, j] - sight[j]) ** 2
         trim(squares, count, weights)
         distances[row] = (squares * weights).sum()
-    least, at, best = np.inf, start_at(problem, guide.poses[0]), weights.copy()
+    least, at, best = np.inf, start_at(problem, poses[0]), weights.copy()
     there = at
     for _ in range(STARTS):
         row = int(distances.argmin())
         distances[row] = np.inf
-        trim((guide.roots[row] - roots) ** 2, count, weights)
-        there, cost = start_at(problem, guide.poses[row]), least
+        trim((roots[row] - sight) ** 2, count, weights)
+        alike, there, cost = weights, start_at(problem, poses[row]), least
         for _ in range(ROUNDS):
-            alike[:] = weights
+            alike = weights.copy()
             state = refine(problem, there, MOST_STEPS)
             there, cost = state.parts[AT].copy(), state.cost
             write_squares(problem, there, squares)
             if not trim(squares, count, weights):
                 break
         if cost < least:
-            least, at = cost, there
-            best[:] = alike
-    weights[:] = best
+            least, at, best = cost, there, alike
+    for j in range(len(readings)):
+        weights[j] = best[j]
     # A reading that bends the fit is not far off, and another one in its place.
     for place in np.flatnonzero(best == 0):
         if misfit(problem, at).score < WELL:
@@ -114,11 +114,13 @@ def leave_out(problem: Problem, guide: Guide, count: int) -> None:
                 weights[j] = 1.0
         weights[swapped] = 0.0
         if swapped != place:
-            at = there
-            best[:] = weights
+            at, best = there, weights.copy()
     for _ in range(count):
         light = write_squares(problem, at, squares)
-        j = int(np.where(weights > 0, np.inf, squares).argmin())
+        j, nearest = 0, np.inf
+        for k in range(len(readings)):
+            if weights[k] == 0 and squares[k] < nearest:
+                j, nearest = k, squares[k]
         weights[j] = 1.0
         state = refine(problem, at, MOST_STEPS)
         worse = state.cost - least
@@ -132,6 +134,7 @@ def leave_out(problem: Problem, guide: Guide, count: int) -> None:
     for j in range(len(readings)):
         if weights[j] == 0:
             readings[j] = min(max(light[j], noise.low), noise.high)
+    return bool((weights == 0).any())
 
 
 def log_evidence(problem: Problem) -> float:

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
+from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.elementwise import unowned
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower
+from uuv_optical_array.estimation.least_squares.faults import leave_out
 from uuv_optical_array.estimation.least_squares.posterior import (
     PosteriorMoments,
     integrate,
@@ -30,16 +31,17 @@ from uuv_optical_array.estimation.least_squares.problem import (
     Misfit,
     Problem,
     State,
+    lit,
     misfit,
     refine,
+    start_at,
 )
 from uuv_optical_array.estimation.signature.features import write_parameters
-from uuv_optical_array.estimation.unknowns.coordinates import from_pose, quarter_turn
+from uuv_optical_array.estimation.unknowns.coordinates import quarter_turn
 
 MOST_STARTS = 64
 # So few lit detectors fit many poses, and all starts are tried at once.
 FEW_LIT = 10
-LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 # Fits closer together than this, in standard deviations, are in one minimum.
 DISTINCT = 3.0
 # Minima that are this much less probable, as a logarithm, leave no trace.
@@ -53,6 +55,7 @@ LONG_STEPS: Any = np.int64(2)
 FOLLOWED = 16
 
 FITTED, NO_START, MISFIT, NO_COVARIANCE = range(4)
+NO_FIT = Misfit(np.inf, np.inf, 1.0)
 
 
 class Guide(NamedTuple):
@@ -133,18 +136,6 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
     return rows, np.sqrt(chords)
 
 
-def lit(problem: Problem) -> int:
-    """Count the readings that are clearly lit, less those at full scale."""
-    clear = max(3 * np.sqrt(problem.noise.variance), LIT_SHARE * problem.readings.max())
-    count = 0
-    for reading in problem.readings:
-        if reading >= problem.noise.high:
-            count -= 1
-        elif reading > clear:
-            count += 1
-    return count
-
-
 def is_near(parts: Array, known: Array) -> bool:
     """Say whether a state is within `DISTINCT` standard deviations of a minimum, by their parts."""
     size, distance = parts.shape[1], 0.0
@@ -180,18 +171,6 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, refine(problem, state.parts[AT], steps))
 
 
-def start_at(problem: Problem, pose: Array) -> Array:
-    """Return coordinates and nuisances of a pose of the table, shape ``(p,)``."""
-    start = np.empty(5 + len(problem.nuisance_mean))
-    turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
-    at = from_pose(problem.frame, turned, problem.roll)
-    for i in range(5):
-        start[i] = at[i]
-    for i in range(len(problem.nuisance_mean)):
-        start[5 + i] = problem.nuisance_mean[i]
-    return start
-
-
 def find_minima(
     problem: Problem, guide: Guide, unit: Array
 ) -> tuple[list[State], Misfit, float, float]:
@@ -208,7 +187,7 @@ def find_minima(
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
-    tried, best_misfit, first = 1, Misfit(np.inf, np.inf, 1.0), True
+    tried, best_misfit, first = 1, NO_FIT, True
     while True:
         steps = MOST_STEPS if count == guide.candidates else FEW_STEPS
         for i in range(tried, count):
@@ -315,43 +294,49 @@ def cover(minima: list[State], pose: Array, covariance: Array) -> bool:
     return wider
 
 
-def estimate_frame(problem: Problem, guide: Guide, parameters: Array) -> FrameResult:
+def estimate_frame(
+    problem: Problem, guide: Guide, parameters: Array, most_faulty: int
+) -> FrameResult:
     """Estimate the pose of one image.
 
     - problem: with the readings, and the roll.
     - guide: of the scene's table.
     - parameters: key parameters of the image, shape ``(5, 1)``; nan: to be worked out from it.
+    - most_faulty: how many detectors may be faulty, whose readings and weights are written; where
+      none is found there is no estimate. 0: none is looked for.
     """
     problem, guide = unowned(problem), unowned(guide)
-    if np.isnan(parameters[0, 0]):
-        column = problem.readings.reshape(-1, 1)
-        side, full_scale = guide.side, guide.full_scale_counts
-        write_parameters(column, side, full_scale, guide.subdetector, parameters)
-    unit = guide.weights.copy()
-    for i in range(5):
-        unit[i] *= parameters[i, 0]
-    unit /= np.sqrt((unit * unit).sum())
-    minima, best, angle, second_angle = find_minima(problem, guide, unit)
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
     outcome, pose, nodes, evidence = NO_START, nothing, 0, -np.inf
+    best, angle, second_angle = NO_FIT, np.nan, np.nan
     runner_up, runner_up_score, wider = nothing, np.nan, False
-    if len(minima) > 0:
-        for i in range(len(at)):
-            at[i] = minima[0].parts[POSE if i < 5 else AT, i]
-        outcome = MISFIT
-        if best.lenient_score <= guide.max_score:
-            outcome = FITTED
-            moments = laplace(minima[0]) if guide.gaussian else whole_posterior(problem, minima)
-            pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
-            covariance = best.stretch * moments.covariance
-            wider = cover(minima, pose, covariance)
-            if not np.isfinite(evidence) or not cholesky(covariance.copy()):
-                outcome = NO_COVARIANCE
-            if len(minima) > 1:
-                runner_up = minima[1].parts[POSE, :5].copy()
-                runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
+    if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
+        if np.isnan(parameters[0, 0]):
+            column = problem.readings.reshape(-1, 1)
+            side, full_scale = guide.side, guide.full_scale_counts
+            write_parameters(column, side, full_scale, guide.subdetector, parameters)
+        unit = guide.weights.copy()
+        for i in range(5):
+            unit[i] *= parameters[i, 0]
+        unit /= np.sqrt((unit * unit).sum())
+        minima, best, angle, second_angle = find_minima(problem, guide, unit)
+        if len(minima) > 0:
+            for i in range(len(at)):
+                at[i] = minima[0].parts[POSE if i < 5 else AT, i]
+            outcome = MISFIT
+            if best.lenient_score <= guide.max_score:
+                outcome = FITTED
+                moments = laplace(minima[0]) if guide.gaussian else whole_posterior(problem, minima)
+                pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
+                covariance = best.stretch * moments.covariance
+                wider = cover(minima, pose, covariance)
+                if not np.isfinite(evidence) or not cholesky(covariance.copy()):
+                    outcome = NO_COVARIANCE
+                if len(minima) > 1:
+                    runner_up = minima[1].parts[POSE, :5].copy()
+                    runner_up_score = misfit(problem, minima[1].parts[AT]).lenient_score
     return FrameResult(
         outcome,
         pose,

@@ -13,11 +13,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
-from uuv_optical_array.estimation.least_squares.faults import (
-    leave_out,
-    log_evidence,
-    most_faulty,
-)
+from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
@@ -145,16 +141,12 @@ class ImageFit:
         kinds = frame_kinds(model, self._prior, compiled)
         lineariser = Lineariser(model, constants.names, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
-        leave: Callable[..., None] = leave_out
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
-            example = kinds[0].problem, self.guide, np.ones((5, 1))
+            example = kinds[0].problem, self.guide, np.ones((5, 1)), 0
             frame = compilation.prepare(estimate_frame, *example)
-            own = kinds[0].problem._replace(readings=self.guide.roots[0] ** 2)
-            leave = compilation.prepare(leave_out, own, self.guide, 1)
         self._kinds, self._linearise, self._frame = kinds, lineariser, frame
-        self._leave_out = leave
         self.compiled = compiled
 
     def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
@@ -206,12 +198,12 @@ class ImageFit:
                 at = np.tile(frames[0].best[:5], (2, 1))
                 units = np.ascontiguousarray(guide.units[:, :2])  # else Numba compiles once more
                 from_there = guide._replace(poses=at, units=units, gaussian=True)
-                frames.append(self._frame(problems[-1], from_there, parameters))
+                frames.append(self._frame(problems[-1], from_there, parameters, 0))
                 _, shares = weighed(kinds, problems, frames)
                 if shares[0] > MOSTLY_CLEAR:
                     break
                 frames.pop()
-            frames.append(self._frame(problems[-1], guide, parameters))
+            frames.append(self._frame(problems[-1], guide, parameters, 0))
         kinds, problems = kinds[: len(frames)], problems[: len(frames)]
         faults = not guide.gaussian and self._add_faults(kinds, problems, frames)
         result, shares = frames[0], np.ones(1)
@@ -254,10 +246,7 @@ class ImageFit:
         if fits or not count:
             return False
         problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
-        self._leave_out(problem, guide, count)
-        if problem.weights.all():
-            return False
-        frame = self._frame(problem, guide, np.full((5, 1), np.nan))
+        frame = self._frame(problem, guide, np.full((5, 1), np.nan), count)
         if frame.outcome != FITTED or frame.strict_score > MENDED:
             return False
         share = kinds[0].share * np.exp(log_evidence(problem))

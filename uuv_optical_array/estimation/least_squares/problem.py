@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import sqrt
 
-from uuv_optical_array.core.geometry import PITCH, Array
+from uuv_optical_array.core.geometry import PITCH, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
@@ -20,6 +20,7 @@ from uuv_optical_array.estimation.least_squares.misfit import (
 from uuv_optical_array.estimation.unknowns.coordinates import (
     CoordinateFrame,
     frame_of,
+    from_pose,
     to_lamp,
     write_slopes,
 )
@@ -48,6 +49,7 @@ ARRIVED = 5e-3
 USUAL, UNUSUAL = 2.326, 3.09
 # What the model does not know of bends the pose more than the readings: a doubt is taken as far.
 DOUBT = 4
+LIT_SHARE = 0.02  # of the brightest reading, below which daylight may be all that a reading shows
 LENIENCE = 4.0  # times the variance of unknown gains
 # Rows of the parts of a state.
 AT, GRADIENT, POSE, VOLUME_SLOPES, POSE_SLOPES, INFORMATION = 0, 1, 2, 3, 4, 9
@@ -132,6 +134,30 @@ def problem_of(
         np.ones(model.array.side**2),
         0.0,
     )
+
+
+def lit(problem: Problem) -> int:
+    """Count the readings that are clearly lit, less those at full scale."""
+    clear = max(3 * np.sqrt(problem.noise.variance), LIT_SHARE * problem.readings.max())
+    count = 0
+    for reading in problem.readings:
+        if reading >= problem.noise.high:
+            count -= 1
+        elif reading > clear:
+            count += 1
+    return count
+
+
+def start_at(problem: Problem, pose: Array) -> Array:
+    """Return coordinates and nuisances of a pose of the table, shape ``(p,)``."""
+    start = np.empty(5 + len(problem.nuisance_mean))
+    turned = turned_components(pose[0], pose[1], pose[2], pose[3], pose[4], problem.roll)
+    at = from_pose(problem.frame, turned, problem.roll)
+    for i in range(5):
+        start[i] = at[i]
+    for i in range(len(problem.nuisance_mean)):
+        start[5 + i] = problem.nuisance_mean[i]
+    return start
 
 
 def normal_equations(image: Any, likelihood: Any, parts: Any) -> None:

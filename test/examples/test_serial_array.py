@@ -1,23 +1,40 @@
-"""The example node of a serial array, over a pseudo-terminal and a socket."""
+"""The example of a serial array: its node, its sender in C, and its emulator."""
 
 import binascii
+import ctypes
 import importlib.util
+import itertools
 import os
+import shutil
+import signal
 import socket
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "serial_array_node.py"
-spec = importlib.util.spec_from_file_location("serial_array_node", EXAMPLE)
-example = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(example)
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+example, emulator = script("serial_array_node"), script("serial_array_emulator")
 
 
 def stuffed(data):
@@ -61,6 +78,127 @@ def test_every_frame_survives_its_packet(readings, number, time_us):
     found = example.frame_from(packet)
     assert found[:2] == (number, time_us)
     np.testing.assert_array_equal(found[2], readings)
+
+
+MOST_SIDE = 21
+
+
+class Sender(ctypes.Structure):
+    _fields_ = (
+        ("sums", ctypes.c_uint32 * MOST_SIDE**2),
+        ("samples", ctypes.c_uint32),
+        ("number", ctypes.c_uint32),
+        ("side", ctypes.c_uint8),
+    )
+
+
+@pytest.fixture(scope="module")
+def c_sender(tmp_path_factory):
+    """Return a sender of a side, with functions that add samples and give a packet."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("the sender in C needs a compiler, cc")
+    library = tmp_path_factory.mktemp("sender") / "sender.so"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O1"]
+    words = [compiler, *strict, f"-DUUV_MOST_SIDE={MOST_SIDE}", "-shared", "-fPIC"]
+    subprocess.run([*words, "-o", library, EXAMPLES / "array_sender.c"], check=True)
+    code = ctypes.CDLL(str(library))
+    code.uuv_frame.restype = ctypes.c_size_t
+    buffer = (ctypes.c_uint8 * 2048)()
+
+    def begin(side):
+        sender = Sender()
+        code.uuv_begin(ctypes.byref(sender), ctypes.c_uint8(side))
+
+        def add(image):
+            image = np.ascontiguousarray(image, "<u2")
+            code.uuv_add(ctypes.byref(sender), image.ctypes.data_as(ctypes.c_void_p))
+
+        def packet(time_us):
+            length = code.uuv_frame(ctypes.byref(sender), ctypes.c_uint64(time_us), buffer)
+            return bytes(buffer[:length])
+
+        return sender, add, packet
+
+    return begin
+
+
+@given(
+    st.integers(2, MOST_SIDE),
+    st.lists(st.integers(1, 9), min_size=1, max_size=3),
+    st.integers(0, 2**64 - 1),
+    st.sampled_from([1, 2, 255, 256, 65535]),
+    st.integers(0, 2**32 - 1),
+)
+def test_the_sender_in_c_sends_the_mean_of_its_samples(c_sender, side, frames, time, most, seed):
+    rng, (_, add, packet) = np.random.default_rng(seed), c_sender(side)
+    assert packet(0) == b""
+    for expected, samples in enumerate(frames):
+        taken = rng.integers(0, most, (samples, side, side), endpoint=True)
+        for image in taken:
+            add(image)
+        data = packet(time)
+        assert data.count(b"\0") == 1
+        assert len(data) <= 14 + 2 * side**2 + 4 + (18 + 2 * side**2) // 254 + 2
+        number, time_us, readings = example.frame_from(data[:-1])
+        assert (number, time_us) == (expected, time)
+        np.testing.assert_array_equal(readings, np.floor(taken.mean(axis=0) + 0.5))
+
+
+def test_the_sender_in_c_keeps_its_bounds(c_sender):
+    sender, add, packet = c_sender(99)
+    assert sender.side == MOST_SIDE
+    image = np.full((MOST_SIDE, MOST_SIDE), 65535)
+    for _ in range(3):
+        add(image)
+    sender.samples = 65536  # as if after so many
+    for i in range(MOST_SIDE**2):
+        sender.sums[i] = 65536 * 65535
+    add(image)
+    _, _, readings = example.frame_from(packet(1)[:-1])
+    assert (readings == 65535).all()
+
+
+def test_the_emulator_sends_the_images_of_its_scene(tmp_path):
+    scene = load_scene("follow").settings()
+    scene["array"]["wiring"] = np.arange(24, -1, -1).tolist()
+    path = tmp_path / "wired.yaml"
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    taken = list(itertools.islice(emulator.images(str(path), 10.0, 3), 3))
+    assert [t for t, _ in taken] == [0.0, 0.1, 0.2]
+    first = ForwardModel(load_scene("follow")).expose(
+        [-3.5, 0, 0, 0, 0], np.random.default_rng(3), time_s=0.0
+    )
+    np.testing.assert_array_equal(taken[0][1], first[::-1, ::-1])
+    data = emulator.packet(7, 12, first)
+    assert data == stuffed(frame(7, 12, first.astype(int).tolist())) + b"\0"
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        for damaged in emulator.spoilt(data[:-1], rng).split(b"\0"):
+            with pytest.raises(example.Refused):
+                example.frame_from(damaged)
+
+
+def test_the_node_reads_the_emulator(lab, tmp_path):
+    link = tmp_path / "array"
+    words = ("--link", link, "--rate-hz", "50", "--spoil", "0.3")
+    process = subprocess.Popen(
+        [sys.executable, EXAMPLES / "serial_array_emulator.py", *map(str, words)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout.readline() == f"port: {link}\n"
+        node = begin(lab, link)
+        lab.until(lambda: len(lab.heard) > 9 and node.diagnostics._refusals, "images and damage")
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate()
+    finally:
+        process.kill()
+        process.wait()
+    assert "damaged" in told
+    assert not link.is_symlink()
+    assert {(message.height, message.width) for message in lab.heard} == {(5, 5)}
 
 
 @given(st.integers(0, 10**6), st.integers(1, 255), st.booleans())

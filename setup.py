@@ -63,6 +63,8 @@ setup(
             "ros-rclpy[fastrtps]",
             "ros-sensor-msgs",
             "ros-std-msgs",
+            "ros-std-srvs",
+            "ros-visualization-msgs",
             "transforms3d",
         ],
         # A compiled kernel for light at very many poses.

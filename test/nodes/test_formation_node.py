@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import time_of
 from std_msgs.msg import Header
+from std_srvs.srv import SetBool
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.geometry import body_twist, covariance_5x5
@@ -22,6 +23,7 @@ START = 100 * 10**9
 STEP = 10**8
 STATION = [-6.0, 0.0, 0.0, 0.0, 0.0]
 STILL = np.zeros(5)
+POSE_ASTERN = np.array([-7.0, 0.3, 0.2, 0.05, 0.1])
 
 
 def odometry(pose, rate=STILL, roll=0.1, frame=""):
@@ -128,6 +130,47 @@ def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
         np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
     expect([-7.0, 0.0, 0.0, 0.0, 0.0])
     helm.lab.report(helm.node, OK)
+
+
+def test_the_helm_is_let_go_with_a_stop_and_taken_back_as_at_the_start(helm):
+    def engage(wanted):
+        answer = helm.lab.call(SetBool, "formation_node/engage", data=wanted)
+        assert answer.success
+        return answer.message
+
+    for _ in range(5):
+        helm.see(POSE_ASTERN)
+        before = helm.command()
+    assert before[0] > 0.05
+    helm.commands.clear()
+    assert "commanded a stop" in engage(False)
+    stop = helm.lab.until(lambda: helm.commands, "a stop")[0]
+    assert (stop.twist, stop.header.frame_id) == (Twist(), "follower/base_link")
+    helm.lab.report(helm.node, WARN, "not engaged")
+    for _ in range(5):
+        helm.see(POSE_ASTERN)
+        helm.tick()
+    assert engage(False)
+    assert len(helm.commands) == 1
+    assert f"steers to station_m {STATION[:3]}" in engage(True)
+    controller = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
+    for _ in range(3):
+        controller.update(
+            helm.now * 1e-9, POSE_ASTERN, covariance_5x5(POSE_ASTERN, np.eye(6)), STILL
+        )
+        helm.see(POSE_ASTERN)
+        expected = controller.command((helm.now + STEP) * 1e-9)
+        np.testing.assert_allclose(helm.command(), np.concatenate(expected), atol=1e-9)
+    helm.lab.report(helm.node, OK)
+
+
+def test_it_may_start_without_the_helm(lab):
+    helm = Helm(lab, start_engaged=False)
+    helm.lab.report(helm.node, WARN, "not engaged")
+    for _ in range(3):
+        helm.see(POSE_ASTERN)
+        helm.tick()
+    assert not helm.commands
 
 
 @pytest.mark.parametrize("frame", ["leader/beacon", "leader/beacon_ned"])

@@ -3,14 +3,16 @@
 import math
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_msgs.msg import Header
+from std_srvs.srv import SetBool
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import covariance_5x5
+from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
@@ -28,6 +30,9 @@ PARAMETERS = {
     **shared("frame_prefix", "base_frame"),
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
+    "start_engaged": Parameter(
+        True, Quantity("whether it steers from the start, or when ~/engage says so"), True
+    ),
 }
 
 
@@ -35,6 +40,7 @@ class FormationNode(Node):
     """Command the follower to its station; slow it to a stop when the light is lost.
 
     Tracks come by topic where it is `subscribed`; else a node of the same process calls `on_track`.
+    The service ``~/engage`` (std_srvs/SetBool) lets it steer, or stops the follower and lets it go.
     """
 
     def __init__(self, subscribed: bool = True, **options: Any) -> None:
@@ -45,6 +51,9 @@ class FormationNode(Node):
         self.commands = publish(self, TwistStamped, "cmd_vel")
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_track)
+        self.create_service(SetBool, "~/engage", self.on_engage)
+        self.engaged = True
+        self.engage(self.parameters["start_engaged"])
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
     def settings(self, changes: dict[str, Any]) -> FormationSettings:
@@ -57,6 +66,25 @@ class FormationNode(Node):
                 f"{range_m:.3g} m from the lamp; lower it, or move station_m away"
             )
         return settings
+
+    def on_engage(self, request: Any, response: Any) -> Any:
+        """Steer, or stop the follower and leave it to others."""
+        if self.engaged and not request.data:
+            self.send(np.zeros(3), np.zeros(3))
+        response.success, response.message = True, self.engage(request.data)
+        self.get_logger().info(response.message)
+        return response
+
+    def engage(self, wanted: bool) -> str:
+        """Steer from the next track on, or command nothing; return which, in words."""
+        if wanted != self.engaged:
+            # Nothing is left of the time before, as others may have commanded since.
+            self.controller = FormationController(self.settings({}))
+        self.engaged = wanted
+        self.diagnostics.warn("" if wanted else "not engaged: the follower is left to others")
+        if wanted:
+            return f"it steers to station_m {list(self.parameters['station_m'])}"
+        return "it commanded a stop and commands nothing until it is engaged again"
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
@@ -76,11 +104,16 @@ class FormationNode(Node):
 
     def on_timer(self) -> None:
         """Publish the command, from the first pose on."""
-        now = self.get_clock().now()
-        command = self.controller.command(now.nanoseconds * 1e-9)
+        now_s = self.get_clock().now().nanoseconds * 1e-9
+        command = self.controller.command(now_s) if self.engaged else None
         if command is not None:
-            header = Header(stamp=now.to_msg(), frame_id=self.parameters.frame("base_frame"))
-            self.commands.publish(twist_to_message(*command, header))
+            self.send(*command)
+
+    def send(self, linear: Array, angular: Array) -> None:
+        """Publish a command, m/s and rad/s."""
+        now, frame = self.get_clock().now().to_msg(), self.parameters.frame("base_frame")
+        message = twist_to_message(linear, angular, Header(stamp=now, frame_id=frame))
+        self.commands.publish(message)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -154,6 +154,10 @@ WARNINGS = {
         "in a glint. The pose is that of the others.",
         "Clean or repair the detector; until then name it in `effects.detector_faults`.",
     ),
+    "not engaged": Reason(
+        "`formation_node` was told to steer nothing, by `~/engage` or by `start_engaged`.",
+        "Call its service `~/engage` (std_srvs/SetBool) with true.",
+    ),
     "follower waits": Reason(
         "The demonstration's follower is alone and starts behind the leader that it finds.",
         "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",

@@ -5,228 +5,200 @@ electronics are those of the scene; the lamp keeps its power where another setti
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
+from uuv_optical_array.calibration.aims import appearing
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
+from uuv_optical_array.forward import prior
 from uuv_optical_array.forward.effects import MOVING, check_effects
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import (
-    BEAM_SIGMA,
-    POWER,
-    PRIORS,
-    RADIUS,
-    RESPONSE,
-    SCATTERING,
-    over_array,
-)
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses, uniform_poses
 
-# Light at the detectors, counts, shape (n, side, side), at poses, shape (n, 5), in the sea that
-# differs from the scene of a model; the generator is for what of it is random.
-Light: TypeAlias = Callable[[ForwardModel, Array, np.random.Generator], Array]
 Draw: TypeAlias = Callable[[int, np.random.Generator], Array]
 
-# What a scene that was calibrated once leaves open: standard deviations in the units of the kinds.
-SHIPPED = {
-    "power": PRIORS["calibrated"]["lamp_power_std"],
-    "k_per_m": PRIORS["calibrated"]["k_std_per_m"],
-    "beam_deg": PRIORS["calibrated"]["beam_sigma_std_deg"],
-    "ambient_counts": PRIORS["calibrated"]["ambient_std_counts"],
-    "gains": PRIORS["calibrated"]["gain_std"],
-    "scattering": PRIORS["calibrated"]["scattering_std"],
-    "cosine_power": PRIORS["calibrated"]["cosine_power_std"],
-    "radius": PRIORS["calibrated"]["radius_std"],
-    "aim_deg": PRIORS["calibrated"]["aim_std_deg"],
-    "lamp_aim_deg": PRIORS["calibrated"]["lamp_aim_std_deg"],
-}
-# Up to so many of these standard deviations poses should be answered, with true covariances.
-WITHIN = 2.0
+# What a scene that was calibrated once leaves open, and up to so many of these standard deviations
+# poses should be answered, with true covariances.
+SHIPPED, WITHIN = prior.PRIORS["calibrated"], 2.0
 NARROWEST_DEG = 0.1  # that a lamp's beam can be
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
 MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 NEAR_M, ASIDE_M = 2.0, 1.5
 
 
-def unchanged(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
-    """Return the light of the scene itself."""
-    return model.light(poses)
+class Sea(NamedTuple):
+    """A scene's model, poses ``(n, 5)``, and the source of what differs at random."""
+
+    model: ForwardModel
+    poses: Array
+    rng: np.random.Generator
+
+    def light(self) -> Array:
+        """Return the light of the scene itself, counts, shape ``(n, side, side)``."""
+        return self.model.light(self.poses)
+
+    def offset(self, name: str, by: float) -> Array:
+        """Return the light where a constant is off, as `ForwardModel.light` has its offsets."""
+        return self.model.light(self.poses, 0.0, {name: np.array(by)})
+
+    def scaled(self, name: str, by: float) -> Array:
+        """Return the light where a constant is so many times as large, given by its logarithm."""
+        return self.offset(name, np.log(by))
+
+    def lamp_and_rest(self) -> tuple[Array, Array]:
+        """Return the light of the lamp, and that of all else."""
+        dark = self.offset(prior.POWER, -np.inf)
+        return self.light() - dark, dark
 
 
-def with_offset(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, of: str, by: float
-) -> Array:
-    """Add to a constant of the scene, as `ForwardModel.light` has its offsets."""
-    return model.light(poses, 0.0, {of: np.array(by)})
+# Light at the detectors, counts, shape (n, side, side), in the sea that differs. What a family of
+# kinds is off by is its second argument.
 
 
-def with_attenuation(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, by: float
-) -> Array:
+def other_attenuation(sea: Sea, by: float) -> Array:
     """Add to the attenuation, or the absorption, of the scene's water."""
+    model = sea.model
     name, _ = model.scene.attenuation
     if name not in model.nuisances:
         effects = {**model.scene.effects, "attenuation": {"k_per_m": 0.0}}
         model = ForwardModel(dataclasses.replace(model.scene, effects=check_effects(effects)))
-    return with_offset(model, poses, rng, name, by)
+    return sea._replace(model=model).offset(name, by)
 
 
-def daylight(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, port: float, starboard: float
-) -> Array:
-    """Add counts that change evenly from the port edge of the array to its starboard edge."""
-    return model.light(poses) + np.linspace(port, starboard, model.array.side)
+def daylight(sea: Sea, by: float, even: bool = False) -> Array:
+    """Add counts, even ones or such as rise from the port edge of the array to its starboard."""
+    return sea.light() + np.linspace(by if even else 0.0, by, sea.model.array.side)
 
 
-def lamp_and_rest(model: ForwardModel, poses: Array) -> tuple[Array, Array]:
-    """Return the light of the lamp, and that of all else."""
-    dark = model.light(poses, 0.0, {POWER: np.array(-np.inf)})
-    return model.light(poses) - dark, dark
-
-
-def second_lamp(
-    model: ForwardModel,
-    poses: Array,
-    rng: np.random.Generator,
-    share: float,
-    port_m: float = 0.0,
-    above_m: float = 0.0,
-) -> Array:
+def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) -> Array:
     """Add another lamp, parallel to the first, of a share of its power."""
     # The follower's place in the frame of the other lamp.
-    beside = poses - np.array([0.0, port_m, above_m, 0.0, 0.0])
-    return model.light(poses) + share * lamp_and_rest(model, beside)[0]
+    beside = sea.poses - np.array([0.0, port_m, above_m, 0.0, 0.0])
+    return sea.light() + by * sea._replace(poses=beside).lamp_and_rest()[0]
 
 
-def other_gains(model: ForwardModel, poses: Array, rng: np.random.Generator, std: float) -> Array:
+def other_gains(sea: Sea, by: float) -> Array:
     """Give each detector a gain of its own, in each frame another."""
-    image = model.light(poses)
-    return image * np.maximum(1 + std * rng.standard_normal(image.shape), 0.0)
+    image = sea.light()
+    return image * np.maximum(1 + by * sea.rng.standard_normal(image.shape), 0.0)
 
 
-def one_detector(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, full_scales: float
-) -> Array:
+def response_power(percent: float) -> float:
+    """Return the power of the cosine by which detectors read so much less at 30 deg."""
+    return float(np.log(1 - percent / 100) / np.log(np.cos(np.radians(30))))
+
+
+def other_response(sea: Sea, by: float) -> Array:
+    """Let detectors read so many per cent less at 30 deg."""
+    return sea.offset(prior.RESPONSE, response_power(by))
+
+
+def one_detector(sea: Sea, full_scales: float) -> Array:
     """Let one detector, in each frame another, read a constant."""
-    image, side = model.light(poses), model.array.side
-    row, column = rng.integers(side, size=(2, len(poses)))
-    image[np.arange(len(poses)), row, column] = full_scales * model.scene.full_scale_counts
+    image = sea.light()
+    row, column = sea.rng.integers(sea.model.array.side, size=(2, len(image)))
+    image[np.arange(len(image)), row, column] = full_scales * sea.model.scene.full_scale_counts
     return image
 
 
-def some_detectors(
-    model: ForwardModel,
-    poses: Array,
-    rng: np.random.Generator,
-    number: int,
-    gain: float = 1.0,
-    counts: float = 0.0,
-) -> Array:
+def some_detectors(sea: Sea, number: int, gain: float = 1.0, counts: float = 0.0) -> Array:
     """Let some detectors, in each frame others, read a share of their light, or more of it."""
-    image = model.light(poses)
-    flat = image.reshape(len(poses), -1)
-    chosen = rng.permuted(np.tile(np.arange(flat.shape[1]), (len(poses), 1)), axis=1)[:, :number]
-    frame = np.arange(len(poses))[:, None]
+    image = sea.light()
+    flat = image.reshape(len(image), -1)
+    every = np.tile(np.arange(flat.shape[1]), (len(flat), 1))
+    frame, chosen = np.arange(len(flat))[:, None], sea.rng.permuted(every, axis=1)[:, :number]
     flat[frame, chosen] = gain * flat[frame, chosen] + counts
     return image
 
 
-def wider(model: ForwardModel, poses: Array, rng: np.random.Generator, factor: float) -> Array:
-    """Let the array be wider, on the same sphere and under the same lamp."""
-    array = model.scene.array
-    other = dataclasses.replace(array, width_m=factor * array.width_m)
-    wide = ForwardModel(dataclasses.replace(model.scene, array=other))
-    return wide.light(poses, 0.0, {POWER: np.array(np.log(model.power / wide.power))})
-
-
-def turned_lamp(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, by_deg: float
-) -> Array:
-    """Turn the lamp to port: what it lights is as if turned to starboard about it."""
-    turn, seen = np.radians(by_deg), poses.copy()
-    seen[:, X] = np.cos(turn) * poses[:, X] + np.sin(turn) * poses[:, Y]
-    seen[:, Y] = np.cos(turn) * poses[:, Y] - np.sin(turn) * poses[:, X]
-    seen[:, YAW] -= turn
-    return model.light(seen)
-
-
-def two_rows(model: ForwardModel, poses: Array, rng: np.random.Generator, gain: float) -> Array:
+def two_rows(sea: Sea, gain: float) -> Array:
     """Let two neighbouring rows, in each frame others, read a share of their light."""
-    image, side = model.light(poses), model.array.side
-    first = rng.integers(side - 1, size=(len(poses), 1))
-    row = np.arange(side)
+    image, side = sea.light(), sea.model.array.side
+    first, row = sea.rng.integers(side - 1, size=(len(image), 1)), np.arange(side)
     image[(row == first) | (row == first + 1)] *= gain
     return image
 
 
-def uneven_modes(side: int) -> Array:
-    """Return `MODES` over the array, each with an RMS of 1, shape ``(modes, side, side)``."""
-    column, row = over_array(side)
+def wider(sea: Sea, by: float) -> Array:
+    """Let the array be wider, on the same sphere and under the same lamp."""
+    scene = sea.model.scene
+    array = dataclasses.replace(scene.array, width_m=by * scene.array.width_m)
+    wide = ForwardModel(dataclasses.replace(scene, array=array))
+    return sea._replace(model=wide).offset(prior.POWER, np.log(sea.model.power / wide.power))
+
+
+def turned_lamp(sea: Sea, by: float) -> Array:
+    """Turn the lamp to port, deg."""
+    aims, bow_m = np.radians([0.0, by, 0.0, 0.0]), sea.model.scene.array.bow_m
+    poses, rolls, _ = appearing(sea.poses, np.zeros(len(sea.poses)), aims, bow_m)
+    return sea.model.light(poses, rolls)
+
+
+def turned_mount(sea: Sea, by: float) -> Array:
+    """Turn the array about its middle, deg, in each frame in another direction."""
+    direction = sea.rng.uniform(0, 2 * np.pi, len(sea.poses))
+    aimed = sea.poses.copy()
+    aimed[:, PITCH] += np.radians(by) * np.sin(direction)
+    aimed[:, YAW] += np.radians(by) * np.cos(direction)
+    # Where base_link would be if it turned with the array.
+    ahead, aimed_ahead = (
+        rotation_matrix(poses[:, PITCH], poses[:, YAW])[..., X] for poses in (sea.poses, aimed)
+    )
+    aimed[:, : Z + 1] += sea.model.scene.array.bow_m * (ahead - aimed_ahead)
+    return sea.model.light(aimed)
+
+
+def shade(sea: Sea, by: float) -> Array:
+    """Shade the lamp unevenly and smoothly, the logarithm off by so much over the array, RMS."""
+    column, row = prior.over_array(sea.model.array.side)
     modes = np.stack([legvander2d(column, row, degrees)[..., -1] for degrees in MODES])
-    return modes / np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
+    modes /= np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
+    depths = sea.rng.standard_normal((len(sea.poses), len(MODES))) * by / np.sqrt(len(MODES))
+    lamp, rest = sea.lamp_and_rest()
+    return lamp * np.exp(np.tensordot(depths, modes, axes=1)) + rest
 
 
-def shade(model: ForwardModel, poses: Array, rng: np.random.Generator, std: float) -> Array:
-    """Shade the lamp unevenly and smoothly, the logarithm off by `std` over the array, RMS."""
-    depths = rng.standard_normal((len(poses), len(MODES))) * std / np.sqrt(len(MODES))
-    lamp, rest = lamp_and_rest(model, poses)
-    return lamp * np.exp(np.tensordot(depths, uneven_modes(model.array.side), axes=1)) + rest
-
-
-def half_shadow(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+def half_shadow(sea: Sea) -> Array:
     """Let the lamp reach one half of the array, in each frame another, with a hard edge."""
-    column, row = over_array(model.array.side)
-    turn = rng.uniform(0, 2 * np.pi, (len(poses), 1, 1))
-    lamp, rest = lamp_and_rest(model, poses)
+    column, row = prior.over_array(sea.model.array.side)
+    turn = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, 1))
+    lamp, rest = sea.lamp_and_rest()
     return np.where(np.cos(turn) * column + np.sin(turn) * row > 0, 0.0, lamp) + rest
 
 
-def rolled(model: ForwardModel, poses: Array, rng: np.random.Generator, by_deg: float) -> Array:
-    """Roll the follower."""
-    return model.light(poses, np.radians(by_deg))
+def rolled(sea: Sea, by: float) -> Array:
+    """Roll the follower, deg."""
+    return sea.model.light(sea.poses, np.radians(by))
 
 
-def turned_mount(
-    model: ForwardModel, poses: Array, rng: np.random.Generator, by_deg: float
-) -> Array:
-    """Turn the array about its middle, in each frame in another direction."""
-    direction = rng.uniform(0, 2 * np.pi, len(poses))
-    aimed = poses.copy()
-    aimed[:, PITCH] += np.radians(by_deg) * np.sin(direction)
-    aimed[:, YAW] += np.radians(by_deg) * np.cos(direction)
-    # Where base_link would be if it turned with the array.
-    ahead, aimed_ahead = (rotation_matrix(p[:, PITCH], p[:, YAW])[..., X] for p in (poses, aimed))
-    aimed[:, : Z + 1] += model.scene.array.bow_m * (ahead - aimed_ahead)
-    return model.light(aimed)
-
-
-def mirrored(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+def mirrored(sea: Sea) -> Array:
     """Swap port and starboard of the image, as a connector the wrong way round does."""
-    return model.light(poses)[..., ::-1]
+    return sea.light()[..., ::-1]
 
 
-def at_random_times(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+def at_random_times(sea: Sea) -> Array:
     """Let what moves in the scene move: each image is of a random time of a day."""
-    return model.light(poses, time_s=rng.uniform(0, DAY_S, len(poses)))
+    return sea.model.light(sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses)))
 
 
-def noise(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+def noise(sea: Sea) -> Array:
     """Return readings that are uniform up to full scale."""
-    return rng.uniform(0, model.scene.full_scale_counts, model.light(poses).shape)
+    return sea.rng.uniform(0, sea.model.scene.full_scale_counts, sea.light().shape)
 
 
-def blob(model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+def blob(sea: Sea) -> Array:
     """Return a Gaussian blob of any place, width and brightness."""
-    column, row = over_array(model.array.side)
-    at = rng.uniform(-1, 1, (2, len(poses), 1, 1))
-    width = rng.uniform(0.3, 1, (2, len(poses), 1, 1))
-    peak = rng.uniform(0.1, 1, (len(poses), 1, 1)) * model.scene.full_scale_counts
+    column, row = prior.over_array(sea.model.array.side)
+    count = len(sea.poses)
+    at = sea.rng.uniform(-1, 1, (2, count, 1, 1))
+    width = sea.rng.uniform(0.3, 1, (2, count, 1, 1))
+    peak = sea.rng.uniform(0.1, 1, (count, 1, 1)) * sea.model.scene.full_scale_counts
     squares = ((column - at[0]) / width[0]) ** 2 + ((row - at[1]) / width[1]) ** 2
     return peak * np.exp(-squares / 2)
 
@@ -246,35 +218,35 @@ def aside_poses(count: int, rng: np.random.Generator) -> Array:
     return poses
 
 
-# What a scene needs for a kind that it cannot have; empty where it can.
+# What a scene lacks for a kind that it cannot have; empty where it can.
 
 
-def needs_water(scene: Scene, least_per_m: float) -> str:
-    """Need an attenuation."""
+def needs_water(scene: Scene, by: float) -> str:
+    """Need an attenuation that can change so."""
     # 0.05 less 0.05 is a water that attenuates nothing, whatever rounding says.
-    enough = scene.attenuation[1] >= least_per_m - 1e-12
-    return "" if enough else f"an attenuation of at least {least_per_m:g} /m"
+    enough = scene.attenuation[1] >= -by - 1e-12
+    return "" if enough else f"an attenuation of at least {-by:g} /m"
 
 
-def needs_sea(scene: Scene) -> str:
+def needs_sea(scene: Scene, by: float) -> str:
     """Need water that scatters."""
     return "" if "sea" in scene.effects else "the effect sea"
 
 
-def needs_sphere(scene: Scene, factor: float) -> str:
+def needs_sphere(scene: Scene, by: float) -> str:
     """Need a sphere that carries detectors so much farther out than its own."""
-    radius_m = scene.array.radius_m
-    holds = radius_m is not None and factor * scene.array.width_m < np.sqrt(2) * radius_m
+    radius_m, wider_by = scene.array.radius_m, max(by, 1 / by)
+    holds = radius_m is not None and wider_by * scene.array.width_m < np.sqrt(2) * radius_m
     return "" if holds else "a curved array whose corners stay on the sphere"
 
 
-def needs_beam(scene: Scene, than_deg: float) -> str:
+def needs_beam(scene: Scene, by: float) -> str:
     """Need a beam that can be narrower."""
-    enough = scene.lamp.beam_sigma_deg >= than_deg + NARROWEST_DEG
-    return "" if enough else f"a beam wider than {than_deg:g} deg"
+    enough = scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by
+    return "" if enough else f"a beam wider than {-by:g} deg"
 
 
-def needs_light(scene: Scene, draw: Draw) -> str:
+def needs_light(scene: Scene, by: float, draw: Draw) -> str:
     """Need light at some of the poses."""
     try:
         lit_poses(ForwardModel(scene), 1, np.random.default_rng(0), draw)
@@ -283,7 +255,7 @@ def needs_light(scene: Scene, draw: Draw) -> str:
     return ""
 
 
-def needs_motion(scene: Scene) -> str:
+def needs_motion(scene: Scene, by: float) -> str:
     """Need an effect that changes with time."""
     return "" if MOVING & set(scene.effects) else f"one of the effects {', '.join(sorted(MOVING))}"
 
@@ -293,34 +265,58 @@ class Kind:
     """A kind of mismatch.
 
     `name` is that of ``uuv_array study robustness --kinds``; `what` differs from the scene, and
-    `cure` is what a user does about it, a sentence each. `light` arrives at the detectors, `off_by`
-    says by how much of which of `SHIPPED` it is off (empty for what no prior is about), `draw`
-    draws the poses, and `missing` says what a scene needs to differ like this, empty where it has
-    it.
+    `cure` is what a user does about it, a sentence each. `times_prior` says by how many standard
+    deviations of a calibrated prior it is off, None for what no prior is about. `draw` draws the
+    poses, and `missing` says what a scene lacks to differ like this, empty where it can.
     """
 
     name: str
     what: str
     cure: str
-    light: Light
-    off_by: Mapping[str, float] = field(default_factory=dict)
-    draw: Draw = uniform_poses
-    missing: Callable[[Scene], str] = lambda scene: ""
+    of_sea: Callable[[Sea], Array]
+    times_prior: float | None
+    draw: Draw
+    missing: Callable[[Scene], str]
 
-    @property
-    def times_prior(self) -> float | None:
-        """How many shipped standard deviations it is off; None for what no prior is about."""
-        return max((off / SHIPPED[name] for name, off in self.off_by.items()), default=None)
+    def light(self, model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
+        """Return the light at the detectors, counts, ``(n, side, side)``, at poses ``(n, 5)``."""
+        return self.of_sea(Sea(model, poses, rng))
 
     @property
     def within(self) -> bool:
         """Whether the prior covers it, so that it should be answered with a true covariance."""
-        times = self.times_prior
-        return times is not None and times <= WITHIN * (1 + 1e-9)
+        return self.times_prior is not None and self.times_prior <= WITHIN * (1 + 1e-9)
+
+
+def _kinds(
+    name: str,
+    light: Callable[..., Array],
+    what: str,
+    cure: str,
+    by: Sequence[float] = (),
+    std: str = "",
+    off: Callable[[float], float] = abs,
+    draw: Draw = uniform_poses,
+    needs: Callable[..., str] = lambda scene, by: "",
+) -> list[Kind]:
+    """Return a kind, or one for each value of `by`, which name and sentence may contain.
+
+    `std` is the key of the prior that is about it, and `off` says how far a value is off.
+    """
+    kinds = []
+    for value in by or (0.0,):
+        words: dict[str, Any] = {"by": value, "size": abs(value), "percent": 100 * value}
+        words["more"] = "more" if value > 0 else "less"
+        of_sea, missing = partial(light, by=value) if by else light, partial(needs, by=value)
+        times = off(value) / SHIPPED[std] if std else None
+        texts = name.format(**words), what.format(**words)
+        kinds.append(Kind(*texts, cure, of_sea, times, draw, missing))
+    return kinds
 
 
 POWER_CURE = "Calibrate again when lamp or battery is changed; widen `prior.lamp_power_std`."
 K_CURE = "Measure K where the vehicles dive or calibrate there; widen `prior.k_std_per_m`."
+SEA_CURE = K_CURE.replace("K where", "the water where").replace("k_std_per_m", "scattering_std")
 BEAM_CURE = "Calibrate the lamp that is mounted; a diffuser that ages widens the beam."
 AMBIENT_CURE = "Measure the array with the lamp off and set `effects.ambient`, or shield it."
 GRADIENT_CURE = (
@@ -334,208 +330,85 @@ SHADE_CURE = "Clean the port of lamp and array; keep hull and cables out of the 
 ARRAY_CURE = "Calibrate the array that was built by `uuv_array calibrate`, and measure its sphere."
 SIGNAL_CURE = "Check power, plug and wiring of the array: this is not light of the lamp."
 
-
-def _more(off: float) -> str:
-    return "more" if off > 0 else "less"
-
-
+# fmt: off
 KINDS = (
-    Kind("nothing", "The sea is the scene.", "Nothing.", unchanged, {"power": 0.0}),
-    *(
-        Kind(
-            f"k{off:+g}",
-            f"The water attenuates by {abs(off):g} /m {_more(off)}.",
-            K_CURE,
-            partial(with_attenuation, by=off),
-            {"k_per_m": abs(off)},
-            missing=partial(needs_water, least_per_m=-off),
-        )
-        for off in (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02)
-    ),
-    *(
-        Kind(
-            f"beam{off:+g}",
-            f"The beam's standard deviation is {abs(off):g} deg {_more(off)}.",
-            BEAM_CURE,
-            partial(with_offset, of=BEAM_SIGMA, by=off),
-            {"beam_deg": abs(off)},
-            missing=partial(needs_beam, than_deg=-off),
-        )
-        for off in (-2.0, 2.0, -0.6, 0.6)
-    ),
-    *(
-        Kind(
-            f"power_x{factor:g}",
-            f"The lamp has {factor:g} times its power.",
-            POWER_CURE,
-            partial(with_offset, of=POWER, by=np.log(factor)),
-            {"power": abs(factor - 1)},
-        )
-        for factor in (0.8, 1.2, 0.5, 2.0)
-    ),
-    Kind(
-        "ambient_10",
-        "Daylight adds 10 counts to every reading.",
-        AMBIENT_CURE,
-        partial(daylight, port=10.0, starboard=10.0),
-        {"ambient_counts": 10.0},
-    ),
-    *(
-        Kind(
-            f"gradient_{high:g}",
-            f"Daylight adds 0 counts at the port edge and {high:g} at the starboard edge.",
-            GRADIENT_CURE,
-            partial(daylight, port=0.0, starboard=high),
-        )
-        for high in (10.0, 30.0)
-    ),
-    *(
-        Kind(
-            f"second_lamp_{share:g}",
-            f"A second lamp of {100 * share:g} % of the power is 0.3 m to port of the first.",
-            LAMP_CURE,
-            partial(second_lamp, share=share, port_m=0.3),
-        )
-        for share in (0.1, 0.3)
-    ),
-    *(
-        Kind(
-            f"gains_{std:g}",
-            f"Each detector's gain is off by {100 * std:g} %, RMS.",
-            GAIN_CURE,
-            partial(other_gains, std=std),
-            {"gains": std},
-        )
-        for std in (0.005, 0.01, 0.02, 0.03)
-    ),
-    *(
-        Kind(
-            f"response-{percent}",
-            f"Detectors read {percent} % less at 30 deg of incidence.",
-            ARRAY_CURE,
-            partial(with_offset, of=RESPONSE, by=power),
-            {"cosine_power": power},
-        )
-        for percent in (2, 5)
-        for power in [float(np.log(1 - percent / 100) / np.log(np.cos(np.radians(30))))]
-    ),
-    Kind(
-        "radius_x0.95",
-        "The sphere of the array is 5 % too small.",
-        ARRAY_CURE,
-        partial(with_offset, of=RADIUS, by=np.log(0.95)),
-        {"radius": 0.05},
-        missing=partial(needs_sphere, factor=1 / 0.95),
-    ),
-    Kind(
-        "width_x1.05",
-        "The array is 5 % wider than the scene says.",
-        ARRAY_CURE,
-        partial(wider, factor=1.05),
-        missing=partial(needs_sphere, factor=1.05),
-    ),
-    Kind(
-        "lamp_axis_2",
-        "The lamp points 2 deg to port of its frame.",
-        "Turn the lamp, or the frame `beacon`, by what `uuv_array calibrate` finds.",
-        partial(turned_lamp, by_deg=2.0),
-        {"lamp_aim_deg": 2.0},
-    ),
-    Kind(
-        "scattering_x2",
-        "The water scatters twice as much.",
-        K_CURE.replace("K where", "the water where").replace("k_std_per_m", "scattering_std"),
-        partial(with_offset, of=SCATTERING, by=np.log(2.0)),
-        {"scattering": float(np.log(2.0))},
-        missing=needs_sea,
-    ),
-    Kind(
-        "two_dirty",
-        "Two detectors read 0.8 of their light.",
-        FAULT_CURE,
-        partial(some_detectors, number=2, gain=0.8),
-    ),
-    Kind(
-        "glint",
-        "One detector reads 50 counts more.",
-        "Shade the array from the surface; the estimator leaves such a detector out.",
-        partial(some_detectors, number=1, counts=50.0),
-    ),
-    *(
-        Kind(f"{name}_detector", what, FAULT_CURE, partial(one_detector, full_scales=full_scales))
-        for name, what, full_scales in (
-            ("dead", "One detector is dead.", 0.0),
-            ("stuck", "One detector is stuck at full scale.", 10.0),
-        )
-    ),
-    Kind("dark_rows", "Two rows of the array are dark.", FAULT_CURE, partial(two_rows, gain=0.0)),
-    Kind(
-        "dim_rows",
-        "Two rows of the array read 0.9 of their light.",
-        GAIN_CURE,
-        partial(two_rows, gain=0.9),
-    ),
-    *(
-        Kind(
-            f"shade_{std:g}",
-            f"An uneven, smooth shade changes the light over the array by {100 * std:g} %, RMS.",
-            SHADE_CURE,
-            partial(shade, std=std),
-        )
-        for std in (0.02, 0.05, 0.1)
-    ),
-    Kind("half_shadow", "Half of the array lies in a hard shadow.", SHADE_CURE, half_shadow),
-    Kind(
-        "rolled_15",
-        "The follower is rolled by 15 deg, and the estimator is not told.",
-        "Set `use_imu` and connect the vehicle's IMU.",
-        partial(rolled, by_deg=15.0),
-    ),
-    Kind(
-        "aim_1",
-        "The array is turned by 1 deg on its mount.",
-        "Align the array on its mount, or calibrate after each time that it was taken off.",
-        partial(turned_mount, by_deg=1.0),
-        {"aim_deg": 1.0},
-    ),
-    Kind(
-        "mirrored",
-        "Port and starboard of the image are swapped.",
-        "Check the wiring of the array: row 0 is the top, column 0 the port edge.",
-        mirrored,
-    ),
-    Kind(
-        "reflection",
-        "The surface, 0.5 m above the lamp, reflects a tenth of its light.",
-        "Dive deeper or tilt the lamp down; near a calm surface trust no height.",
-        partial(second_lamp, share=0.1, above_m=1.0),
-    ),
-    Kind(
-        "moving",
-        "What moves in the scene moves: plume, flicker, drift.",
-        "Wait until the clouds have passed, or keep a distance at which the lamp outshines them.",
-        at_random_times,
-        missing=needs_motion,
-    ),
-    Kind(
-        "near_2m",
-        "The follower is 2 m behind the lamp, nearer than the table, and readings saturate.",
-        "Extend `table.x_m`, and lower the gain of the array for short ranges.",
-        unchanged,
-        draw=near_poses,
-        missing=partial(needs_light, draw=near_poses),
-    ),
-    Kind(
-        "aside_1.5m",
-        "The follower is 1.5 m off the beam's axis, outside of the table.",
-        "Extend `table.y_m` and `table.z_m` to where the vehicle can get.",
-        unchanged,
-        draw=aside_poses,
-        missing=partial(needs_light, draw=aside_poses),
-    ),
-    Kind("noise", "The image is uniform noise.", SIGNAL_CURE, noise),
-    Kind("blob", "The image is a random Gaussian blob.", SIGNAL_CURE, blob),
+    *_kinds("nothing", Sea.light, "The sea is the scene.", "Nothing.", std="lamp_power_std"),
+    *_kinds("k{by:+g}", other_attenuation, "The water attenuates by {size:g} /m {more}.", K_CURE,
+            (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs=needs_water),
+    *_kinds("beam{by:+g}", partial(Sea.offset, name=prior.BEAM_SIGMA),
+            "The beam's standard deviation is {size:g} deg {more}.", BEAM_CURE,
+            (-2.0, 2.0, -0.6, 0.6), "beam_sigma_std_deg", needs=needs_beam),
+    *_kinds("power_x{by:g}", partial(Sea.scaled, name=prior.POWER),
+            "The lamp has {by:g} times its power.", POWER_CURE,
+            (0.8, 1.2, 0.5, 2.0), "lamp_power_std", lambda by: abs(by - 1)),
+    *_kinds("ambient_{by:g}", partial(daylight, even=True),
+            "Daylight adds {by:g} counts to every reading.", AMBIENT_CURE,
+            (10.0,), "ambient_std_counts"),
+    *_kinds("gradient_{by:g}", daylight,
+            "Daylight adds 0 counts at the port edge and {by:g} at the starboard edge.",
+            GRADIENT_CURE, (10.0, 30.0)),
+    *_kinds("second_lamp_{by:g}", partial(second_lamp, port_m=0.3),
+            "A second lamp of {percent:g} % of the power is 0.3 m to port of the first.",
+            LAMP_CURE, (0.1, 0.3)),
+    *_kinds("gains_{by:g}", other_gains, "Each detector's gain is off by {percent:g} %, RMS.",
+            GAIN_CURE, (0.005, 0.01, 0.02, 0.03), "gain_std"),
+    *_kinds("response-{by:g}", other_response,
+            "Detectors read {by:g} % less at 30 deg of incidence.", ARRAY_CURE,
+            (2, 5), "cosine_power_std", response_power),
+    *_kinds("radius_x{by:g}", partial(Sea.scaled, name=prior.RADIUS),
+            "The sphere of the array is 5 % too small.", ARRAY_CURE,
+            (0.95,), "radius_std", lambda by: 0.05, needs=needs_sphere),
+    *_kinds("width_x{by:g}", wider, "The array is 5 % wider than the scene says.", ARRAY_CURE,
+            (1.05,), needs=needs_sphere),
+    *_kinds("lamp_axis_{by:g}", turned_lamp, "The lamp points {by:g} deg to port of its frame.",
+            "Turn the lamp, or the frame `beacon`, by what `uuv_array calibrate` finds.",
+            (2.0,), "lamp_aim_std_deg"),
+    *_kinds("scattering_x{by:g}", partial(Sea.scaled, name=prior.SCATTERING),
+            "The water scatters twice as much.", SEA_CURE,
+            (2.0,), "scattering_std", lambda by: float(np.log(by)), needs=needs_sea),
+    *_kinds("two_dirty", partial(some_detectors, number=2, gain=0.8),
+            "Two detectors read 0.8 of their light.", FAULT_CURE),
+    *_kinds("glint", partial(some_detectors, number=1, counts=50.0),
+            "One detector reads 50 counts more.",
+            "Shade the array from the surface; the estimator leaves such a detector out."),
+    *_kinds("dead_detector", partial(one_detector, full_scales=0.0),
+            "One detector is dead.", FAULT_CURE),
+    *_kinds("stuck_detector", partial(one_detector, full_scales=10.0),
+            "One detector is stuck at full scale.", FAULT_CURE),
+    *_kinds("dark_rows", partial(two_rows, gain=0.0),
+            "Two rows of the array are dark.", FAULT_CURE),
+    *_kinds("dim_rows", partial(two_rows, gain=0.9),
+            "Two rows of the array read 0.9 of their light.", GAIN_CURE),
+    *_kinds("shade_{by:g}", shade,
+            "An uneven, smooth shade changes the light over the array by {percent:g} %, RMS.",
+            SHADE_CURE, (0.02, 0.05, 0.1)),
+    *_kinds("half_shadow", half_shadow, "Half of the array lies in a hard shadow.", SHADE_CURE),
+    *_kinds("rolled_{by:g}", rolled,
+            "The follower is rolled by {by:g} deg, and the estimator is not told.",
+            "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),
+    *_kinds("aim_{by:g}", turned_mount, "The array is turned by {by:g} deg on its mount.",
+            "Align the array on its mount, or calibrate after each time that it was taken off.",
+            (1.0,), "aim_std_deg"),
+    *_kinds("mirrored", mirrored, "Port and starboard of the image are swapped.",
+            "Check the wiring of the array: row 0 is the top, column 0 the port edge."),
+    *_kinds("reflection", partial(second_lamp, by=0.1, above_m=1.0),
+            "The surface, 0.5 m above the lamp, reflects a tenth of its light.",
+            "Dive deeper or tilt the lamp down; near a calm surface trust no height."),
+    *_kinds("moving", at_random_times, "What moves in the scene moves: plume, flicker, drift.",
+            "Wait until the clouds have passed, or keep a distance at which the lamp outshines "
+            "them.", needs=needs_motion),
+    *_kinds("near_2m", Sea.light,
+            "The follower is 2 m behind the lamp, nearer than the table, and readings saturate.",
+            "Extend `table.x_m`, and lower the gain of the array for short ranges.",
+            draw=near_poses, needs=partial(needs_light, draw=near_poses)),
+    *_kinds("aside_1.5m", Sea.light,
+            "The follower is 1.5 m off the beam's axis, outside of the table.",
+            "Extend `table.y_m` and `table.z_m` to where the vehicle can get.",
+            draw=aside_poses, needs=partial(needs_light, draw=aside_poses)),
+    *_kinds("noise", noise, "The image is uniform noise.", SIGNAL_CURE),
+    *_kinds("blob", blob, "The image is a random Gaussian blob.", SIGNAL_CURE),
 )
+# fmt: on
 
 
 def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:

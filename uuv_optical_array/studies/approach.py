@@ -14,6 +14,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
 from uuv_optical_array.studies.approach_runs import (
+    AIM,
     CASES,
     FRAMES,
     METHODS,
@@ -43,6 +44,12 @@ examples:
   uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the complete runs."""
 
+# Published errors, by the names of a `Case`.
+TITLES = {
+    "mean_end": "mean error at the end",
+    "start_95": "95 % of errors at the start",
+    "end_95": "95 % of errors at the end",
+}
 HALF, SEED = 0.5, 1
 CUT_SHORT = "only complete runs count"
 SIGMA_95 = 1.96
@@ -51,7 +58,7 @@ WIDE_BEAM_DEG = 15.0
 
 def choices_named(names: Sequence[str]) -> Choices:
     """Return the choices of names, a kind of `Noise` and ``half``; ValueError for two kinds."""
-    kinds = [name for name in get_args(Noise) if name in names] or [Choices.noise]
+    kinds = [name for name in get_args(Noise) if name in names] or [Choices().noise]
     if len(kinds) > 1:
         raise ValueError(f"--choices: {' and '.join(kinds)} exclude each other; leave one out")
     return Choices(kinds[0], HALF if "half" in names else 1.0)
@@ -59,15 +66,13 @@ def choices_named(names: Sequence[str]) -> Choices:
 
 def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
     """Return the choices that are compared where the paper leaves one open, by name."""
-    wide = dataclasses.replace(
-        scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=WIDE_BEAM_DEG)
-    )
+    lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=WIDE_BEAM_DEG)
     return {
         "as by default": (scene, Choices()),
         "noise gaussian": (scene, Choices("gaussian")),
         "noise averaged": (scene, Choices("averaged")),
         "offsets half": (scene, Choices(offset_share=HALF)),
-        f"beam {WIDE_BEAM_DEG:g} deg": (wide, Choices()),
+        f"beam {WIDE_BEAM_DEG:g} deg": (dataclasses.replace(scene, lamp=lamp), Choices()),
     }
 
 
@@ -90,12 +95,12 @@ def all_cases(
 
 
 def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
-    """Return a case as plain values, in m and deg."""
+    """Return a case as plain values, in m and deg; None where the paper gives none."""
     methods = {}
     for method in METHODS:
         ends = result.percentile_95(method) * IN_DEGREES
         about_mean = result.percentile_95(method, about_mean=True) * IN_DEGREES
-        ratio = result.ratio(method)
+        ratio = result.ratio(method)[::5]
         methods[method] = {
             "mean_end": by_column(result.mean(method)[-1] * IN_DEGREES),
             "start_95": by_column(ends[0]),
@@ -103,16 +108,15 @@ def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
             "start_95_about_mean": by_column(about_mean[0]),
             "end_95_about_mean": by_column(about_mean[-1]),
             "ratio_to_bound": {
-                f"{metres:g} m": by_column(ratio[frame])
-                for frame, metres in list(enumerate(RANGES_M.round(1)))[::5]
+                f"{metres:g} m": by_column(values)
+                for metres, values in zip(RANGES_M.round(1)[::5], ratio, strict=True)
             },
             "without_pose": result.without_pose(method),
         }
-    published = case.published
     return {
         "runs": result.runs,
-        "published": {name: by_column(values) for name, values in vars(published).items()},
-        "aim_end_95": by_column(published.aim),
+        "published": {name: by_column(getattr(case, name)) for name in TITLES},
+        "aim_end_95": by_column(case.end_95 / AIM),
         "methods": methods,
         "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
         "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
@@ -126,25 +130,25 @@ def _numbers(values: Mapping[str, float | None]) -> str:
 
 def report(name: str, case: Mapping[str, Any]) -> str:
     """Return the tables of a case, from `as_object`."""
-    heads = "".join(f"{head:>8}" for head in DOF_NAMES)
-    units = "".join(f"{unit:>8}" for unit in DOF_UNITS)
+    heads, units = ("".join(f"{word:>8}" for word in words) for words in (DOF_NAMES, DOF_UNITS))
     lines = [f"{name}, runs: {case['runs']}", f"{'':<32}{heads}", f"{'':<32}{units}"]
-    for key, title in (
-        ("mean_end", "mean error at the end"),
-        ("start_95", "95 % of errors at the start"),
-        ("end_95", "95 % of errors at the end"),
-    ):
-        lines += [title, f"  {'published':<30}{_numbers(case['published'][key])}"]
+
+    def add(label: str, values: Mapping[str, float | None]) -> None:
+        lines.append(f"  {label:<30}{_numbers(values)}")
+
+    for key, title in TITLES.items():
+        lines.append(title)
+        add("published", case["published"][key])
         for method, values in case["methods"].items():
-            lines.append(f"  {method:<30}{_numbers(values[key])}")
+            add(method, values[key])
             if method == "moments" and key != "mean_end":
-                lines.append(f"  {'  about their mean':<30}{_numbers(values[f'{key}_about_mean'])}")
-    lines.append(f"  {'the aim':<30}{_numbers(case['aim_end_95'])}")
-    lines.append(f"  {'bound of one image':<30}{_numbers(case['bound_end_95'])}")
-    lines.append(f"  {'bound of all, with the motion':<30}{_numbers(case['run_bound_end_95'])}")
+                add("  about their mean", values[f"{key}_about_mean"])
+    add("the aim", case["aim_end_95"])
+    add("bound of one image", case["bound_end_95"])
+    add("bound of all, with the motion", case["run_bound_end_95"])
     lines.append("RMS of least_squares over the bound of one image")
-    ratios = case["methods"]["least_squares"]["ratio_to_bound"]
-    lines += [f"  {f'at {at}':<30}{_numbers(ratio)}" for at, ratio in [*ratios.items()][::2]]
+    for at, ratio in [*case["methods"]["least_squares"]["ratio_to_bound"].items()][::2]:
+        add(f"at {at}", ratio)
     counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
     lines.append(f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}")
     return "\n".join(lines)
@@ -163,17 +167,17 @@ def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
 
 def comparison(rows: list[dict[str, Any]]) -> str:
     """Return the rows of `compare` as a table of the 95 % errors at the end."""
-    line = "{:<15}{:<17}{:<15}"
-    lines = [line.format("case", "choice", "method") + "".join(f"{dof:>8}" for dof in DOF_NAMES)]
+    line = "{:<15}{:<17}{:<15}{}"
+    heads = "".join(f"{dof:>8}" for dof in DOF_NAMES)
+    lines = [line.format("case", "choice", "method", heads)]
     for name in CASES:
         of_case = [row for row in rows if row["case"] == name]
-        for i, row in enumerate(of_case):
-            if i == 0:
-                published = _numbers(row["published"]["end_95"])
-                lines.append(line.format(name, "", "published") + published)
+        for row in of_case[:1]:
+            lines.append(line.format(name, "", "published", _numbers(row["published"]["end_95"])))
+        for row in of_case:
             for method, values in row["methods"].items():
-                start = line.format("", row["choice"] if method == METHODS[0] else "", method)
-                lines.append(start + _numbers(values["end_95"]))
+                choice = row["choice"] if method == METHODS[0] else ""
+                lines.append(line.format("", choice, method, _numbers(values["end_95"])))
     return "\n".join(lines)
 
 
@@ -189,20 +193,21 @@ def draw(results: Mapping[str, ApproachErrors], about: str) -> Any:
     """Draw 95 % errors against range, a column a case; return the figure."""
     figure = new_figure(max(9.2, 4.6 * len(results)), 10.5)
     grid = figure.subplots(3, len(results), sharex=True, sharey="row", squeeze=False)
-    for column, (name, result) in enumerate(results.items()):
-        for axes, (title, dofs) in zip(grid[:, column], ROWS.items(), strict=True):
-            _draw_panel(axes, CASES[name].published, result, dofs)
-            if column == 0:
-                axes.set_ylabel(title, fontsize=12)
-        grid[0, column].set_title(f"{name}, K {CASES[name].k_per_m:g} /m", fontsize=12)
-        grid[-1, column].set_xlabel("behind the lamp (m)")
+    for column, (name, result) in zip(grid.T, results.items(), strict=True):
+        for axes, dofs in zip(column, ROWS.values(), strict=True):
+            _draw_panel(axes, CASES[name], result, dofs)
+        column[0].set_title(f"{name}, K {CASES[name].k_per_m:g} /m", fontsize=12)
+        column[-1].set_xlabel("behind the lamp (m)")
+    for axes, title in zip(grid[:, 0], ROWS, strict=True):
+        axes.set_ylabel(title, fontsize=12)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=11)
     figure.suptitle(f"95 % of errors during an approach; {about}", fontsize=14)
     return figure
 
 
-def _draw_panel(axes: Any, published: Any, result: ApproachErrors, dofs: list[int]) -> None:
+def _draw_panel(axes: Any, case: Case, result: ApproachErrors, dofs: list[int]) -> None:
+    """Draw the worst of some degrees of freedom."""
 
     def worst(values: Array) -> Array:
         return np.asarray((values * IN_DEGREES)[..., dofs].max(axis=-1))
@@ -215,14 +220,10 @@ def _draw_panel(axes: Any, published: Any, result: ApproachErrors, dofs: list[in
     axes.plot(RANGES_M, all_so_far, "k:", lw=1.5, label="bound of all so far")
     filled = {"color": PUBLISHED_COLOUR, "ms": 9, "mec": "k"}
     hollow = {"mfc": "w", "mec": PUBLISHED_COLOUR, "mew": 2, "ms": 8}
-    for metres, errors in (
-        (RANGES_M[0], published.start_95),
-        (RANGES_M[-1], published.end_95),
-    ):
+    for metres, errors in ((RANGES_M[0], case.start_95), (RANGES_M[-1], case.end_95)):
         # fmax passes over what the paper does not give.
-        value = float(np.fmax.reduce(np.array(errors)[dofs]))
-        axes.plot(metres, value, "D", **filled, clip_on=False, zorder=5)
-    aim = float(np.max(np.array(published.aim)[dofs]))
+        axes.plot(metres, np.fmax.reduce(errors[dofs]), "D", **filled, clip_on=False, zorder=5)
+    aim = (case.end_95 / AIM)[dofs].max()
     axes.plot(RANGES_M[-1], aim, "D", **hollow, clip_on=False, zorder=6)
     axes.plot([], [], "D", **filled, label="published")
     axes.plot([], [], "D", **hollow, label="the aim")

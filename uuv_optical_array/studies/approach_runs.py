@@ -5,10 +5,9 @@ temperature (and so the detectors' gain) and its attenuation are off by unknown 
 are mean errors at the end and 95 % errors at the start and at the end.
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -22,12 +21,7 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
-from uuv_optical_array.studies.shared.published import (
-    MomentCalibration,
-    calibrate,
-    dead_reckoned,
-    measure_moments,
-)
+from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned, measure_moments
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ
@@ -43,30 +37,21 @@ TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 Noise = Literal["uniform", "gaussian", "averaged"]
 # The aim is this many times smaller than the published errors at the end: position, angles.
-AIM = (5, 5, 5, 1, 1)
+AIM = np.array([5, 5, 5, 1, 1])
 
 
-@dataclasses.dataclass(frozen=True)
-class Published:
-    """Errors of the paper: x, y, z in m, pitch and yaw in deg; nan where it gives none."""
+class Case(NamedTuple):
+    """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors.
 
-    mean_end: tuple[float, ...]
-    start_95: tuple[float, ...]
-    end_95: tuple[float, ...]
-
-    @property
-    def aim(self) -> tuple[float, ...]:
-        """The aim for the 95 % errors at the end, in the same units."""
-        return tuple(value / share for value, share in zip(self.end_95, AIM, strict=True))
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors."""
+    These are the mean at the end, and 95 % at the start and at the end: x, y, z in m, pitch and yaw
+    in deg; nan where the paper gives none.
+    """
 
     k_per_m: float
     path: Array
-    published: Published
+    mean_end: Array
+    start_95: Array
+    end_95: Array
 
 
 def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array:
@@ -89,25 +74,20 @@ def _cases() -> dict[str, Case]:
     half = TIMES_S[-1] / 2
     yaw = np.clip((TIMES_S - half) * TURN_RATE_DEG_PER_S, -10.0, 10.0)
     dive, zigzag = _path((0.0, 0.0), level + 10.0, level), _path((-0.2, 0.1), level, yaw)
-    in_dive = Published(
-        (0.02, 0.02, 0.18, 5, 1), (0.83, 0.18, 0.22, 2, nan), (0.43, 0.20, 0.28, 1, 1)
-    )
-    in_zigzag = Published(
-        (0.13, 0.13, 0.05, 3, 4), (0.83, 0.18, 0.20, 2, 3), (0.46, 0.30, 0.28, 1, 1)
-    )
-    in_murk = Published((0.26, 0.17, 0.01, 3, 4), (nan,) * 5, (0.36, 0.80, 0.86, 8, 9))
+    in_dive = [0.02, 0.02, 0.18, 5, 1], [0.83, 0.18, 0.22, 2, nan], [0.43, 0.20, 0.28, 1, 1]
+    in_zigzag = [0.13, 0.13, 0.05, 3, 4], [0.83, 0.18, 0.20, 2, 3], [0.46, 0.30, 0.28, 1, 1]
+    in_murk = [0.26, 0.17, 0.01, 3, 4], [nan] * 5, [0.36, 0.80, 0.86, 8, 9]
     return {
-        "dive": Case(0.09, dive, in_dive),
-        "zigzag": Case(0.09, zigzag, in_zigzag),
-        "zigzag, murky": Case(0.2, zigzag, in_murk),
+        "dive": Case(0.09, dive, *np.array(in_dive)),
+        "zigzag": Case(0.09, zigzag, *np.array(in_zigzag)),
+        "zigzag, murky": Case(0.2, zigzag, *np.array(in_murk)),
     }
 
 
 CASES = _cases()
 
 
-@dataclasses.dataclass(frozen=True)
-class Choices:
+class Choices(NamedTuple):
     """What the paper leaves open.
 
     Noise of 1 % is uniform from 0 to 1 % of full scale, Gaussian with that standard deviation, or
@@ -171,13 +151,12 @@ def expose(
     shape = (len(offsets["lamp.power"]), len(path))
     spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
     light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)
-    total = np.zeros_like(light)
-    readings = AVERAGED if noise == "averaged" else 1
+    if noise == "gaussian":
+        return model.converted(light + NOISE_COUNTS * rng.standard_normal(light.shape))
+    total, readings = np.zeros_like(light), AVERAGED if noise == "averaged" else 1
     for _ in range(readings):
         # The mean of unipolar noise is in the light, as an ambient level.
-        error = rng.standard_normal(light.shape) if noise == "gaussian" else rng.random(light.shape)
-        image = light + NOISE_COUNTS * (error if noise == "gaussian" else error - 0.5)
-        total += model.converted(image)
+        total += model.converted(light + NOISE_COUNTS * (rng.random(light.shape) - 0.5))
     return total / readings
 
 
@@ -187,8 +166,7 @@ DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
 METHODS = ("moments", "least_squares", "tracker", "docking")
 
 
-@dataclasses.dataclass(frozen=True)
-class ApproachErrors:
+class ApproachErrors(NamedTuple):
     """The errors in n runs of a case, m and rad.
 
     `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
@@ -249,13 +227,9 @@ def simulate(
             offsets = draw_offsets(choices, count, rng)
             images = expose(model, case.path, offsets, choices.noise, rng)
             single, tracked = _by_least_squares(estimator, images)
-            smoother = DockingSmoother(model, STEP_S, DOCKING)
-            poses = (
-                _by_moments(moments, images),
-                single,
-                tracked,
-                by_docking(smoother, images, single[:, 0]),
-            )
+            by_moments = moments.poses(measure_moments(images, moments.spacing_m))
+            docking = by_docking(DockingSmoother(model, STEP_S, DOCKING), images, single[:, 0])
+            poses = (dead_reckoned(by_moments), single, tracked, docking)
             batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
             done(count)
     except KeyboardInterrupt:
@@ -268,11 +242,6 @@ def simulate(
     )
 
 
-def _by_moments(calibration: MomentCalibration, images: Array) -> Array:
-    """Estimate all frames of all runs by image moments, shape ``(n, FRAMES, 5)``."""
-    return dead_reckoned(calibration.poses(measure_moments(images, calibration.spacing_m)))
-
-
 def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
     """Estimate all frames of all runs, as single images and as a track."""
     scene, runs = estimator.scene, len(images)
@@ -280,12 +249,12 @@ def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array
     parameters = key_parameters(images, scene.full_scale_counts, scene.signature.peak)
     for run_number in range(runs):
         tracker = Tracker(TrackerSettings())
-        for frame in range(FRAMES):
+        for frame, time_s in enumerate(TIMES_S):
             at = run_number, frame
             with suppress(NoPose):
                 estimate = estimator.estimate(images[at], parameters[at])
                 single[at] = estimate.pose
-                stamp_ns = round(TIMES_S[frame] * 1e9)
+                stamp_ns = round(time_s * 1e9)
                 tracked[at] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
     return single, tracked
 

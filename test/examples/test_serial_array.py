@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import Image
@@ -180,23 +180,36 @@ def test_the_emulator_sends_the_images_of_its_scene(tmp_path):
 
 
 def test_the_node_reads_the_emulator(lab, tmp_path):
+    """Both as processes, as a user starts them."""
     link = tmp_path / "array"
-    words = ("--link", link, "--rate-hz", "50", "--spoil", "0.3")
-    process = subprocess.Popen(
-        [sys.executable, EXAMPLES / "serial_array_emulator.py", *map(str, words)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    lab.begin()
+    lab.heard, told = lab.listen(Image, "array/image"), lab.listen(DiagnosticArray, "/diagnostics")
+    words = [["array_emulator", "--link", link, "--rate-hz", "50", "--spoil", "0.3"]]
+    words += [["array_node", "--ros-args", "-p", f"port:={link}"]]
+    started = [
+        subprocess.Popen(
+            [sys.executable, EXAMPLES / f"serial_{name}.py", *map(str, rest)],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for name, *rest in words
+    ]
     try:
-        assert process.stdout.readline() == f"port: {link}\n"
-        node = begin(lab, link)
-        lab.until(lambda: len(lab.heard) > 9 and node.diagnostics._refusals, "images and damage")
-        process.send_signal(signal.SIGINT)
-        told, _ = process.communicate()
+        assert started[0].stdout.readline() == f"port: {link}\n"
+        damage = "corrupt: the checksum"
+        lab.until(
+            lambda: len(lab.heard) > 9 and any(damage in s.message for d in told for s in d.status),
+            "images and damage",
+        )
+        for process in started:
+            process.send_signal(signal.SIGINT)
+        printed = [process.communicate()[0] for process in started]
+        assert "damaged" in printed[0]
+        assert [process.returncode for process in started] == [0, 0]
     finally:
-        process.kill()
-        process.wait()
-    assert "damaged" in told
+        for process in started:
+            process.kill()
+            process.wait()
     assert not link.is_symlink()
     assert {(message.height, message.width) for message in lab.heard} == {(5, 5)}
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.view.browser import Browser, installed
-from uuv_optical_array.view.page import Page, Slider, known, words
+from uuv_optical_array.view.page import Page, Slider, known, round_range, words
 from uuv_optical_array.view.shapes import ellipsoid
-from uuv_optical_array.view.sight import WINDOW_S, Sight, Window
+from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, refusal
 
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
 SPREAD = np.diag([0.04, 0.01, 0.0025, 1e-4, 4e-4])  # sigma 0.2, 0.1, 0.05 m, 0.57, 1.15 deg
@@ -76,6 +76,17 @@ def test_the_ellipsoid_is_where_the_mahalanobis_distance_is_three(seed):
     np.testing.assert_allclose(distances, 3, rtol=1e-9)
 
 
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1), st.floats(-1e4, 1e4), st.floats(1e-2, 1e4))
+def test_a_scale_holds_its_values_and_returns_after_an_excursion(values, low, width):
+    values = np.array([*values, np.nan])
+    bounds = round_range(values, (low, low + width))
+    span = max(np.nanmax(values) - np.nanmin(values), 1e-2)
+    assert bounds[0] <= np.nanmin(values)
+    assert np.nanmax(values) <= bounds[1] <= bounds[0] + 4.001 * span
+    assert round_range(values, bounds) == bounds  # it does not flicker
+    assert round_range(np.array([np.nan]), bounds) == bounds
+
+
 def test_a_chart_gets_what_is_known_whole():
     t_s, value = known(np.arange(4.0), np.array([1.0, np.nan, 3.0, 4.0]))
     assert (list(t_s), list(value)) == ([0.0, 2.0, 3.0], [1.0, 3.0, 4.0])
@@ -85,13 +96,19 @@ def test_a_chart_gets_what_is_known_whole():
 
 
 def test_the_numbers_are_in_metres_and_degrees():
-    rows = [re.findall(r"<td[^>]*>([^<]*)", row) for row in words(sight(0.0)).split("<tr>")[2:]]
+    rows = [
+        re.findall(r"<td[^>]*>([^<]*)", row) for row in words(sight(0.0), 1, 1).split("<tr>")[2:]
+    ]
     assert rows == [
         ["true", "-6.00", "+0.30", "-0.20", "+5.7", "+177.6"],
         ["estimate", "-6.10", "+0.30", "-0.20", "+5.7", "-176.7"],
         ["sigma", "0.20", "0.10", "0.05", "0.6", "1.1"],
     ]
-    assert len(words(sight(0.0, pose=None, covariance=None)).split("<tr>")) == 3
+    dark = words(sight(0.0, pose=None, covariance=None, note=refusal("no fit: p < 1e-6")), 2, 3)
+    assert len(dark.split("<tr>")) == 3
+    assert "2 of the last 3 images have a pose" in dark
+    assert "refused: no fit: p &lt; 1e-6" in dark
+    assert refusal("no light: 2 counts") == "no light: 2 counts"
 
 
 def test_without_viser_it_says_what_to_install(scene, monkeypatch):

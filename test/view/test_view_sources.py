@@ -63,7 +63,7 @@ def test_sliders_act_between_two_steps_and_a_button_begins_again(table):
     )
     assert paper.seen[-1].note.startswith("no light")
     assert paper.seen[0].pose is None
-    assert paper.seen[0].true_pose[0] == pytest.approx(-6.5)  # half a metre off the station
+    assert paper.seen[0].true_pose[0] == pytest.approx(-5.0)  # half a metre off the station
 
 
 @pytest.mark.usefixtures("compiled_fit")

@@ -10,6 +10,7 @@ import math
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from html import escape
 from io import StringIO
 from typing import Any, NamedTuple
 
@@ -39,13 +40,18 @@ from uuv_optical_array.view.shapes import cone, ellipsoid, fin, hull
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
-ERRORS, ESTIMATES = "**estimate less truth**, 3 sigma", "**estimate**, 3 sigma; truth unknown"
+LEGEND = (
+    "<div style='font-size:12px;padding:6px 10px'><span style='color:#ffffff'>&#9679;</span> "
+    "{} &nbsp; <span style='color:{}'>&#9679;</span> three sigma{}</div>"
+)
 FORMS = [".2f" if unit == "m" else ".1f" for unit in DOF_UNITS]
 CHARTS_EVERY = 3  # sights; drawing the charts takes ten times as long as the rest
 PATH_POINTS = 300  # of a vehicle's path behind it
 STEP_M = 0.2  # between them
 FLOOR_M, SECTION_M = 2.5, 5.0  # below where the leader starts; of the lines on it
 NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark ground
+ERRORS = LEGEND.format("estimate less truth", ESTIMATE, " about 0")
+ESTIMATES = LEGEND.format("estimate", ESTIMATE, "; the truth is not known")
 WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
 
 
@@ -182,22 +188,26 @@ class Page:
                 label="image of the array, port on the left, up on top",
                 format="png",
             )
-        self._what = gui.add_markdown(ESTIMATES)
-        bands = _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
-        series = ({"label": "time (s)"}, _dots("value", "#ffffff"), *bands)
-        self._charts = [
-            gui.add_uplot(
-                known(*np.zeros((4, 0))),
-                series,
-                **_chart_style(f"{name} ({unit})"),  # a chart whose title changes loses its scale
-            )
-            for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True)
-        ]
+        self._what = gui.add_html(ESTIMATES)
+        self._ranges: list[tuple[float, float]] = [(0.0, 0.0)] * len(DOF_NAMES)
+        self._charts = [self._chart(dof) for dof in range(len(DOF_NAMES))]
         full = self._scene.full_scale_counts
         self._light = gui.add_uplot(
             known(*np.zeros((2, 0))),
             ({"label": "time (s)"}, _dots("peak", "#ffd66e")),
             **_chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full)),
+        )
+
+    def _chart(
+        self, dof: int, instead_of: Any = None, span: tuple[float, float] | None = None
+    ) -> Any:
+        """Return the chart of a degree of freedom, which may take the place of another."""
+        bands = _dots("-3 sigma", ESTIMATE), _dots("+3 sigma", ESTIMATE)
+        return self._server.gui.add_uplot(
+            instead_of.data if instead_of else known(*np.zeros((4, 0))),
+            ({"label": "time (s)"}, _dots("value", "#ffffff"), *bands),
+            order=instead_of.order if instead_of else None,
+            **_chart_style(f"{DOF_NAMES[dof]} ({DOF_UNITS[dof]})", span),
         )
 
     def add_sliders(
@@ -249,7 +259,7 @@ class Page:
             self._paths = {name: [] for name in self._paths}
         with self._server.atomic():
             self._show_vehicles(sight)
-            self._words.content = words(sight)
+            self._words.content = words(sight, *self._window.poses())
             if sight.image is not None:
                 self._show_image(sight.image)
             self._drawn += 1
@@ -270,6 +280,12 @@ class Page:
             self._what.content = what
         for dof, chart in enumerate(self._charts):
             chart.data = known(*self._window.bands(dof))
+            # uPlot keeps the scale of what has left the chart, and loses that of time when it is
+            # given another; so another chart takes its place.
+            span = round_range(np.array(chart.data[1:]), self._ranges[dof])
+            if span != self._ranges[dof]:
+                self._ranges[dof], self._charts[dof] = span, self._chart(dof, chart, span)
+                chart.remove()
         self._light.data = known(*self._window.peaks())
 
     def _show_image(self, image: Array) -> None:
@@ -325,8 +341,8 @@ class Page:
         )
 
 
-def words(sight: Sight) -> str:
-    """Return the numbers of an instant, as HTML."""
+def words(sight: Sight, poses: int, images: int) -> str:
+    """Return the numbers of an instant, as HTML, and of how many last images have a pose."""
     lines = [("true", sight.true_pose, "+"), ("estimate", sight.pose, "+")]
     if sight.pose is not None:
         lines.append(("sigma", sight.stds() / IN_DEGREES, ""))
@@ -341,7 +357,8 @@ def words(sight: Sight) -> str:
     return (
         "<div style='font-size:12px;padding:6px 10px'>"
         f"<b>{sight.t_s:.1f} s</b> &nbsp; {peak}<br><table>{table}</table>"
-        f"<span style='color:#ffb070'>{sight.note or '&nbsp;'}</span></div>"
+        f"{poses} of the last {images} images have a pose<br>"
+        f"<b style='color:#ffb070'>{escape(sight.note) or '&nbsp;'}</b></div>"
     )
 
 
@@ -386,6 +403,18 @@ def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict
         "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
         "padding": (4, 10, 0, 0),
     }
+
+
+def round_range(values: Array, before: tuple[float, float]) -> tuple[float, float]:
+    """Return round bounds of values, or those of before while the values fill a quarter of them."""
+    if np.isnan(values).all():
+        return before
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    span = max(high - low, 1e-2)
+    if before[0] <= low and high <= before[1] <= before[0] + 4 * span:
+        return before
+    step = 0.5 * 10.0 ** math.floor(math.log10(span))
+    return step * math.floor(low / step), step * math.ceil(high / step)
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:

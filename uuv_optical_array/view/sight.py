@@ -42,6 +42,11 @@ class Sight:
         return wrapped(self.pose - self.true_pose) * IN_DEGREES
 
 
+def refusal(reason: str) -> str:
+    """Return the note on an image by the reason why it has no pose; empty where it has one."""
+    return reason if reason.startswith("no light") or not reason else f"refused: {reason}"
+
+
 class Window:
     """The last `WINDOW_S` of sights, which the charts show."""
 
@@ -62,6 +67,10 @@ class Window:
         while self._rows[0][0] < sight.t_s - WINDOW_S:
             self._rows.popleft()
         return begins
+
+    def poses(self) -> tuple[int, int]:
+        """Return how many of the sights have a pose, and how many there are."""
+        return sum(not np.isnan(row[6]) for row in self._rows), len(self._rows)
 
     def clear(self) -> None:
         """Remove all sights."""

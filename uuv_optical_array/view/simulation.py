@@ -8,7 +8,7 @@ import numpy as np
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions, Moment
 from uuv_optical_array.view.page import Page, Slider
-from uuv_optical_array.view.sight import Sight
+from uuv_optical_array.view.sight import Sight, refusal
 
 STEP_S = 0.1
 
@@ -55,7 +55,7 @@ def sight_of(moment: Moment, conditions: Conditions) -> Sight:
         moment.pose,
         None if track is None else track.pose,
         None if track is None else track.covariance,
-        moment.frame.reason or waits,
+        refusal(moment.frame.reason) or waits,
         (moment.leader_position, moment.leader_rotation),
         conditions.station_m,
     )

@@ -5,6 +5,7 @@ import socket
 import sys
 import time
 from io import BytesIO
+from urllib.parse import urlsplit
 
 import matplotlib.image
 import numpy as np
@@ -140,7 +141,7 @@ def test_no_browser_opens_a_tunnel_to_the_internet(page, monkeypatch):
 
 
 def test_the_page_is_for_this_machine_only(page):
-    port = int(page.url.rpartition(":")[2])
+    port = urlsplit(page.url).port
     socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S).close()
     with pytest.raises(ConnectionRefusedError):
         # Loopback, too, but another address: served where all addresses are.
@@ -148,9 +149,10 @@ def test_the_page_is_for_this_machine_only(page):
 
 
 def test_the_next_free_port_is_taken_and_an_address_of_another_machine_refused(page, scene):
-    other = Page(scene, "another", port=int(page.url.rpartition(":")[2]))
+    other = Page(scene, "another", port=urlsplit(page.url).port)
     other.close()
-    assert other.url != page.url
+    assert urlsplit(other.url).port != urlsplit(page.url).port
+    assert urlsplit(other.url).path != urlsplit(page.url).path
     for host in ("192.0.2.1", "no such name"):  # RFC 5737: nobody's
         with pytest.raises(ValueError, match=f"host: '{host}' cannot be served"):
             Page(scene, "elsewhere", host)

@@ -19,14 +19,14 @@ live ROS topics."""
 
 EPILOG = """\
 examples:
-  uuv_array view                            open http://127.0.0.1:8080
+  uuv_array view                            open the address that it prints
   uuv_array view --scene night_plume        in another sea
   uuv_array view sea --scene sea.yaml       a recorded bag; needs the extra `bags`
   uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
   uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
 Ctrl-C ends it with exit code 130. Needs the extra `view` (pip install 'uuv_optical_array[view]'),
-but no ROS. Whoever can open the page can operate it: beyond 127.0.0.1 that is everyone on the
-network."""
+but no ROS. Whoever has the address that it prints can operate it: keep its last part, which is
+new each time, to yourself."""
 
 SEED = Quantity("seed of the noise (default: a new one)", "", 0, options.SEED.high)
 PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)

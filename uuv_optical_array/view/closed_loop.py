@@ -26,7 +26,7 @@ CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has n
 
 @dataclasses.dataclass(frozen=True)
 class Conditions:
-    """The sea that the estimator does not know, and the station to keep."""
+    """The sea that the estimator does not know, and the station; ValueError beyond the bounds."""
 
     k_per_m: Annotated[float, Quantity("attenuation or absorption of the water", "1/m", 0, 10)]
     lamp_power: Annotated[
@@ -41,6 +41,11 @@ class Conditions:
     station_m: Annotated[
         Place, Quantity("station in the lamp's frame; x at most -0.5", "m", -50, 50)
     ] = FormationSettings.station_m
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check(field.type, getattr(self, field.name), field.name)
+        FormationSettings(station_m=self.station_m)
 
     @classmethod
     def of(cls, scene: Scene) -> "Conditions":
@@ -96,12 +101,9 @@ class ClosedLoop:
         self._follower = start_behind(self._leader, self.conditions.station_m)
 
     def change(self, conditions: Conditions) -> None:
-        """Set other conditions; a ValueError for one out of bounds leaves everything as it was."""
-        for field in dataclasses.fields(conditions):
-            check(field.type, getattr(conditions, field.name), field.name)
-        formation = FormationSettings(station_m=conditions.station_m)
+        """Set other conditions."""
         self._model, self._offsets = _sea(self._scene, conditions)
-        self._controller.configure(formation)
+        self._controller.configure(FormationSettings(station_m=conditions.station_m))
         self.conditions = conditions
         self._set_current()
 

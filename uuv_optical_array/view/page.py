@@ -7,6 +7,7 @@ stands still. Where the leader's place is not known, the lamp's frame is the wor
 import errno
 import logging
 import math
+import secrets
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
@@ -36,6 +37,7 @@ from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view import LOOPBACK, PORT
+from uuv_optical_array.view.guard import guarded
 from uuv_optical_array.view.shapes import cone, ellipsoid, fin, hull
 from uuv_optical_array.view.sight import Sight, Window
 
@@ -78,11 +80,13 @@ class Page:
         self._scene = scene
         port = _free_port(host, port)
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers that hang up
-        with redirect_stdout(StringIO()):  # its banner, which no option suppresses
+        token = secrets.token_urlsafe(16)
+        # Its banner no option suppresses.
+        with guarded(token), redirect_stdout(StringIO()):
             self._server = viser.ViserServer(host, port, label=title, verbose=False)
         # A browser may ask viser for a tunnel through which the whole internet sees the page.
         self._server.request_share_url = lambda verbose=True: None
-        self.url = f"http://{host}:{self._server.get_port()}"
+        self.url = f"http://{host}:{self._server.get_port()}/{token}"
         self._window, self._drawn = Window(), 0
         self._paths: dict[str, list[Array]] = {"leader": [], "follower": []}
         self._range_m = -scene.table.x_m[0]
@@ -213,11 +217,25 @@ class Page:
     def add_sliders(
         self, title: str, sliders: Sequence[Slider], on_change: Callable[[list[float]], None]
     ) -> None:
-        """Add sliders below a title; `on_change` gets all their values, from any thread."""
-        handles: list[Any] = []
+        """Add sliders below a title; `on_change` gets all their values, from any thread.
 
-        def changed(_: Any) -> None:
-            on_change([handle.value for handle in handles])
+        Where it raises a ValueError, the sliders go back.
+        """
+        handles: list[Any] = []
+        taken = [slider.value for slider in sliders]
+
+        def changed(event: Any) -> None:
+            if event.client is None:  # they go back
+                return
+            values = [handle.value for handle in handles]
+            try:
+                on_change(values)
+            except ValueError as error:
+                for handle, value in zip(handles, taken, strict=True):
+                    handle.value = value
+                logging.getLogger(__name__).warning("refused: %s", error)
+            else:
+                taken[:] = values
 
         with self._tab, self._server.gui.add_folder(title):
             for label, hint, *span in sliders:

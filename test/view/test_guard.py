@@ -1,0 +1,143 @@
+"""Nobody but the page itself operates the live view, and no message ends it."""
+
+import logging
+import threading
+import urllib.error
+import urllib.request
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+import pytest
+from conftest import PATIENCE_S
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uuv_optical_array.view.closed_loop import Conditions
+from uuv_optical_array.view.guard import refusal
+from uuv_optical_array.view.page import Page
+from uuv_optical_array.view.simulation import chosen, sliders
+
+viser = pytest.importorskip("viser", reason="the view needs the extra view")
+import msgspec.msgpack  # noqa: E402  # these come with viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+
+CAMERA = {
+    **{"type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "fov": 1.0},
+    **{"near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "position": (1.0, 0.0, 0.0)},
+    **{"look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0)},
+}
+
+
+@pytest.fixture
+def page(scene):
+    page = Page(scene, "guarded", port=18700)
+    yield page
+    page.close()
+
+
+def socket_of(page, path=None, **options):
+    """Connect to a page as its own JavaScript does, but for what the options say."""
+    address = urlsplit(page.url)
+    return connect(
+        f"ws://{address.netloc}{address.path if path is None else path}",
+        subprotocols=[f"viser-v{viser.__version__}"],
+        compression=None,
+        max_size=None,
+        **options,
+    )
+
+
+def status(page, path, **headers):
+    address = urlsplit(page.url)
+    asked = urllib.request.Request(f"http://{address.netloc}{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(asked, timeout=PATIENCE_S) as answer:
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_the_page_is_served_to_who_has_its_address_by_a_name_of_this_machine(page):
+    path, port = urlsplit(page.url).path, urlsplit(page.url).port
+    assert status(page, path) == status(page, f"{path}/?x=1") == 200
+    assert status(page, path, Host=f"localhost:{port}") == 200
+    assert status(page, "/") == status(page, f"{path}x") == status(page, "/index.html") == 403
+    assert status(page, path, Host=f"evil.example:{port}") == 403
+    assert status(page, path, Origin="http://evil.example") == 403
+    assert status(page, f"{path}/../{path}") == 404
+    with socket_of(page, origin=page.url.removesuffix(path)) as socket:
+        assert socket.recv(timeout=PATIENCE_S)
+    for options in ({"origin": "http://evil.example"}, {"origin": "null"}, {"path": "/"}):
+        with pytest.raises(InvalidStatus, match="403"), socket_of(page, **options):
+            pass
+
+
+@settings(max_examples=20)
+@given(st.text(), st.text(), st.lists(st.text(), max_size=2))
+def test_nothing_but_the_token_opens_it(path, host, origins):
+    assert refusal("a token", path, [host], origins)
+    assert refusal("a token", f"/a token/{path}", [], origins)
+    assert not refusal("a token", "/a token?x", ["127.0.0.1:80"], ["http://127.0.0.1:80"])
+
+
+def test_values_out_of_bounds_are_refused_in_a_line_and_sliders_go_back(page, caplog):
+    asked, answered = [], threading.Semaphore(0)
+
+    def change(values):
+        asked.append(chosen(values))
+        answered.release()
+
+    class Answered(logging.Handler):
+        def emit(self, record):
+            answered.release()
+
+    page.add_sliders("sea", sliders(Conditions(0.1)), change)
+    handles = list(page._server.gui._gui_input_handle_from_uuid.values())
+    attenuation, power, astern = handles[0], handles[1], handles[5]
+    wrong = [(attenuation, value) for value in (-5.0, float("nan"), float("inf"), 1e308)]
+    logger, handler = logging.getLogger("uuv_optical_array.view"), Answered()
+    logger.addHandler(handler)
+    with socket_of(page) as socket:
+
+        def set_value(handle, value):
+            updates = {"uuid": handle._impl.uuid, "updates": {"value": value}}
+            socket.send(msgspec.msgpack.encode({"type": "GuiUpdateMessage", **updates}))
+            assert answered.acquire(timeout=PATIENCE_S)
+
+        socket.send(msgspec.msgpack.encode(CAMERA))
+        for handle, value in (*wrong, (power, -5.0), (astern, -7.0), (power, "x")):
+            set_value(handle, value)
+        set_value(attenuation, 0.3)
+        set_value(power, 0.5)
+    logger.removeHandler(handler)
+    assert asked == [Conditions(0.3), Conditions(0.3, 0.5)]
+    lines = [line for line in caplog.messages if line.startswith("refused: ")]
+    assert len(lines) == 6
+    (other,) = set(caplog.messages) - set(lines)
+    assert other.startswith("not understood: a message from a browser: ValueError could not")
+    assert "k_per_m: nan is out of bounds; it must be from 0 to 10 1/m" in lines[1]
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"",
+        b"\xff",
+        "text",
+        msgspec.msgpack.encode({"type": "NoSuch"}),
+        msgspec.msgpack.encode({"type": "GuiUpdateMessage"}),
+    ],
+)
+def test_a_malformed_frame_costs_its_connection_and_a_line(page, caplog, capfd, frame):
+    with caplog.at_level(logging.WARNING), socket_of(page) as socket:
+        socket.send(frame)
+        assert socket.recv(timeout=PATIENCE_S)  # the page, sent before
+        while not socket.close_code:
+            with suppress(ConnectionClosed):
+                socket.recv(timeout=PATIENCE_S)
+    assert [line.partition(":")[0] for line in caplog.messages] == ["not understood"]
+    assert "\n" not in caplog.text.rstrip()
+    assert "Traceback" not in capfd.readouterr().err
+    with socket_of(page) as socket:
+        assert socket.recv(timeout=PATIENCE_S)

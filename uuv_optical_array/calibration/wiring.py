@@ -36,6 +36,8 @@ class TorchSweeps:
     called with a sentence that says what to do next.
     """
 
+    first_dark_s = DARK_S
+
     def __init__(
         self, side: int, full_scale_counts: float, show: Callable[[str], None] = lambda text: None
     ) -> None:
@@ -55,6 +57,11 @@ class TorchSweeps:
         column, row = self._places
         return np.argsort(row * self._side + column).tolist()
 
+    @property
+    def complete(self) -> bool:
+        """Whether all is seen."""
+        return self.wiring is not None
+
     def take(self, stamp_ns: int, image: Array) -> None:
         """Take one image, its readings as they are wired, shape ``(side, side)``; stamps ascend.
 
@@ -63,7 +70,7 @@ class TorchSweeps:
         readings = np.ravel(image)
         if self._background is None:
             self._dark.append((stamp_ns, readings))
-            if stamp_ns - self._dark[0][0] >= DARK_S * 1e9:
+            if stamp_ns - self._dark[0][0] >= self.first_dark_s * 1e9:
                 dark = np.array([image for _, image in self._dark])
                 self._visible = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
                 self._lit = max(self._visible, LIT_SHARE * self._full_scale)

@@ -1,12 +1,14 @@
-"""``uuv_array commission``: find an array's wiring with a torch."""
+"""``uuv_array commission``: find an array's wiring with a torch, and test it with the lamp."""
 
 import argparse
 import dataclasses
 from pathlib import Path
 
+from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.extras import needs
+from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
@@ -17,16 +19,23 @@ Find which reading of the image is which detector, and write it into the scene a
 which every node reorders each image that it receives. Move a torch in front of the array, as the
 command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
 turned or scrambled. A mirrored array gives false poses that no software can detect. An
-array.wiring that the scene has is ignored and replaced."""
+array.wiring that the scene has is ignored and replaced. With --lamp it goes on to the acceptance
+test before the first dive: the lamp shines at a known range, and each detector and the whole pass
+or fail, by their noise, their level in the dark and their light, with what to do about it; the exit
+code is 1 where something fails."""
 
 EPILOG = """\
 examples:
   uuv_array commission --scene sea.yaml -o sea.yaml     listens to array/image
   uuv_array commission --topic /bow/array/image         another topic
   uuv_array commission torch                            a bag of both sweeps; needs no ROS
+  uuv_array commission --lamp 4 --in-air                the acceptance test on deck, lamp at 4 m
 Keep the array in the dark or in steady light, and leave 1 s without the torch before, between and
 after the sweeps and at least 3 images for each column. An array on a serial line needs the node
 that publishes its images. Ctrl-C writes nothing."""
+
+
+LAMP = Quantity("then test with the lamp so far behind base_link", "m", 0.3, 100)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +50,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topic", default=Topics.image, help="topic of the images (default: %(default)s)"
     )
+    parser.add_argument(
+        "--lamp",
+        type=options.reader(Setting(float, LAMP, None, optional=True)),
+        metavar="M",
+        help=f"{LAMP.text}: the acceptance test",
+    )
+    parser.add_argument(
+        "--in-air", action="store_true", help="the test is on deck: without water, a wider beam"
+    )
     outputs.add_scene_file(parser, "commissioned.yaml")
 
 
@@ -54,19 +72,27 @@ def run(args: argparse.Namespace) -> int:
     listen = None
     if args.bag is None:
         listen = needs("ros", "uuv_optical_array.nodes.shared.image_listener").listen
-    sweeps = TorchSweeps(side, scene.full_scale_counts, lambda line: print(line, flush=True))
+
+    def show(line: str) -> None:
+        print(line, flush=True)
+
+    if args.lamp is None:
+        sweeps = TorchSweeps(side, scene.full_scale_counts, show)
+    else:
+        sweeps = Acceptance(in_air(scene) if args.in_air else scene, args.lamp, show)
     if listen is not None:
-        listen(args.topic, array, sweeps.take, lambda: sweeps.wiring is None)
+        listen(args.topic, array, sweeps.take, lambda: not sweeps.complete)
     else:
         bag, topics = files.user_path(args.bag), Topics(args.topic)
         recording = read_recording(bag, array, topics, poses_needed=False)
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)
         sweeps.end_sweep()
-        if sweeps.wiring is None:
-            raise ValueError(f"bag {args.bag}: it ends before both sweeps are over")
+        if not sweeps.complete:
+            what = "both sweeps are" if sweeps.wiring is None else "10 s of the lamp are"
+            raise ValueError(f"bag {args.bag}: it ends before {what} over")
     wiring = sweeps.wiring
-    if wiring is None:
+    if wiring is None or not sweeps.complete:
         print("interrupted: nothing was written")
         return options.INTERRUPTED
     print(f"wiring: {description(wiring, side)}")
@@ -75,4 +101,20 @@ def run(args: argparse.Namespace) -> int:
     comment = f"Commissioned by uuv_array commission, starting from {scene.name}."
     save_scene(dataclasses.replace(scene, array=wired), output, comment, text)
     print(f"scene: {output}")
-    return 0
+    return report(sweeps, side) if isinstance(sweeps, Acceptance) else 0
+
+
+def report(test: Acceptance, side: int) -> int:
+    """Print what passes and what fails, and return the exit code."""
+    detectors, whole = test.faults()
+    for row in range(side):
+        print("  ".join("FAIL" if (row, column) in detectors else "pass" for column in range(side)))
+    for (row, column), text in sorted(detectors.items()):
+        print(f"detector [{row}, {column}] fails: {text}")
+    for text in whole:
+        print(f"the whole fails: {text}")
+    failed = len(detectors) + len(whole)
+    print(
+        f"acceptance test: {f'{failed} faults: mend them, and test again' if failed else 'passed'}"
+    )
+    return int(failed > 0)

@@ -1,0 +1,141 @@
+"""The acceptance test of an array: what passes, and what each fault is called."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from bags import image_message, write_bag
+from command_line import run
+
+from uuv_optical_array.calibration.acceptance import Acceptance, in_air
+from uuv_optical_array.core.messages import as_wired
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+pytestmark = pytest.mark.usefixtures("compiled_fit")
+SCENE, RANGE_M = load_scene("follow"), 4.0
+WIRED = [int(place) for place in np.random.default_rng(2).permutation(25)]
+
+
+def session(
+    gain=1.0, noise=1.0, offset=0.0, flicker=0.0, at=(-RANGE_M, 0.02, -0.03, 0.02, 0.03), pause=0
+):
+    """Yield stamps and images: darkness, both sweeps and the lamp, of detectors with faults.
+
+    `gain`, `noise` and `offset` are numbers or grids.
+    """
+    rng, array = np.random.default_rng(4), build_array(SCENE.array)
+    y, z = array.positions[:, 1].reshape(5, 5), array.positions[:, 2].reshape(5, 5)
+    lamp = ForwardModel(SCENE).light(np.array(at))
+    gains = gain * (1 + 0.03 * rng.standard_normal((5, 5)))
+    dark = np.zeros((5, 5))
+
+    def torch(a, b):
+        return 600 * (1 + ((y - a) ** 2 + (z - b) ** 2) / 0.12**2) ** -1.5
+
+    travel = np.linspace(0.35, -0.35, 50)
+    lights = [dark] * 105 + [torch(a, 0.01) for a in travel] + [dark] * 15
+    lights += [torch(-0.01, a) for a in travel] + [dark] * 15
+    lights += [lamp * (1 + flicker * rng.standard_normal()) for _ in range(105)]
+    stamp = 10**15
+    for number, light in enumerate(lights):
+        stamp += 10**8 + (pause if number == len(lights) - 20 else 0)
+        counts = gains * light + 20 + offset + noise * rng.standard_normal((5, 5))
+        yield stamp, as_wired(np.clip(np.rint(counts), 0, 1023), WIRED)
+
+
+def faults_of(**faults):
+    test = Acceptance(SCENE, RANGE_M, lambda line: None)
+    for stamp, image in session(**faults):
+        test.take(stamp, image)
+    assert test.complete
+    assert test.wiring == WIRED
+    return test.faults()
+
+
+def at(place, value, others):
+    grid = np.full((5, 5), float(others))
+    grid[place] = value
+    return grid
+
+
+def test_a_sound_array_passes():
+    assert faults_of() == ({}, [])
+
+
+@pytest.mark.parametrize(
+    ("fault", "place", "words"),
+    [
+        ({"gain": at((1, 3), 0.6, 1)}, (1, 3), "does not fit the lamp's light"),
+        ({"noise": at((4, 0), 5, 1)}, (4, 0), "noise 4."),
+        ({"offset": at((2, 2), 40, 0)}, (2, 2), "reads 59.9 in the dark, the others 20"),
+        ({"gain": at((2, 1), 1.0, 1) * 1.6}, (2, 2), "at full scale"),
+    ],
+)
+def test_a_fault_is_told_of_its_detector(fault, place, words):
+    detectors, _ = faults_of(**fault)
+    assert place in detectors
+    assert detectors[place].startswith(words)
+    if words != "at full scale":
+        assert list(detectors) == [place]
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"flicker": 0.04}, "the lamp flickers by "),
+        ({"at": (-6.5, 0, 0, 0, 0)}, "the lamp is seen from x -6."),
+        ({"at": (-RANGE_M, 1.4, 0, 0, 0)}, "the lamp is seen from x -"),
+        ({"pause": 10**9}, "a gap of 1.1 s"),
+    ],
+)
+def test_a_fault_of_the_whole_is_told(fault, words):
+    detectors, whole = faults_of(**fault)
+    assert not detectors
+    assert len(whole) == 1
+    assert whole[0].startswith(words)
+
+
+def test_light_that_no_pose_explains_is_told(monkeypatch):
+    def refuse(estimator, image):
+        raise NoPose("misfit")
+
+    monkeypatch.setattr(Estimator, "estimate", refuse)
+    (text,) = faults_of()[1]
+    assert text.startswith("the lamp's light is not explained: misfit: detectors that read wrong")
+
+
+def test_the_lamp_has_to_shine_without_a_break():
+    test, frames = Acceptance(SCENE, RANGE_M, lambda line: None), list(session())
+    for stamp, image in frames[:-60]:
+        test.take(stamp, image)
+    for later in (0, 60):  # off for an image, then on
+        for stamp, image in frames[-60:]:
+            test.take(stamp + later * 10**8, image if later else frames[0][1])
+            assert not test.complete
+    test.take(stamp + 11 * 10**9, image)
+    assert test.complete
+
+
+def test_air_takes_the_water_away_and_widens_the_beam():
+    air = in_air(SCENE)
+    assert set(air.effects) == {"sensor_noise", "saturation", "adc"}
+    assert air.lamp.beam_sigma_deg == pytest.approx(8 * 1.34)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
+def test_the_command_says_pass_or_fail_of_each_detector(tmp_path, capsys):
+    for name, faults, code in (("good", {}, 0), ("bad", {"noise": at((4, 0), 5, 1)}, 1)):
+        messages = [image_message(*each) for each in session(**faults)]
+        bag = write_bag(tmp_path / name, messages, "MCAP")
+        run("commission", bag, "--lamp", RANGE_M, "-o", tmp_path / "sea.yaml", code=code)
+        out = capsys.readouterr().out
+        assert out.count("pass  ") + out.count("pass\n") == 25 - code
+        assert ("acceptance test: passed" in out) == (code == 0)
+    assert "detector [4, 0] fails: noise 4" in out
+    assert load_scene(tmp_path / "sea.yaml").array.wiring == WIRED
+    cut = write_bag(tmp_path / "cut", messages[:-60], "MCAP")
+    line = run("commission", cut, "--lamp", RANGE_M, "-o", tmp_path / "sea.yaml", code=1)
+    assert "ends before 10 s of the lamp" in line

@@ -1,0 +1,115 @@
+"""The acceptance test of an array before its first dive: darkness, a torch, and the lamp."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.special import chdtri
+
+from uuv_optical_array.calibration.wiring import TorchSweeps
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
+
+SETTLE_S, LAMP_S = 5.0, 5.0  # of steady light: while hands leave the array, and what is tested
+LAMP = "lamp: switch it on {:g} m behind base_link, aimed at the array; hold both still for 10 s"
+FALSE_ALARM = 1e-6  # probability that a sound detector is called noisy
+MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of full scale; relative
+SPREAD = 0.05  # of the gains before a calibration
+MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
+WATER_INDEX = 1.34
+
+
+class Acceptance(TorchSweeps):
+    """The sweeps, longer darkness before them, and the lamp at a known range after them."""
+
+    first_dark_s = 10.0
+
+    def __init__(self, scene: Scene, range_m: float, show: Callable[[str], None] = print) -> None:
+        super().__init__(scene.array.detectors_per_side, scene.full_scale_counts, show)
+        self._scene, self._range_m = scene, range_m
+        self._lamp: list[tuple[int, Array]] = []
+
+    @property
+    def complete(self) -> bool:
+        """Whether the lamp, too, was seen for long enough."""
+        lit = self._lamp
+        return bool(lit) and lit[-1][0] - lit[0][0] >= (SETTLE_S + LAMP_S) * 1e9
+
+    def take(self, stamp_ns: int, image: Array) -> None:
+        """Take one image, as `TorchSweeps` does, and then those of the lamp."""
+        if self.wiring is None or self._background is None:
+            super().take(stamp_ns, image)
+            if self.wiring is not None:
+                self._show(LAMP.format(self._range_m))
+        elif not self.complete:
+            readings = np.ravel(image)
+            if (readings - self._background).max() > self._lit:
+                self._lamp.append((stamp_ns, readings))
+            else:
+                self._lamp = []
+
+    def faults(self) -> tuple[dict[tuple[int, int], str], list[str]]:
+        """Return what is wrong, with its cure: of detectors by row and column, and of the whole."""
+        scene, side, wiring = self._scene, self._side, self.wiring
+        model, full = ForwardModel(scene), scene.full_scale_counts
+        stamps = np.array([stamp for stamp, _ in self._lamp])
+        part = stamps >= stamps[-1] - LAMP_S * 1e9
+        dark = np.array([readings for _, readings in self._dark])[:, wiring]
+        lamp = np.array([readings for _, readings in self._lamp])[part][:, wiring]
+        level, noise, freedoms = dark.mean(axis=0), dark.std(axis=0, ddof=1), len(dark) - 1
+        # The light of the day, too, has shot noise.
+        sigma = np.sqrt(model.noise.variance + model.noise.slope * level)
+        most = MAX_NOISE * sigma * np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)
+        middle, steps = float(np.median(level)), np.diff(stamps)
+        found: dict[tuple[int, int], str] = {}
+        for i in range(side * side):
+            if abs(level[i] - middle) > MAX_LEVEL * full:
+                text = f"reads {level[i]:.3g} in the dark, the others {middle:.3g}: cover it; else "
+                text += "offset or leakage: clean and look at its solder"
+            elif noise[i] > most[i]:
+                text = f"noise {noise[i]:.3g} counts, of the scene {sigma[i]:.3g}: loose contact, "
+                text += "hum or an amplifier that oscillates"
+            elif lamp[:, i].mean() >= full - 1:
+                text = "at full scale: move the lamp away or take a smaller feedback resistor"
+            else:
+                continue
+            found[divmod(i, side)] = text
+        whole = []
+        if steps.max() > 2.5 * np.median(steps):
+            whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: line or load")
+        total = lamp.sum(axis=1)
+        own = np.sqrt((model.noise.variance + model.noise.slope * lamp.mean(axis=0)).sum())
+        flicker = np.sqrt(max(total.var() - own**2, 0.0)) / (total.mean() - level.sum())
+        if flicker > MAX_FLICKER:
+            whole.append(f"the lamp flickers by {flicker:.1%}: average whole periods of its driver")
+        settings = scene.settings()
+        settings["prior"] = {"known": "as_bought", "gain_std": SPREAD, "uneven_probability": 0.0}
+        image = np.clip(np.rint(lamp.mean(axis=0) - level) + model.noise.black, 0, full)
+        placed = scene_from_settings(settings, scene.name)
+        try:
+            seen = Estimator(placed).estimate(image.reshape(side, side))
+        except NoPose as reason:
+            cure = "detectors that read wrong, a reflection, or a beam that is not the scene's"
+            return found, [*whole, f"the lamp's light is not explained: {reason}: {cure}"]
+        for place in seen.left_out:
+            cure = "does not fit the lamp's light: clean its window, check its gain and solder"
+            found.setdefault(place, cure)
+        off = np.abs(seen.pose - [-self._range_m, 0, 0, 0, 0])
+        allowed = np.array([*[MAX_OFF * self._range_m] * 3, MAX_TURN, MAX_TURN])
+        if (off > allowed + 3 * np.sqrt(np.diag(seen.covariance))).any():
+            x, y, z = seen.pose[:3]
+            text = f"the lamp is seen from x {x:.2f}, y {y:.2f}, z {z:.2f} m, not from x "
+            cure = "measure again; else the lamp's power or beam is not the scene's"
+            whole.append(f"{text}{-self._range_m:g}: {cure}")
+        return found, whole
+
+
+def in_air(scene: Scene) -> Scene:
+    """Return the scene without water: its beam is wider by refraction at the lamp's flat port."""
+    settings = scene.settings()
+    for name in ("sea", "attenuation", "forward_scatter", "ambient"):
+        settings["effects"].pop(name, None)
+    settings["prior"] = {}
+    settings["lamp"]["beam_sigma_deg"] *= WATER_INDEX
+    return scene_from_settings(settings, scene.name)

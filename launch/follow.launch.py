@@ -1,24 +1,34 @@
 """Follow a leader by light: sensor nodes, formation control and, unless told not to, the demo."""
 
 import os
+import re
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.logging import launch_config
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
+from launch_ros.substitutions import ExecutableInPackage
 
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, choices, enclave
+from uuv_optical_array.nodes.bringup.launch_arguments import (
+    FOLLOW,
+    YES,
+    choices,
+    enclave,
+    whole_number,
+)
 from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"
 RESPAWN_DELAY_S = 0.2
+# For what ends at Ctrl-C, before launch uses force: launch's own 5 s are too few on a busy machine.
+PATIENCE = {"sigterm_timeout": LaunchConfiguration("sigterm_timeout", default="30")}
 # Where Fast DDS looks for a profile, from version 3 on and before it, which these have.
 PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 BEFORE_3 = "humble", "iron", "jazzy"
@@ -50,8 +60,8 @@ def nodes(context):
     def switched_on(name):
         return given(name) in YES
 
-    share = FindPackageShare(PACKAGE)
-    parameters = [PathJoinSubstitution([share, "config", "follow.yaml"])]
+    share = Path(get_package_share_directory(PACKAGE))
+    parameters = [str(share / "config/follow.yaml")]
     if given("params_file"):
         if not Path(given("params_file")).is_file():
             raise FileNotFoundError(f"params_file {given('params_file')}: no such file")
@@ -59,7 +69,9 @@ def nodes(context):
     arguments = {}
     if given("scene"):
         load_scene(given("scene"))
-        arguments["scene"] = ParameterValue(given("scene"), value_type=str)
+    for name in ("scene", "frame_prefix", "leader_frame"):
+        if given(name):
+            arguments[name] = ParameterValue(given(name), value_type=str)
     if given("use_sim_time"):
         arguments["use_sim_time"] = switched_on("use_sim_time")
     if given("publish_tf"):
@@ -72,37 +84,55 @@ def nodes(context):
     alone = given("demo") in ("leader", "follower")
     if alone:
         arguments["vehicles"] = given("demo")
-        arguments["followers"] = int(given("followers"))
+        arguments["followers"] = whole_number("followers", given("followers"))
+        if given("frame_prefix"):
+            arguments["world_frame"] = "/odom"  # that of the leader
     if arguments:
         parameters.append(arguments)
-    names = ["simulator_node", "feature_node", "estimator_node", "formation_node"]
+    names = ["feature_node", "estimator_node", "formation_node"]
+    if switched_on("one_process"):
+        names = ["follower_node"]
+    if switched_on("simulator"):
+        names.insert(0, "simulator_node")
     if given("demo") == "leader":
         names.clear()
     if switched_on("demo") or alone:
         names.append("vehicles_node")
     respawn = switched_on("use_respawn")
+    common = {
+        "namespace": given("namespace"),
+        "remappings": [("leader/odometry", given("leader_odometry"))],
+        "log_level": given("log_level"),
+        "output": "screen",
+    }
     started = [
-        started_node(
-            context,
-            respawn,
-            package=PACKAGE,
-            executable=name,
-            name=name,
-            namespace=given("namespace"),
-            parameters=parameters,
-            remappings=[("leader/odometry", given("leader_odometry"))],
-            output="screen",
-        )
+        started_node(context, respawn, PACKAGE, name, parameters=parameters, **common)
         for name in names
     ]
     if switched_on("rviz"):
-        started += viewers(context, share, respawn)
+        prefix = given("frame_prefix")
+        world = prefix + ("odom" if switched_on("demo") else "leader/beacon")
+        config = given("rviz_config") or shown(share, prefix, "odom" if alone else world)
+        simulated = {"use_sim_time": switched_on("use_sim_time")}
+        # The window may be closed while the nodes run on.
+        window = {"arguments": ["-d", config], "parameters": [simulated], **common}
+        started.append(started_node(context, None, "rviz2", "rviz2", **window))
     if switched_on("record"):
-        started += recorder(given("namespace"), given("leader_odometry"), share)
+        started += recorder(given("namespace"), given("leader_odometry"), given("bag"), share)
     return started
 
 
-def recorder(namespace, leader_odometry, share):
+def shown(share, prefix, world):
+    """Write what RViz shows, with the frames of this launch, beside launch's log; return where."""
+    text = (share / "rviz/follow.rviz").read_text(encoding="utf-8")
+    text = text.replace("Fixed Frame: odom", f"Fixed Frame: {world}")
+    text = re.sub("(Target Frame: )", rf"\g<1>{prefix}", text)
+    path = Path(launch_config.log_dir) / f"{prefix.replace('/', '_')}follow.rviz"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def recorder(namespace, leader_odometry, folder, share):
     """Return rosbag2, which records what `uuv_array follow --record` does."""
     for package in ("ros2bag", "rosbag2_storage_mcap"):
         try:
@@ -116,22 +146,16 @@ def recorder(namespace, leader_odometry, share):
     topics = [name if name.startswith("/") else f"{namespace}/{name}" for name in names]
     # The one way to name topics that all distributions share.
     wanted = f"^({'|'.join('/' + topic.strip('/') for topic in topics)})$"
-    storage = PathJoinSubstitution([share, "config", "record.yaml"])
+    storage = str(share / "config/record.yaml")
     command = ["ros2", "bag", "record", "--storage", "mcap", "--storage-config-file", storage]
-    return [ExecuteProcess(cmd=[*command, "--regex", wanted], output="screen")]
-
-
-def viewers(context, share, respawn):
-    """Return RViz."""
+    command += ["--output", folder] if folder else []
     return [
-        # The window may be closed while the nodes run on.
-        started_node(
-            context,
-            None,
-            package="rviz2",
-            executable="rviz2",
-            arguments=["-d", PathJoinSubstitution([share, "rviz", "follow.rviz"])],
-        ),
+        ExecuteProcess(
+            cmd=[*command, "--regex", wanted],
+            output="screen",
+            additional_env={"ROS_SECURITY_ENCLAVE_OVERRIDE": enclave(namespace, "ros2_bag")},
+            **PATIENCE,
+        )
     ]
 
 
@@ -143,7 +167,7 @@ def profiles(respawn):
     return {name: f"{get_package_share_directory(PACKAGE)}/config/fastdds_respawn.xml"}
 
 
-def started_node(context, respawn, *, package, executable, namespace="", **others):
+def started_node(context, respawn, package, executable, *, namespace, log_level, **others):
     """Return a node that is known to be installed.
 
     When it ends it is started again with `respawn`, else it ends the launch, and with None neither.
@@ -168,10 +192,14 @@ def started_node(context, respawn, *, package, executable, namespace="", **other
         executable=executable,
         namespace=namespace,
         # Its enclave of the policy, which counts where ROS is secured.
-        ros_arguments=["--enclave", enclave(namespace, executable)],
+        ros_arguments=[
+            *("--enclave", enclave(namespace, executable)),
+            *(["--log-level", log_level] if log_level else []),
+        ],
         respawn=bool(respawn),
         respawn_delay=RESPAWN_DELAY_S,
         additional_env=profiles(respawn),
         on_exit=ended if respawn is False else None,
+        **PATIENCE,
         **others,
     )

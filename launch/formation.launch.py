@@ -7,7 +7,13 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.nodes.bringup.launch_arguments import EACH, FORMATION, YES, choices
+from uuv_optical_array.nodes.bringup.launch_arguments import (
+    EACH,
+    FORMATION,
+    YES,
+    choices,
+    whole_number,
+)
 
 
 def generate_launch_description():
@@ -33,21 +39,32 @@ def fleet(context):
     def given(name):
         return LaunchConfiguration(name).perform(context)
 
-    followers = vee(int(given("followers")), given("chain") in YES)
+    followers = vee(whole_number("followers", given("followers")), given("chain") in YES)
     space = given("namespace").strip("/")
     root = f"/{space}/" if space else "/"
     source = PythonLaunchDescriptionSource(
         PathJoinSubstitution([FindPackageShare("uuv_optical_array"), "launch", "follow.launch.py"])
     )
     common = {name: given(name) for name in EACH}
+    if given("rviz") in YES:
+        common["publish_tf"] = given("publish_tf") or "true"
+    config = PathJoinSubstitution([FindPackageShare("uuv_optical_array"), "rviz/formation.rviz"])
     vehicles = [
-        {"demo": "leader", "namespace": space, "followers": str(len(followers))},
+        {
+            "demo": "leader",
+            "namespace": space,
+            "followers": str(len(followers)),
+            "rviz_config": given("rviz_config") or config,
+        },
         *(
             {
                 "demo": "follower",
                 "namespace": f"{root}{follower.namespace}",
+                "frame_prefix": f"{follower.namespace}/",
                 "leader_odometry": f"{root}{follower.lamp_odometry}",
+                "leader_frame": f"/{follower.lamp_frame}",
                 "station": str(list(follower.station_m)),
+                "rviz": "false",
             }
             for follower in followers
         ),

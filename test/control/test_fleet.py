@@ -41,6 +41,10 @@ def test_topics_of_a_chain_are_those_of_the_follower_ahead() -> None:
     first, _, third = vee(3)
     assert (first.namespace, first.lamp_odometry) == ("follower_1", "leader/odometry")
     assert third.lamp_odometry == "follower_1/follower/odometry"
+    assert (first.lamp_frame, third.lamp_frame) == (
+        "leader/base_link",
+        "follower_1/follower/base_link",
+    )
     assert {follower.lamp_odometry for follower in vee(3, chain=False)} == {"leader/odometry"}
 
 

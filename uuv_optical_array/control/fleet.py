@@ -50,6 +50,11 @@ class Follower:
         """Return the topic of the odometry of the vehicle that it follows, within the fleet's."""
         return f"follower_{self.ahead}/follower/odometry" if self.ahead else "leader/odometry"
 
+    @property
+    def lamp_frame(self) -> str:
+        """Return the frame of that vehicle, where each follower's frames have its namespace."""
+        return self.lamp_odometry.replace("odometry", "base_link")
+
 
 def vee(followers: int, chain: bool = True) -> list[Follower]:
     """Return a V behind a leader: odd followers to port, even ones to starboard.

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
@@ -26,6 +27,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track, relative_odometry
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared import markers
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
@@ -43,6 +45,7 @@ from uuv_optical_array.nodes.shared.messages import (
     write_pose,
 )
 from uuv_optical_array.nodes.shared.node import (
+    LASTING,
     Afterwards,
     publish,
     run,
@@ -134,6 +137,11 @@ class EstimatorNode(Node):
         self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
+        self.shapes = publish(self, MarkerArray, "markers", LASTING)
+        own = {"base": self.base_frame, "beacon": body_beside(self.beacon_frame, self.child_frame)}
+        beam = markers.beam(self.scene, self.beacon_frame, -self.extent[0][0])
+        body = markers.body(self.scene, own[self.parameters["tf_parent"]])
+        self.shapes.publish(MarkerArray(markers=beam + body))
         if hand_over is None:
             with_image = self.parameters["use_image"]
             subscribe(self, PointCloud2, "array/features", self.on_features, newest=with_image)

@@ -9,11 +9,13 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
+from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, covariance_5x5
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.nodes.shared import markers
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
@@ -23,7 +25,7 @@ from uuv_optical_array.nodes.shared.messages import (
     stamp_ns,
     twist_to_message,
 )
-from uuv_optical_array.nodes.shared.node import publish, run, subscribe
+from uuv_optical_array.nodes.shared.node import LASTING, publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 PARAMETERS = {
@@ -49,6 +51,8 @@ class FormationNode(Node):
         self.controller = FormationController(self.settings({}))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
+        self.shapes = publish(self, MarkerArray, "markers", LASTING)
+        self.shown: Any = None  # frame and station of the marker that was published
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_track)
         self.create_service(SetBool, "~/engage", self.on_engage)
@@ -101,6 +105,14 @@ class FormationNode(Node):
             self.diagnostics.refuse(str(reason))
             return
         self.diagnostics.answer(stamp_ns(message.header), lambda: {"range_m": f"{-pose[0]:.2f}"})
+        self.show_station(message.header.frame_id)
+
+    def show_station(self, frame: str) -> None:
+        """Show the station in the frame of the lamp, where it is not there yet."""
+        place = list(self.parameters["station_m"])
+        if self.shown != (place, frame):
+            self.shown = place, frame
+            self.shapes.publish(MarkerArray(markers=[markers.station(np.array(place), frame)]))
 
     def on_timer(self) -> None:
         """Publish the command, from the first pose on."""

@@ -219,6 +219,16 @@ def test_followers_of_a_formation_see_the_lamp_ahead_and_share_no_topic(tmp_path
         assert counts["/leader/odometry"] == 1
         assert max(counts.values()) == 1, counts
         assert not {topic for topic in counts if topic.endswith("follower_1/leader/odometry")}
+    # The leader, and of each follower its simulator, vehicle and follower_node.
+    assert (tmp_path / "log").read_text().count("process started") == 1 + 3 * 2
+
+
+def test_a_follower_with_an_array_of_its_own_is_one_process(tmp_path):
+    with launched(tmp_path, "scene:=reference", file="follower.launch.py") as probe:
+        values = parameters_of(probe, "estimator_node", ["scene"])
+    assert values == {"scene": "reference"}
+    assert len(started(tmp_path, "follower_node")) == 1
+    assert (tmp_path / "log").read_text().count("process started") == 1
 
 
 def launch_that_ends(folder, argument, file="follow.launch.py"):
@@ -246,6 +256,7 @@ def without_viewers():
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
+        ("formation", "followers:=x", ("followers: 'x' is no whole number",)),
         *without_viewers(),
     ],
 )

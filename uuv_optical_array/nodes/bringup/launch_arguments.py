@@ -14,10 +14,21 @@ COMMON = {
         "false",
         "whether a node that dies is started again; without, the launch ends with it",
     ),
+    "rviz": ("false", "whether RViz opens"),
+    "rviz_config": ("", "what RViz shows: a file of its own kind"),
+    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
+    "log_level": ("", "least severity that is logged: debug, info, warn or error"),
 }
 FOLLOW = {
     "scene": ("", SCENE),
     "namespace": ("", "of the follower's nodes"),
+    "frame_prefix": ("", "set before each frame, such as `rov_2/`"),
+    "leader_frame": ("", "the leader's frame on /tf"),
+    "one_process": (
+        "false",
+        "whether feature, estimator and formation node share a process, follower_node",
+    ),
+    "simulator": ("true", "whether simulator_node makes the images; not where an array does"),
     "leader_odometry": (
         "leader/odometry",
         "topic of the leader's odometry, for followers that share a leader",
@@ -29,13 +40,18 @@ FOLLOW = {
     ),
     "followers": ("1", "how many followers a leader alone waits for"),
     "station": ("", "of the follower, [x, y, z] in the lamp's frame, m"),
-    "rviz": ("false", "whether RViz opens"),
-    "publish_tf": ("", "whether the poses go to /tf too; with rviz they do unless told not to"),
     "record": ("false", "whether rosbag2 records the topics of the run, as MCAP"),
+    "bag": ("", "folder of the record, a new one; without, rosbag2 names one by the time"),
     **COMMON,
 }
+# What follower.launch.py has instead.
+FOLLOWER = {"demo": "false", "simulator": "false", "one_process": "true"}
 # Of a formation; the launch of each vehicle gets `EACH`.
-EACH = {"scene": ("formation", SCENE), **COMMON}
+EACH = {
+    "scene": ("formation", SCENE),
+    "one_process": ("true", "whether three nodes of each follower share a process, follower_node"),
+    **COMMON,
+}
 FORMATION = {
     "followers": ("3", "how many followers"),
     "chain": (
@@ -45,7 +61,10 @@ FORMATION = {
     "namespace": ("", "of the whole formation"),
     **EACH,
 }
-SWITCHES = ("chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn")
+SWITCHES = (
+    *("chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"),
+    *("one_process", "simulator"),
+)
 
 
 def choices(name: str, default: str) -> list[str] | None:
@@ -54,6 +73,14 @@ def choices(name: str, default: str) -> list[str] | None:
         return None
     others = ["follower", "leader"] if name == "demo" else []
     return [*YES, *NO, *others, *([] if default else [""])]
+
+
+def whole_number(name: str, text: str) -> int:
+    """Return the number that an argument is; ValueError where it is none."""
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{name}: {text!r} is no whole number, such as 3") from None
 
 
 def enclave(namespace: str, executable: str) -> str:

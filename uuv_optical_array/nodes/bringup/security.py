@@ -5,14 +5,20 @@ with its arguments, such as ``--ros-args -p use_imu:=true``. Each executable has
 a namespace below that.
 """
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 from xml.etree import ElementTree
 
 import rclpy
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
 
 from uuv_optical_array.core.extras import NotInstalled
+from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.nodes.bringup.launch_arguments import enclave
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -21,6 +27,7 @@ from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.shared.node import start
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
+from uuv_optical_array.recording.bag import RUN
 
 VERSION = "0.2.0"  # of the policy's schema
 
@@ -32,6 +39,51 @@ def view() -> list[Node]:
     return [ViewNode()]
 
 
+class Other(Node):
+    """Stands for the node of another program; a policy does not name the types of what it says."""
+
+    def __init__(
+        self,
+        name: str,
+        heard: Iterable[str],
+        said: Iterable[str] = (),
+        served: Iterable[str] = (),
+        **options: Any,
+    ) -> None:
+        super().__init__(name, **options)
+        self.create_subscription(ParameterEvent, "/parameter_events", lambda message: None, 1)
+        for topic in heard:
+            self.create_subscription(String, topic, lambda message: None, 1)
+        for topic in said:
+            self.create_publisher(String, topic, 1)
+        for service in served:
+            self.create_service(SetBool, service, lambda request, response: response)
+
+
+def rviz() -> list[Node]:
+    """Return RViz, as follow.launch.py starts it."""
+    text = shared_file("rviz/follow.rviz").read_text(encoding="utf-8")
+    return [Other("rviz", ["/tf", "/tf_static", *re.findall(r"Topic:\n +Value: (\S+)", text)])]
+
+
+def recorder() -> list[Node]:
+    """Return rosbag2's recorder, which is in no namespace, as follow.launch.py starts it."""
+    verbs = "pause", "resume", "is_paused", "split_bagfile"
+    heard = [_resolved(topic) for topic in RUN]
+    served = [f"~/{verb}" for verb in verbs]
+    name, said = "rosbag2_recorder", ["/events/write_split"]
+    return [Other(name, heard, said, served, use_global_arguments=False)]
+
+
+def _resolved(name: str) -> str:
+    """Return a name as the arguments place and remap it."""
+    node = Node("lookout")
+    try:
+        return node.resolve_topic_name(name)
+    finally:
+        node.destroy_node()
+
+
 PROCESSES: Mapping[str, Callable[[], Iterable[Node]]] = {
     "simulator_node": lambda: [SimulatorNode()],
     "feature_node": lambda: [FeatureNode()],
@@ -40,6 +92,8 @@ PROCESSES: Mapping[str, Callable[[], Iterable[Node]]] = {
     "vehicles_node": lambda: [VehiclesNode()],
     "follower_node": follower,
     "view_node": view,
+    "rviz2": rviz,
+    "ros2_bag": recorder,
 }
 CLOCK = "/clock"  # which nodes hear that use simulated time
 
@@ -51,6 +105,7 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
     extra here has no enclave, and a line on standard error says so.
     """
     root = ElementTree.Element("policy", version=VERSION)
+    space = _resolved("name").rpartition("/")[0]
     enclaves = ElementTree.SubElement(root, "enclaves")
     for executable, make in processes.items():
         try:
@@ -58,7 +113,7 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
         except NotInstalled as reason:
             print(f"{executable} is left out: {reason}", file=sys.stderr)
             continue
-        path = enclave(nodes[0].get_namespace(), executable)
+        path = enclave(space, executable)
         profiles = ElementTree.SubElement(
             ElementTree.SubElement(enclaves, "enclave", path=path), "profiles"
         )

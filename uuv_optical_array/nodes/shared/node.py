@@ -50,15 +50,23 @@ class FinitePublisher:
         return True
 
 
-def publish(node: Any, message_type: type, topic: str) -> FinitePublisher:
-    """Create a reliable publisher of finite numbers whose QoS parameters can override."""
+USUAL = QoSProfile(depth=10)
+LASTING = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def publish(node: Any, message_type: type, topic: str, qos: QoSProfile = USUAL) -> FinitePublisher:
+    """Create a reliable publisher of finite numbers whose QoS parameters can override.
+
+    What is `LASTING` reaches those who listen later, too, and may have several publishers.
+    """
     publisher = node.create_publisher(
         message_type,
         topic,
-        QoSProfile(depth=10),
+        qos,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
-    node.diagnostics.watch(publisher.topic_name)
+    if qos is not LASTING:
+        node.diagnostics.watch(publisher.topic_name)
     return FinitePublisher(node, publisher)
 
 
@@ -148,8 +156,7 @@ def transform_publisher(
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
         return lambda header, child_frame, pose: None
-    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    topic, qos = ("/tf_static", lasting) if fixed else ("/tf", QoSProfile(depth=100))
+    topic, qos = ("/tf_static", LASTING) if fixed else ("/tf", QoSProfile(depth=100))
     publisher = FinitePublisher(node, node.create_publisher(TFMessage, topic, qos))
 
     def send(header: Header, child_frame: str, pose: Pose) -> None:

@@ -1,0 +1,75 @@
+"""What RViz shows: a beam, a body and a station where they are, by files that name our topics."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from visualization_msgs.msg import MarkerArray
+
+from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.estimator_node import EstimatorNode
+from uuv_optical_array.nodes.formation_node import FormationNode
+from uuv_optical_array.nodes.shared import markers
+
+
+def corners(marker):
+    return np.array([[point.x, point.y, point.z] for point in marker.points])
+
+
+def test_the_beam_is_a_cone_astern_at_one_and_two_standard_deviations():
+    scene = load_scene("follow")
+    for stds, marker in enumerate(markers.beam(scene, "leader/beacon", 9.0), 1):
+        assert (marker.header.frame_id, marker.frame_locked) == ("leader/beacon", True)
+        assert len(marker.points) % 3 == 0
+        places = corners(marker)
+        ends = places[np.abs(places).max(axis=1) > 0]
+        np.testing.assert_allclose(ends[:, 0], -9.0)
+        across = np.degrees(np.arctan(np.hypot(ends[:, 1], ends[:, 2]) / 9.0))
+        np.testing.assert_allclose(across, stds * scene.lamp.beam_sigma_deg)
+
+
+@pytest.mark.parametrize(("end", "up"), [("", 1), ("_frd", -1), ("_ned", -1)])
+def test_body_and_station_are_upright_in_the_axes_of_their_frames(end, up):
+    scene = load_scene("follow")
+    hull, fin = map(corners, markers.body(scene, f"base_link{end}"))
+    assert np.abs(hull).max() == pytest.approx(scene.array.bow_m)
+    assert (up * fin[:, 2]).min() == 0 < (up * fin[:, 2]).max()
+    place = markers.station(np.array([-5.0, 1.0, 2.0]), f"beacon{end}").pose.position
+    assert (place.x, place.y, place.z) == (-5.0, up * 1.0, up * 2.0)
+
+
+def test_they_reach_a_listener_that_comes_later(lab, scene_file):
+    lab.begin({"scene": scene_file, "estimator_node:method": "sam", "frame_prefix": "rov/"})
+    lab.start(EstimatorNode)
+    formation = lab.start(FormationNode)
+    formation.show_station("rov/leader/beacon")
+    heard = []
+    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as in rviz/
+    lab.probe.create_subscription(MarkerArray, "markers", heard.append, qos)
+    lab.until(lambda: len(heard) == 2, "the markers of two nodes")
+    frames = {marker.ns: marker.header.frame_id for each in heard for marker in each.markers}
+    beam, body = "rov/leader/beacon", "rov/base_link_by_light"
+    assert frames == {
+        **{"beam_1_sigma": beam, "beam_2_sigma": beam, "station": beam},
+        **{"hull": body, "fin": body},
+    }
+    formation.set_parameters([Parameter("station_m", value=[-5.0, 0.0, 0.0])])
+    formation.show_station("rov/leader/beacon")
+    moved = lab.until(lambda: heard[2:], "the station's new place")[0].markers[0]
+    assert moved.pose.position.x == -5.0
+
+
+@pytest.mark.parametrize("name", ["follow", "formation"])
+def test_rviz_listens_to_topics_that_the_reference_lists(name):
+    folder = files.shared_file("config").parent
+    page = (folder / "docs/reference/topics.md").read_text(encoding="utf-8")
+    file = yaml.safe_load((folder / f"rviz/{name}.rviz").read_text(encoding="utf-8"))
+    displays = file["Visualization Manager"]["Displays"]
+    topics = [display["Topic"]["Value"] for display in displays if "Topic" in display]
+    assert len(topics) > 4
+    for topic in topics:
+        assert f"| `{re.sub('^follower_[1-4]/', '', topic)}` |" in page

@@ -1,0 +1,63 @@
+"""What RViz shows of the light: beam, station and the follower's body, each in its own frame."""
+
+import numpy as np
+from geometry_msgs.msg import Point
+from numpy.typing import NDArray
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import signs
+from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.view.shapes import cone, fin, hull
+
+LAMP, FOLLOWER, STATION = (1.0, 0.9, 0.5), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0)  # red, green, blue
+
+
+def beam(scene: Scene, frame: str, length_m: float) -> list[Marker]:
+    """Return the lamp's beam out to one and two of its standard deviations."""
+    sigma = np.radians(scene.lamp.beam_sigma_deg)
+    return [
+        _surface(f"beam_{stds}_sigma", frame, *cone(min(stds * sigma, 1.4), length_m), LAMP, 0.1)
+        for stds in (1, 2)
+    ]
+
+
+def body(scene: Scene, frame: str) -> list[Marker]:
+    """Return a follower of the scene: a hull as long as the array is ahead, and an upright fin."""
+    half_m = max(scene.array.bow_m, 0.3)
+    parts = {"hull": hull(half_m, 0.35 * half_m), "fin": fin(half_m)}
+    return [_surface(name, frame, *mesh, FOLLOWER, 0.8) for name, mesh in parts.items()]
+
+
+def station(place_m: Array, frame: str) -> Marker:
+    """Return a ball at a station, m, in REP 103's axes."""
+    marker = _marker("station", frame, Marker.SPHERE, STATION, 0.8)
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.3
+    place = marker.pose.position
+    place.x, place.y, place.z = map(float, signs(frame)[:3] * place_m)
+    return marker
+
+
+def _surface(
+    name: str,
+    frame: str,
+    vertices: Array,
+    faces: NDArray[np.int64],
+    rgb: tuple[float, ...],
+    alpha: float,
+) -> Marker:
+    marker = _marker(name, frame, Marker.TRIANGLE_LIST, rgb, alpha)
+    corners = signs(frame)[:3] * vertices[faces.reshape(-1)]
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in corners.tolist()]
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+    return marker
+
+
+def _marker(name: str, frame: str, kind: int, rgb: tuple[float, ...], alpha: float) -> Marker:
+    red, green, blue = rgb
+    # Without a stamp and locked, it goes where its frame goes.
+    marker = Marker(ns=name, type=kind, action=Marker.ADD, frame_locked=True)
+    marker.header.frame_id, marker.pose.orientation.w = frame, 1.0
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    return marker

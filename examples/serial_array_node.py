@@ -1,6 +1,6 @@
 """Images of a detector array on a serial line or a socket: the place to start from with your own.
 
-    pip install 'uuv_optical_array[hardware]'
+    python3 -m pip install cobs pyserial
     python3 examples/serial_array_node.py --ros-args -p port:=/dev/ttyUSB0 -p baud_rate:=921600
     python3 examples/serial_array_node.py --ros-args -p port:=socket://192.168.2.4:5000
 
@@ -44,9 +44,7 @@ try:
     import serial
     from cobs import cobs
 except ImportError as error:
-    raise SystemExit(
-        f"{error}; install the extra: pip install 'uuv_optical_array[hardware]'"
-    ) from None
+    raise SystemExit(f"{error}; run: python3 -m pip install cobs pyserial") from None
 
 PARAMETERS = {
     "port": Parameter(

@@ -1,9 +1,11 @@
 """Without an extra, what needs it says in one line what to install; the rest does without."""
 
+import sys
+
 import command_line
 import pytest
 
-from uuv_optical_array.core.extras import NotInstalled, needs
+from uuv_optical_array.core.extras import NotInstalled, install_line, needs
 
 # A machine without some packages: none of them can be imported.
 WITHOUT = """
@@ -40,7 +42,7 @@ def test_without_ros_a_program_says_in_one_line_what_to_install(program, words, 
     code, out, error = without(ROS, program, *words, folder=tmp_path)
     assert (code, out) == (1, "")
     assert len(error.splitlines()) == 1
-    assert "pip install 'uuv_optical_array[ros]'" in error
+    assert "-m pip install 'ros-diagnostic-msgs'" in error
     assert error.startswith(" ".join([program, *words]) + ": No module named")
     assert not list(tmp_path.iterdir())
 
@@ -55,9 +57,18 @@ def test_a_table_names_the_extra_that_it_needs(tmp_path, scene_file):
     words = ("table", "--scene", scene_file)
     code, _, error = without(("distributed", "zarr"), "uuv_array", *words, folder=tmp_path)
     assert code == 1
-    assert "pip install 'uuv_optical_array[cluster]'" in error
+    assert "-m pip install 'dask' 'distributed' 'zarr>=2.18'" in error
     assert len(error.splitlines()) == 1
     assert [file.name for file in tmp_path.glob("*.zarr")] == []
+
+
+@pytest.mark.parametrize(("system", "force"), [(True, "--break-system-packages "), (False, "")])
+def test_the_line_that_installs_is_for_this_python(system, force, tmp_path, monkeypatch):
+    """PEP 668: pip refuses a Python of the system unless it is told to go on."""
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix if system else str(tmp_path))
+    monkeypatch.setattr("sysconfig.get_path", lambda _: str(tmp_path))
+    (tmp_path / "EXTERNALLY-MANAGED").touch()
+    assert install_line("view") == f"{sys.executable} -m pip install {force}'viser>=1.1'"
 
 
 def test_a_fault_of_ours_does_not_pass_for_an_extra_that_is_missing(tmp_path, monkeypatch):

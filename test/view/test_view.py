@@ -114,7 +114,7 @@ def test_the_numbers_are_in_metres_and_degrees():
 
 def test_without_viser_it_says_what_to_install(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(ValueError, match=r"pip install 'uuv_optical_array\[view\]'"):
+    with pytest.raises(ValueError, match=r"-m pip install 'viser>=1\.1'"):
         Page(scene, "none")
 
 

@@ -24,9 +24,8 @@ examples:
   uuv_array view sea --scene sea.yaml       a recorded bag; needs the extra `bags`
   uuv_array view --address 0.0.0.0:8080     for browsers on other machines, too
   uuv_array view --screenshot view.png      a picture by a Chromium; no window opens
-Ctrl-C ends it with exit code 130. Needs the extra `view` (pip install 'uuv_optical_array[view]'),
-but no ROS. Whoever has the address that it prints can operate it: keep its last part, which is
-new each time, to yourself."""
+Ctrl-C ends it with exit code 130. Needs viser (pip install viser), but no ROS. Whoever has the
+address that it prints can operate it: keep its last part, which is new each time, to yourself."""
 
 SEED = Quantity("seed of the noise (default: a new one)", "", 0, options.SEED.high)
 PORTS = Setting(int, Quantity("port", "", 1, 65535), PORT, optional=False)

@@ -22,6 +22,7 @@ from pathlib import Path
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
+from uuv_optical_array.core.extras import install_line
 from uuv_optical_array.core.storage import files
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -100,7 +101,7 @@ def _numba() -> Any:
     try:
         return importlib.import_module("numba")
     except ImportError as error:
-        raise ValueError(f"compiled: {error}; install Numba: pip install -e '.[fast]'") from None
+        raise ValueError(f"compiled: {error}; install Numba: {install_line('fast')}") from None
 
 
 def _mathematics() -> Any:

@@ -1,6 +1,8 @@
 """Bags as they come back from sea: without metadata, cut off, of both storages."""
 
+import binascii
 import importlib.util
+import shutil
 
 import numpy as np
 import pytest
@@ -66,7 +68,7 @@ def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_fac
     folder = tmp_path_factory.mktemp("cut")
     (folder / "drive.mcap").write_bytes(content[:cut])
     expected = sum(end <= cut for end in ends)
-    lost = {"the end of drive.mcap, which is cut off": 1}
+    lost = {"the end of drive.mcap, which is cut off or damaged": 1}
     assert read(folder) == (list(range(expected)), lost)
     assert read(folder / "drive.mcap") == (list(range(expected)), lost)
 
@@ -81,7 +83,7 @@ def test_a_file_that_is_cut_off_is_read_in_the_order_of_its_times(tmp_path, pack
     file = bag / "drive.mcap"
     file.write_bytes(file.read_bytes()[:-9])
     with opened(bag) as (reader, lost):
-        assert lost == ["the end of drive.mcap, which is cut off"]
+        assert lost == ["the end of drive.mcap, which is cut off or damaged"]
         found = [(time, data) for _, time, data in reader.messages()]
     assert found == sorted((time, data) for time, (_, data) in zip(times, sent, strict=True))
 
@@ -130,7 +132,7 @@ def test_of_a_database_that_is_cut_off_all_that_is_whole_is_read(tmp_path, share
     np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
     # Pages of messages lie between those of the index, and are reached by one that is written late.
     assert share * count - 200 < len(numbers) < share * count + 20
-    assert dict(found.refused) == {"the end of drive.db3, which is cut off": 1}
+    assert dict(found.refused) == {"the end of drive.db3, which is cut off or damaged": 1}
 
 
 def test_what_is_written_is_a_bag_even_where_the_run_ends_badly(sent, tmp_path):
@@ -148,3 +150,80 @@ def test_what_is_written_is_a_bag_even_where_the_run_ends_badly(sent, tmp_path):
         BagWriter(tmp_path / "bag")
     with opened(tmp_path / "bag") as (reader, _):
         assert [bytes(data) for _, _, data in reader.messages()] == [data for _, data in sent[:3]]
+
+
+@pytest.fixture(scope="module")
+def own(sent, tmp_path_factory):
+    """A bag of two chunks that this package wrote, and where they are in its file."""
+    folder = tmp_path_factory.mktemp("own") / "own"
+    with BagWriter(folder) as bag:
+        for i, (topic, data) in enumerate(sent[:9]):
+            bag.write(topic, "sensor_msgs/msg/Image", i, data)
+    content = (folder / "own.mcap").read_bytes()
+    first, last = (content.index(data) for _, data in (sent[0], sent[8]))
+    return folder, (first - 31, last + len(sent[8][1]))
+
+
+def test_what_is_written_has_checksums_by_the_specification(own):
+    content = (own[0] / "own.mcap").read_bytes()
+    place, chunks = 8, 0
+    while content[place] != 0x0F:
+        kind, length = content[place], int.from_bytes(content[place + 1 : place + 9], "little")
+        if kind == 6:  # two times, size, checksum, no compression, size
+            body = content[place + 9 : place + 9 + length]
+            assert int.from_bytes(body[24:28], "little") == binascii.crc32(body[40:]) != 0
+            chunks += 1
+        place += 9 + length
+    start = int.from_bytes(content[-28:-20], "little")
+    assert int.from_bytes(content[-12:-8], "little") == binascii.crc32(content[start:-12])
+    assert chunks == 2
+    assert read(own[0]) == (list(range(9)), {})
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_of_an_own_bag_that_is_damaged_nothing_false_is_read(own, tmp_path_factory, data):
+    folder, (first, last) = own
+    damaged = tmp_path_factory.mktemp("damaged") / "own"
+    shutil.copytree(folder, damaged)
+    file = damaged / data.draw(st.sampled_from(["own.mcap", "own.mcap", "metadata.yaml"]))
+    content = bytearray(file.read_bytes())
+    place = len(content) - data.draw(st.integers(1, len(content)) | st.integers(1, 2500))
+    place = max(place, 0)
+    flipped = data.draw(st.integers(0, 8))  # 8: cut off
+    if flipped < 8:
+        content[place] ^= 1 << flipped
+    file.write_bytes(content[: None if flipped < 8 else place])
+    told = ""
+    try:
+        numbers, refused = read(damaged)
+    except ValueError as error:
+        told = str(error)
+    assert "\n" not in told
+    if told:
+        return
+    assert not (flipped < 8 and file.suffix == ".mcap" and first <= place < last)
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) == 9 or refused
+
+
+def test_a_damaged_chunk_of_a_file_that_is_cut_off_is_noticed_too(own, tmp_path):
+    folder, (first, _) = own
+    content = bytearray((folder / "own.mcap").read_bytes())
+    content[first + 1000] ^= 1
+    (tmp_path / "cut.mcap").write_bytes(content[:-20])
+    with pytest.raises(ValueError, match=r"cut.mcap: a chunk is not as it was written"):
+        read(tmp_path / "cut.mcap")
+
+
+def test_of_a_damaged_summary_nothing_is_believed(own, tmp_path):
+    """Else the messages before the time at which a chunk is said to begin would be missing."""
+    folder, _ = own
+    content = bytearray((folder / "own.mcap").read_bytes())
+    place = int.from_bytes(content[-28:-20], "little")
+    while content[place] != 8:  # the index of a chunk, which begins with that time
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    content[place + 9] ^= 4
+    (tmp_path / "own.mcap").write_bytes(content)
+    lost = {"the end of own.mcap, which is cut off or damaged": 1}
+    assert read(tmp_path / "own.mcap") == (list(range(9)), lost)

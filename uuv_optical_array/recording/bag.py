@@ -8,7 +8,13 @@ from typing import Any
 
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.recording.truncated import MCAP, SQLITE, is_truncated, repair
+from uuv_optical_array.recording.truncated import (
+    MCAP,
+    SQLITE,
+    add_checksums,
+    is_truncated,
+    repair,
+)
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -47,11 +53,10 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
             with reading.AnyReader(paths, default_typestore=message_types()) as reader:
                 yield reader, lost
     except (OSError, ValueError) as error:
-        raise ValueError(f"bag {path}: {error}") from None
+        raise ValueError(f"bag {path}: {' '.join(str(error).split())}") from None
     except Exception as error:  # storage, metadata and deserialiser have types of their own
-        if type(error).__module__.partition(".")[0] not in ("rosbags", "apsw", "struct"):
-            raise
-        raise ValueError(f"bag {path}: not a bag that can be read: {error}") from None
+        words = " ".join(f"{type(error).__name__} {error}".split())
+        raise ValueError(f"bag {path}: not a bag that can be read: {words}") from error
 
 
 def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
@@ -67,7 +72,7 @@ def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
     for file in truncated:
         repair(file, scratch / file.name)
     paths = [scratch / file.name if file in truncated else file for file in parts]
-    return paths, [f"the end of {file.name}, which is cut off" for file in truncated]
+    return paths, [f"the end of {file.name}, which is cut off or damaged" for file in truncated]
 
 
 class BagWriter:
@@ -92,6 +97,7 @@ class BagWriter:
     def __exit__(self, *_: object) -> None:
         with files.naming(self._path):
             self._bag.close()  # with its index, however the run ended
+            add_checksums(self._path / f"{self._path.name}{MCAP}")
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
         """Write a serialised message of a type such as ``sensor_msgs/msg/Image`` and its time, ns.

@@ -1,8 +1,9 @@
-"""Bag files without their end, because the recorder was killed, the disk was full or a copy broke.
+"""Bag files without their end, as the recorder was killed or the disk full, and their checksums.
 
 A repaired file holds every whole message. MCAP (https://mcap.dev/spec) consists of records, each
 one byte of kind and eight of length before its body, most of them in chunks; then come a summary, a
-footer and the magic. Readers start from the footer, and without an index they need the messages in
+footer and the magic. Chunks and summary may have checksums, which rosbags does not write; of those
+it checks the chunks'. Readers start from the footer, and without an index they need the messages in
 the order of their times, in which recorders do not write them. SQLite states its number of pages in
 its header (https://www.sqlite.org/fileformat.html): where zeros stand in for missing pages, a table
 can be read in its order up to the first of them.
@@ -12,6 +13,7 @@ import heapq
 import shutil
 import sqlite3
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from io import BytesIO
@@ -25,16 +27,46 @@ MCAP_MAGIC, SQLITE_MAGIC = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 0x0F
 MAX_DELAY_NS = 10 * 10**9  # by which a recorder writes a message after a later one
 RECORD = struct.Struct("<BQ")
+CHUNK_SUM = 24  # where in a chunk the checksum of its records is
+END = struct.Struct("<QQI8s")  # where the summary and its offsets begin, its checksum, the magic
 
 
 def is_truncated(path: Path) -> bool:
-    """Say whether a bag file, .mcap or .db3, begins as such a file and lacks its end."""
+    """Say whether a bag file, .mcap or .db3, begins as such a file and has no end, or another."""
     if path.suffix == SQLITE:
         return path.stat().st_size < _sqlite_size(path)
     with path.open("rb") as file:
         begins = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-        file.seek(-min(len(MCAP_MAGIC), path.stat().st_size), 2)
-        return begins and (file.read() != MCAP_MAGIC or file.tell() == len(MCAP_MAGIC))
+        if not begins or path.stat().st_size < END.size:
+            return begins
+        checksum, magic, expected = _end(file)
+        return magic != MCAP_MAGIC or checksum not in (0, expected)
+
+
+def add_checksums(path: Path) -> None:
+    """Write those of the chunks and of the summary into a whole MCAP file that has none."""
+    with path.open("r+b") as file:
+        file.seek(len(MCAP_MAGIC))
+        kind = 0
+        while kind != DATA_END:
+            kind, length = RECORD.unpack(file.read(RECORD.size))
+            start = file.tell()
+            if kind == CHUNK:
+                records = _chunk_records(file.read(length), True)
+                file.seek(start + CHUNK_SUM)
+                file.write(zlib.crc32(records).to_bytes(4, "little"))
+            file.seek(start + length)
+        *_, expected = _end(file)
+        file.seek(-len(MCAP_MAGIC) - 4, 2)
+        file.write(expected.to_bytes(4, "little"))
+
+
+def _end(file: BinaryIO) -> tuple[int, bytes, int]:
+    """Return the checksum of the summary, the magic, and what the checksum must be."""
+    file.seek(-END.size, 2)
+    start, _, checksum, magic = END.unpack(file.read())
+    file.seek(min(start, file.tell()))
+    return checksum, magic, zlib.crc32(file.read()[: -len(MCAP_MAGIC) - 4])
 
 
 def repair(path: Path, target: Path) -> None:
@@ -87,17 +119,21 @@ def _chunk_records(body: bytes, whole: bool) -> bytes:
     if len(body) < 32:
         return b""
     # Two times, size and checksum of the records, the name of the compression, and the packed size.
-    _, _, size, _, letters = struct.unpack_from("<QQQII", body)
+    _, _, size, checksum, letters = struct.unpack_from("<QQQII", body)
     compression, packed = body[32 : 32 + letters], body[40 + letters :]
-    if not compression:
-        return packed
-    if not whole:
+    if compression and not whole:
         return b""
-    if compression == b"zstd":
-        return bytes(needs("bags", "zstandard").decompress(packed, max_output_size=size))
-    if compression == b"lz4":
-        return bytes(needs("bags", "lz4.frame").decompress(packed))
-    raise ValueError(f"a chunk is compressed by {compression!r}; give a bag by lz4 or zstd")
+    if not compression:
+        records = packed
+    elif compression == b"zstd":
+        records = bytes(needs("bags", "zstandard").decompress(packed, max_output_size=size))
+    elif compression == b"lz4":
+        records = bytes(needs("bags", "lz4.frame").decompress(packed))
+    else:
+        raise ValueError(f"a chunk is compressed by {compression!r}; give a bag by lz4 or zstd")
+    if whole and checksum not in (0, zlib.crc32(records)):
+        raise ValueError("a chunk is not as it was written; copy the bag again")
+    return records
 
 
 def _sqlite_size(path: Path) -> int:

@@ -66,10 +66,8 @@ def measure(
     Ctrl-C ends it with the frames it has. A ValueError says that no frame got a pose.
     """
     scene = estimator.scene
-    model = ForwardModel(scene)
-    blocks = [poses[start : start + BLOCK_POSES] for start in range(0, len(poses), BLOCK_POSES)]
-    bounds = np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
-    answers = {"estimator": answer_of(estimator)}
+    model, answers = ForwardModel(scene), {"estimator": answer_of(estimator)}
+    bounds = _bounds(model, poses)
     frames = frame_errors(answers, model, poses, images, progress)["estimator"]
     if not frames.posed.any():
         count = len(frames.errors)
@@ -78,7 +76,7 @@ def measure(
 
 
 def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
-    """Return plain values, errors in m and deg, times in ms; None where a bound is infinite.
+    """Return plain values, errors in m and deg, times in ms.
 
     `bounds` are the Cramer-Rao standard deviations at the true poses, m and rad, ``(n, 5)``. Means
     are over the frames that got a pose; ``nees_band`` is where the mean of as many chi-square(5)
@@ -94,9 +92,7 @@ def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
         "poses": len(frames.errors),
         "rms_error": by_column(frames.rms_error * IN_DEGREES),
         "rms_bound": by_column(rms_bound * IN_DEGREES),
-        "ratio_to_bound": dict(
-            zip(DOF_NAMES, (frames.rms_error / rms_bound).tolist(), strict=True)
-        ),
+        "ratio_to_bound": _by_dof(frames.rms_error / rms_bound),
         "beyond_6_sigma": int(frames.beyond_sigma(SIGMAS).sum()),
         "beyond_6_bounds": int((np.abs(frames.errors) > SIGMAS * bounds).any(axis=1).sum()),
         "nees_mean": float(nees.mean()),
@@ -108,13 +104,18 @@ def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
     }
 
 
+def _by_dof(values: Array) -> dict[str, float]:
+    return dict(zip(DOF_NAMES, values.tolist(), strict=True))
+
+
+def _bounds(model: ForwardModel, poses: Array) -> Array:
+    """Return the Cramer-Rao standard deviations at poses, m and rad, shape ``(n, 5)``."""
+    blocks = [poses[start : start + BLOCK_POSES] for start in range(0, len(poses), BLOCK_POSES)]
+    return np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
+
+
 def exposed(
-    model: ForwardModel,
-    poses: Array,
-    seed: int,
-    drawn: bool,
-    moving: bool,
-    rng: np.random.Generator,
+    model: ForwardModel, poses: Array, seed: int, drawn: bool, moving: bool, rng: Any
 ) -> Array:
     """Return images at poses ``(n, 5)``, m and rad, of a truth that the estimator does not know.
 
@@ -161,26 +162,23 @@ def costs(scene: Scene, count: int, seed: int) -> dict[str, dict[str, float]]:
 
     def bound(**known: Any) -> dict[str, float]:
         prior = dataclasses.replace(scene.prior, **known)
-        model = ForwardModel(dataclasses.replace(scene, prior=prior))
-        blocks = [poses[start : start + BLOCK_POSES] for start in range(0, count, BLOCK_POSES)]
-        square = np.concatenate([cramer_rao_bound(model, block).std ** 2 for block in blocks])
-        rms = np.sqrt(square.mean(axis=0)) * IN_DEGREES
-        return dict(zip(DOF_NAMES, rms.tolist(), strict=True))
+        square = _bounds(ForwardModel(dataclasses.replace(scene, prior=prior)), poses) ** 2
+        return _by_dof(np.sqrt(square.mean(axis=0)) * IN_DEGREES)
 
     keys = [field.name for field in dataclasses.fields(scene.prior) if "std" in field.name]
     uncertain = [key for key in keys if getattr(scene.prior, key) > 0]
     return {"as it is": bound(), **{key: bound(**{key: 0.0}) for key in uncertain}}
 
 
-def _fixed(value: float | None) -> str:
-    return "inf" if value is None else f"{value:.4f}"
+def _fixed(values: dict[str, float]) -> list[str]:
+    return [f"{value:.4f}" for value in values.values()]
 
 
 def report(result: dict[str, Any]) -> str:
     """Return the values of `figures` as text."""
     line = "{:<8}{:>9}{:>12} {:<4}{:>7.3f}"
-    errors, bounds = ([*map(_fixed, result[key].values())] for key in ("rms_error", "rms_bound"))
-    rows = zip(DOF_NAMES, errors, bounds, DOF_UNITS, result["ratio_to_bound"].values(), strict=True)
+    columns = DOF_NAMES, _fixed(result["rms_error"]), _fixed(result["rms_bound"]), DOF_UNITS
+    rows = zip(*columns, result["ratio_to_bound"].values(), strict=True)
     table = "\n".join(line.format(*row) for row in rows)
     of, (low, high) = f"of {result['poses']}", result["nees_band"]
     median_ms, slow_ms = result["frame_ms"].values()
@@ -202,21 +200,20 @@ def comparison(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `compare_known` as text."""
     line = "{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
     heads = ("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")
-    lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "").rstrip()]
+    lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "")]
     for row in rows:
-        errors, bounds = (map(_fixed, row[key].values()) for key in ("rms_error", "rms_bound"))
-        nees, beyond, without = row["nees_mean"], row["beyond_6_sigma"], row["without_pose"]
-        lines.append(line.format(row["known"], "error", *errors, f"{nees:.2f}", beyond, without))
-        lines.append(line.format("", "bound", *bounds, "", "", "").rstrip())
-    return "\n".join(lines)
+        honesty = f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
+        lines.append(line.format(row["known"], "error", *_fixed(row["rms_error"]), *honesty))
+        lines.append(line.format("", "bound", *_fixed(row["rms_bound"]), "", "", ""))
+    return "\n".join(map(str.rstrip, lines))
 
 
 def cost_table(bounds: dict[str, dict[str, float]]) -> str:
     """Return the `costs` of a scene as text."""
     line = "{:<28}" + 5 * "{:>8}"
-    rows = [line.format("bound, with this known", *DOF_NAMES), line.format("", *DOF_UNITS).rstrip()]
-    rows += [line.format(key, *map(_fixed, bound.values())) for key, bound in bounds.items()]
-    return "\n".join(rows)
+    lines = [line.format("bound, with this known", *DOF_NAMES), line.format("", *DOF_UNITS)]
+    lines += [line.format(key, *_fixed(bound)) for key, bound in bounds.items()]
+    return "\n".join(map(str.rstrip, lines))
 
 
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.core.storage.formats import plain
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
 from uuv_optical_array.studies.approach_runs import (
@@ -113,7 +114,7 @@ def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
             },
             "without_pose": result.without_pose(method),
         }
-    return {
+    figures = {
         "runs": result.runs,
         "published": {name: by_column(getattr(case, name)) for name in TITLES},
         "aim_end_95": by_column(case.end_95 / AIM),
@@ -121,6 +122,7 @@ def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
         "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
         "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
     }
+    return plain(figures)
 
 
 def _numbers(values: Mapping[str, float | None]) -> str:

@@ -21,7 +21,7 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
-from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned, measure_moments
+from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
 STEP_S = 1 / RATE_HZ
@@ -227,9 +227,8 @@ def simulate(
             offsets = draw_offsets(choices, count, rng)
             images = expose(model, case.path, offsets, choices.noise, rng)
             single, tracked = _by_least_squares(estimator, images)
-            by_moments = moments.poses(measure_moments(images, moments.spacing_m))
             docking = by_docking(DockingSmoother(model, STEP_S, DOCKING), images, single[:, 0])
-            poses = (dead_reckoned(by_moments), single, tracked, docking)
+            poses = (dead_reckoned(moments.poses(images)), single, tracked, docking)
             batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
             done(count)
     except KeyboardInterrupt:

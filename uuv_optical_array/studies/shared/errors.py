@@ -1,8 +1,7 @@
 """Errors of poses, and errors and times of estimators that answer the same frames in turns."""
 
-import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -35,11 +34,10 @@ def position_and_angle(errors: Array) -> tuple[float, float]:
     return float(position), float(np.degrees(angle))
 
 
-def by_column(values: Iterable[float]) -> dict[str, float | None]:
-    """Name values of the five degrees of freedom in m and deg, None where not finite."""
+def by_column(values: Array) -> dict[str, float]:
+    """Name values of the five degrees of freedom, m and deg."""
     names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
-    known = (float(value) if math.isfinite(value) else None for value in values)
-    return dict(zip(names, known, strict=True))
+    return dict(zip(names, values.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -156,12 +154,8 @@ def frame_errors(
     except KeyboardInterrupt:
         if not done:
             raise
+    model, kept = np.array(model_s), slice(done)
     return {
-        name: FrameErrors(
-            errors[name][:done],
-            covariances[name][:done],
-            frame_s[name][:done],
-            np.array(model_s),
-        )
+        name: FrameErrors(errors[name][kept], covariances[name][kept], frame_s[name][kept], model)
         for name in names
     }

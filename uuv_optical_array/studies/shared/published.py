@@ -116,21 +116,6 @@ class LookUp:
         return np.array(self._poses[candidates][np.argmin(differences @ self._weights)])
 
 
-@dataclass(frozen=True)
-class Moments:
-    """What the moments method measures in n images, each of shape ``(n,)``.
-
-    The brightest reading, counts; the first moments about the peak along y and z, m; and M23 / M33
-    and M32 / M33, 1/m, nan where M33 is 0.
-    """
-
-    peak: Array
-    m21: Array
-    m12: Array
-    yaw_ratio: Array
-    pitch_ratio: Array
-
-
 @np.errstate(under="ignore")
 def image_moments(images: ArrayLike, spacing_m: float) -> Array:
     """Compute ``M_pq = sum (y - y0)^(p-1) (z - z0)^(q-1) I / sum I``, p and q from 1 to 3.
@@ -151,49 +136,37 @@ def image_moments(images: ArrayLike, spacing_m: float) -> Array:
     return (along_y @ np.swapaxes(images, -1, -2) @ np.swapaxes(along_z, -1, -2)) / total
 
 
-def measure_moments(images: ArrayLike, spacing_m: float) -> Moments:
-    """Measure images of shape ``(..., side, side)``, as `image_moments`."""
+def measured(images: ArrayLike, spacing_m: float) -> Array:
+    """Measure what the moments method takes a pose from, a number for each of its components.
+
+    Of images of shape ``(..., side, side)`` they are, with shape ``(..., 5)``, the logarithm of the
+    brightest reading, the first moments about the peak along y and z, m, and M32 / M33 and
+    M23 / M33, 1/m, nan where M33 is 0.
+    """
     images = np.asarray(images, dtype=float)
     moments = image_moments(images, spacing_m)
     m33 = np.where(moments[..., 2, 2] > 0, moments[..., 2, 2], np.nan)
-    return Moments(
-        images.max(axis=(-2, -1)),
-        moments[..., 1, 0],
-        moments[..., 0, 1],
-        moments[..., 1, 2] / m33,
-        moments[..., 2, 1] / m33,
-    )
+    with np.errstate(divide="ignore"):
+        peak = np.log(images.max(axis=(-2, -1)))
+    across = moments[..., 1, 0], moments[..., 0, 1]
+    return np.stack([peak, *across, moments[..., 2, 1] / m33, moments[..., 1, 2] / m33], axis=-1)
 
 
 @dataclass(frozen=True)
 class MomentCalibration:
-    """The moments method, calibrated: each pair of coefficients is for ``a + b value``.
+    """The moments method, calibrated: a line ``a + b value`` through each of `measured`.
 
-    ``range = a + b log(peak)`` is the paper's ``-log(peak / a1) / b1``; pitch and yaw, rad, are by
-    the ratios, y and z, m, by M21 and M12.
+    `lines` are a and b for x, y and z, m, pitch and yaw, rad, shape ``(5, 2)``; that of x is the
+    negative of the paper's range, ``-log(peak / a1) / b1``.
     """
 
     spacing_m: float
-    log_range: tuple[float, float]
-    pitch: tuple[float, float]
-    yaw: tuple[float, float]
-    y: tuple[float, float]
-    z: tuple[float, float]
+    lines: Array
 
-    def poses(self, moments: Moments) -> Array:
+    def poses(self, images: ArrayLike) -> Array:
         """Return the poses of single images, m and rad, shape ``(..., 5)``; nan without one."""
-
-        def line(coefficients: tuple[float, float], values: Array) -> Array:
-            return coefficients[0] + coefficients[1] * values
-
-        poses = np.empty((*moments.peak.shape, 5))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            poses[..., X] = -line(self.log_range, np.log(moments.peak))
-        poses[..., Y] = line(self.y, moments.m21)
-        poses[..., Z] = line(self.z, moments.m12)
-        poses[..., PITCH] = line(self.pitch, moments.pitch_ratio)
-        poses[..., YAW] = line(self.yaw, moments.yaw_ratio)
-        return poses
+        with np.errstate(invalid="ignore"):
+            return self.lines[:, 0] + self.lines[:, 1] * measured(images, self.spacing_m)
 
     def pose(self, image: ArrayLike) -> Array:
         """Estimate the pose of an image as `LookUp.pose`; NoPose without light or a pattern."""
@@ -202,7 +175,7 @@ class MomentCalibration:
             raise NoPose("no image: the moments need a square of finite readings")
         if image.max() <= 0:
             raise NoPose(f"no light: the peak is {image.max():g} counts")
-        pose = self.poses(measure_moments(image, self.spacing_m))
+        pose = self.poses(image)
         if not np.isfinite(pose).all():
             raise NoPose("no pattern: M33 is 0, so it has no angles; is one detector alone lit?")
         if np.abs(pose[PITCH:]).max() >= np.pi / 2:
@@ -220,32 +193,20 @@ def calibrate(
     over turns by 1 deg, one at a time, on the beam's axis at each range: the paper does not say
     where its array was turned.
     """
-
-    def measured(poses: Array) -> Moments:
-        images = np.zeros((len(poses), model.array.side, model.array.side))
+    spacing_m, side = model.array.spacing_m, model.array.side
+    grid = np.stack(np.meshgrid(-RANGES_M, ACROSS_M, DOWN_M, indexing="ij"), axis=-1)
+    places = np.pad(grid.reshape(-1, 3), ((0, 0), (0, 2)))
+    ranges, angles = map(np.ravel, np.meshgrid(RANGES_M, TURNS_RAD))
+    pitched, yawed = np.zeros((2, len(ranges), 5))
+    pitched[:, X], pitched[:, PITCH] = yawed[:, X], yawed[:, YAW] = -ranges, angles
+    lines = []
+    for poses, dofs in ((places, (X, Y, Z)), (pitched, (PITCH,)), (yawed, (YAW,))):
+        images = np.zeros((len(poses), side, side))
         for _ in range(samples):
             images += model.expose(poses, rng)
-        return measure_moments(images / samples, model.array.spacing_m)
-
-    def fit(values: Array, truth: Array) -> tuple[float, float]:
-        slope, offset = np.polyfit(values, truth, 1)
-        return float(offset), float(slope)
-
-    grid = np.stack(np.meshgrid(-RANGES_M, ACROSS_M, DOWN_M, indexing="ij"), axis=-1).reshape(-1, 3)
-    places = np.concatenate([grid, np.zeros((len(grid), 2))], axis=1)
-    at_places = measured(places)
-    ranges, angles = (values.ravel() for values in np.meshgrid(RANGES_M, TURNS_RAD))
-    turns = np.zeros((2, ranges.size, 5))
-    turns[..., X], turns[0, :, PITCH], turns[1, :, YAW] = -ranges, angles, angles
-    pitched, yawed = map(measured, turns)
-    return MomentCalibration(
-        model.array.spacing_m,
-        fit(np.log(at_places.peak), -places[:, X]),
-        fit(pitched.pitch_ratio, angles),
-        fit(yawed.yaw_ratio, angles),
-        fit(at_places.m21, places[:, Y]),
-        fit(at_places.m12, places[:, Z]),
-    )
+        values = measured(images / samples, spacing_m)
+        lines += [np.polyfit(values[:, dof], poses[:, dof], 1)[::-1] for dof in dofs]
+    return MomentCalibration(spacing_m, np.array(lines))
 
 
 def dead_reckoned(poses: Array) -> Array:

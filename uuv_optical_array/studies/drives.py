@@ -105,20 +105,19 @@ def figures(drives: Sequence[Drive]) -> dict[str, Any]:
     tracked, single = (
         np.sqrt(np.nanmean(np.square(errors), axis=0)) * IN_DEGREES for errors in (last, singles)
     )
-    return plain(
-        {
-            "drives": len(drives),
-            "frames": len(posed),
-            "refused": int((~posed).sum()),
-            "beyond_6_sigma": sum(int(track.beyond_sigma(SIGMAS).sum()) for track in tracks),
-            "nees_mean": means.mean(),
-            "nees_of_drives": np.quantile(means, [0.05, 0.5, 0.95]),
-            "last_s": LAST_S,
-            "rms_tracked": dict(zip(DOF_NAMES, tracked, strict=True)),
-            "rms_single": dict(zip(DOF_NAMES, single, strict=True)),
-            "range_ratio": tracked[X] / single[X],
-        }
-    )
+    figures = {
+        "drives": len(drives),
+        "frames": len(posed),
+        "refused": int((~posed).sum()),
+        "beyond_6_sigma": sum(int(track.beyond_sigma(SIGMAS).sum()) for track in tracks),
+        "nees_mean": means.mean(),
+        "nees_of_drives": np.quantile(means, [0.05, 0.5, 0.95]),
+        "last_s": LAST_S,
+        "rms_tracked": dict(zip(DOF_NAMES, tracked, strict=True)),
+        "rms_single": dict(zip(DOF_NAMES, single, strict=True)),
+        "range_ratio": tracked[X] / single[X],
+    }
+    return plain(figures)
 
 
 def report(result: dict[str, Any]) -> str:
@@ -127,19 +126,16 @@ def report(result: dict[str, Any]) -> str:
     for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True):
         tracked, single = result["rms_tracked"][name], result["rms_single"][name]
         lines.append(f"{name:<8}{tracked:>9.4f}{single:>9.4f}   {unit}")
-    low, median, high = result["nees_of_drives"]
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"range, tracked over single: {result['range_ratio']:.2f}",
-            f"mean NEES: {result['nees_mean']:.2f}; of single drives {low:.2f} to {high:.2f} "
-            f"(5 to 95 %), median {median:.2f}",
-            "off by more than 6 of its own standard deviations: "
-            f"{result['beyond_6_sigma']} of {result['frames']}",
-            f"not in the track: {result['refused']} of {result['frames']}",
-        ]
-    )
+    (low, median, high), of = result["nees_of_drives"], f"of {result['frames']}"
+    lines += [
+        "",
+        f"range, tracked over single: {result['range_ratio']:.2f}",
+        f"mean NEES: {result['nees_mean']:.2f}; of single drives {low:.2f} to {high:.2f} "
+        f"(5 to 95 %), median {median:.2f}",
+        f"off by more than 6 of its own standard deviations: {result['beyond_6_sigma']} {of}",
+        f"not in the track: {result['refused']} {of}",
+    ]
+    return "\n".join(lines)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

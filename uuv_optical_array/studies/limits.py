@@ -105,11 +105,8 @@ def report(model: ForwardModel, pose: Array) -> str:
         known = f"{std:10.3g} {unit:<4} {verdict} {wanted:g} {unit}"
         lines.append(f"  {name:<6}{known if observable else '   unobservable'}")
     names = [name for name, known in zip(DOF_NAMES, bound.observable, strict=True) if known]
-    lines += [
-        "",
-        f"observable: {', '.join(names) or 'nothing'}",
-        f"condition number of the information, in m and rad: {bound.condition:.2g}",
-    ]
+    lines += ["", f"observable: {', '.join(names) or 'nothing'}"]
+    lines.append(f"condition number of the information, in m and rad: {bound.condition:.2g}")
     if stds := scene.prior.nuisance_std():
         along = ", ".join(f"{name} +-{std:g}" for name, std in stds.items())
         lines.append(f"estimated along with the pose: {along}")
@@ -222,17 +219,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the bound at one pose and draw it over the working volume."""
     with options.checking_options():
-        pose = np.array(
-            [
-                check(Annotated[float, quantity], value, f"--pose {name}")
-                for (name, quantity), value in zip(POSE.items(), args.pose, strict=True)
-            ]
-        )
+        for (name, quantity), value in zip(POSE.items(), args.pose, strict=True):
+            check(Annotated[float, quantity], value, f"--pose {name}")
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     model = ForwardModel(scene.with_shape(args.shape or scene.array.shape))
-    print(report(model, pose / IN_DEGREES))
-
+    print(report(model, np.array(args.pose) / IN_DEGREES))
     save(draw(bound_map(scene), scene.name), output)
     print(f"picture: {output}")
     return 0

@@ -66,18 +66,16 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
     `plausible` says which images a frame of the scene at the answer could have shown, ``(n,)``.
     """
     beyond = frames.beyond_sigma(SIGMAS)
-    return plain(
-        {
-            "kind": kind.name,
-            "what": kind.what,
-            "times_prior": kind.times_prior,
-            "within_twice_prior": kind.within,
-            "frames": len(frames.errors),
-            "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
-            "indistinguishable": int((beyond & plausible).sum()),
-            **frames.summary(),
-        }
-    )
+    figures = {
+        "kind": kind.name,
+        "what": kind.what,
+        "times_prior": kind.times_prior,
+        "within_twice_prior": kind.within,
+        "frames": len(frames.errors),
+        "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
+        "indistinguishable": int((beyond & plausible).sum()),
+    }
+    return plain({**figures, **frames.summary()})
 
 
 def tail_probability(model: ForwardModel, poses: Array, covariances: Array, images: Array) -> Array:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,19 +102,17 @@ def law_beside(water: str, phase: Phase, beam_deg: float, poses: Array) -> dict[
     fit = least_squares(residual, true, diff_step=1e-4)
     i = np.abs(RADII_M - MIDDLE_M).argmin()
     axis = lamp.vector(RADII_M[i : i + 1], np.zeros(1))[0] * RADII_M[i] ** 2
-    return plain(
-        {
-            "water": water,
-            "phase": phase,
-            "beam_deg": beam_deg,
-            "photons": pencil.photons,
-            "by_chance": lamp.error[i, 0] / axis[0],
-            "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
-            "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
-            "true": np.exp(true),
-            "fitted": np.exp(fit.x),
-        }
-    )
+    return {
+        "water": water,
+        "phase": phase,
+        "beam_deg": beam_deg,
+        "photons": pencil.photons,
+        "by_chance": lamp.error[i, 0] / axis[0],
+        "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
+        "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
+        "true": np.exp(true),
+        "fitted": np.exp(fit.x),
+    }
 
 
 def poses_by(
@@ -125,13 +124,11 @@ def poses_by(
     over: Callable[..., Any] = iter,
 ) -> dict[str, Any]:
     """Return figures of poses from photon images; of fewer after Ctrl-C."""
-    rng = np.random.default_rng(seed)
-    poses: Array = np.empty((0, 5))
+    rng, poses = np.random.default_rng(seed), np.empty((0, 5))
     while len(poses) < count:
         drawn = poses_between(ranges_m, count, rng)
-        peak = truth.light(drawn).max(axis=(1, 2))
-        poses = np.concatenate([poses, drawn[peak > MIN_PEAK_COUNTS]])
-    poses = poses[:count]
+        lit = truth.light(drawn).max(axis=(1, 2)) > MIN_PEAK_COUNTS
+        poses = np.concatenate([poses, drawn[lit]])[:count]
     images = truth.model.read(truth.light(poses), rng)
     answers = {"estimator": answer_of(estimator)}
     frames = frame_errors(answers, truth.model, poses, images, over)["estimator"]
@@ -158,10 +155,7 @@ def measure_poses(
             if scene is None:
                 yield {**row, "refusal": refusal}
                 continue
-
-            def over(frames: Any, what: str = f"{water}, {label}") -> Any:
-                return progress(frames, what=what)
-
+            over = partial(progress, what=f"{water}, {label}")
             estimator = Estimator(scene, "least_squares").wait()
             figures = poses_by(estimator, seen, ranges_m, count, seed, over)
             yield {**row, "refusal": "", **figures}
@@ -180,18 +174,19 @@ def _calibrated(scene: Scene, images: Array, poses: Array) -> tuple[Scene | None
 
 def report_law(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `law_beside` as a table."""
-    lines = [
-        "law beside photons: RMS of images up to 1000 counts",
-        f"{'water':<9}{'phase function':<19}{'beam':>6}{'photons':>9}"
-        f"{'a, b true':>12}{'a, b fitted':>13}{'a':>9}{'(true)':>8}{'b':>8}{'(true)':>8}",
-    ]
+    line = "{:<9}{:<19}{:>6}{:>9}{:>12}{:>13}{:>9}{:>8}{:>8}{:>8}"
+    heads = ("water", "phase function", "beam", "photons", "a, b true", "a, b fitted")
+    lines = ["law beside photons: RMS of images up to 1000 counts"]
+    lines.append(line.format(*heads, "a", "(true)", "b", "(true)"))
     for row in rows:
-        (a, b), (true_a, true_b) = row["fitted"], row["true"]
-        lines.append(
-            f"{row['water']:<9}{row['phase']:<19}{row['beam_deg']:>2g} deg"
-            f"{100 * row['by_chance']:>7.2f} %{row['rms_true']:>12.2f}{row['rms_fitted']:>13.2f}"
-            f"{a:>9.3f}{true_a:>8.3f}{b:>8.3f}{true_b:>8.3f}"
+        about = f"{row['beam_deg']:g} deg", f"{100 * row['by_chance']:.2f} %"
+        errors = (f"{row[key]:.2f}" for key in ("rms_true", "rms_fitted"))
+        water = (
+            f"{value:.3f}"
+            for pair in zip(row["fitted"], row["true"], strict=True)
+            for value in pair
         )
+        lines.append(line.format(row["water"], row["phase"], *about, *errors, *water))
     return "\n".join(lines)
 
 

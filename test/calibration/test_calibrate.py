@@ -445,4 +445,4 @@ def test_it_needs_no_ros_and_names_the_extra_that_it_needs(bag, tmp_path):
     failed = without(["rosbags"], *command(bag, tmp_path))
     assert failed.returncode == 1
     assert len(failed.stderr.strip().splitlines()) == 1
-    assert "uuv_optical_array[bags]" in failed.stderr
+    assert "-m pip install 'rosbags>=0.10'" in failed.stderr

@@ -1,16 +1,19 @@
 """``uuv_array advise``: its choice on measurements made by hand."""
 
+import dataclasses
 import functools
 import json
 import math
+import re
 
 import command_line
 import measured
 import pytest
 import yaml
 
+from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.advise import Need, advise
+from uuv_optical_array.studies.advise import Need, advise, calibrating
 from uuv_optical_array.studies.shared import tradeoff_measurement
 from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, origin_of
@@ -158,3 +161,11 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
     assert result["measured"].startswith(str(tmp_path / "cache"))
     assert stopped == [(300, 1)]
     assert "another scene or machine" in err
+
+
+def test_a_scene_that_is_not_exact_says_what_a_calibration_would_gain(scene):
+    uncertain = dataclasses.replace(scene, prior=PriorSettings(lamp_power_std=0.2))
+    text = calibrating(uncertain, row())
+    now, then = map(float, re.findall(r"([\d.]+) m ", text))
+    assert now > 1.5 * then
+    assert calibrating(scene, row()) == ""

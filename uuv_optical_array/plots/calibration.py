@@ -73,7 +73,7 @@ def _draw_gains(figure: Any, axes: Any, result: Calibration) -> None:
     """Draw the gains, in per cent of the mean, with their standard errors."""
     off = 100 * (result.gains - 1)
     known = np.isfinite(result.gain_std)
-    limit = max(1e-3, float(np.abs(off[known]).max()) if known.any() else 1.0)
+    limit = max(1.0, float(np.abs(off[known]).max(initial=0)))  # 0.0 % is pale
     shown = np.where(known, off, np.nan)
     axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
     mesh = array_image(axes, shown, cmap="RdBu_r", vmin=-limit, vmax=limit)

@@ -229,7 +229,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
             axes.hlines(bounds, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
             for x, error, bound in zip(at, errors, bounds, strict=True):
                 top = x, max(error, bound)
-                axes.annotate(f"{error:.2g}", top, (0, 3), textcoords="offset points", ha="center")
+                axes.annotate(f"{error:.2g}", top, (0, 6), textcoords="offset points", ha="center")
         axes.set_xticks(range(len(names)), names)
         axes.set_ylabel(f"RMS error ({unit})")
         axes.margins(y=0.12)

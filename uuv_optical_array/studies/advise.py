@@ -9,13 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import YAW, X
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.estimation.estimator import METHODS
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import SPECIFICATION
+from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
 from uuv_optical_array.studies.shared.results import Results, read
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
@@ -45,6 +50,7 @@ examples:
 Ctrl-C while it measures keeps the results so far; the next call goes on."""
 
 POSITION_M, ANGLE_DEG = float(SPECIFICATION[X]), float(SPECIFICATION[YAW])
+BOUNDED = 200  # poses whose bound is shown
 # The fields of `Need`.
 NEEDS = {
     "rate": (Quantity("frames a second", "Hz", 0.001, 1e6), 10.0),
@@ -117,6 +123,23 @@ def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
     }
 
 
+def calibrating(scene: Scene, row: Measurement) -> str:
+    """Return what knowing the scene exactly would gain a setting; empty where it is so known."""
+    believed = Group(row.shape, row.detectors_per_side, row.steps, (row.method,)).scene(scene)
+    if not believed.prior.nuisance_std():
+        return ""
+    exact = dataclasses.replace(believed, prior=PriorSettings())
+    poses = lit_poses(ForwardModel(believed), BOUNDED, np.random.default_rng(1))
+    now, then = (
+        math.sqrt((cramer_rao_bound(ForwardModel(one), poses).std[:, :3] ** 2).sum(1).mean())
+        for one in (believed, exact)
+    )
+    return (
+        f"of its error {now:.2g} m is the least with the scene's prior, and {then:.2g} m if the "
+        "scene were known exactly: a calibration (uuv_array calibrate) comes before more detectors"
+    )
+
+
 def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float]) -> str:
     """Return the advice in words."""
     needed = f"{need.rate_hz:g} Hz, {need.position_m:g} m, {need.angle_deg:g} deg"
@@ -136,6 +159,7 @@ def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float])
         f"{row.without_pose:.1%} of frames without a pose",
         f"time: {row.median_ms:.3g} ms, 99th percentile {row.p99_ms:.3g} ms "
         f"of {1e3 / need.rate_hz:.4g} ms; {row.models:.3g} forward models; without ROS",
+        *filter(None, [calibrating(scene, row)]),
         "",
         f"in the scene ({scene.name}):",
     ]

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from odometries import odometry, position, rotation, time_of
+from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
@@ -190,6 +191,39 @@ def test_a_leader_alone_waits_until_every_follower_is_commanded(lab):
     lab.deliver(node, commands[0], TwistStamped())
     lab.until(lambda: position(heard[-1])[0] > 0.01, "the leader to set off")
     assert node.count_publishers("follower/odometry") == 0
+
+
+@pytest.mark.parametrize("namespace", ["", "/rov"])
+def test_the_leader_waits_until_an_estimator_has_the_fit_that_it_will_keep(lab, namespace):
+    # The estimator is a node of its name whose diagnostics are those of one; it says how it fits.
+    lab.begin({"vehicles": "leader"}, "-r", f"__ns:={namespace or '/'}")
+    node = lab.start(VehiclesNode)
+    space = f"{namespace}/follower_1"
+    estimator = Node("estimator_node", namespace=space, use_global_arguments=False)
+    commands = lab.talk(TwistStamped, f"{namespace}/follower_1/cmd_vel")
+    told = lab.talk(DiagnosticArray, "/diagnostics")
+    heard = lab.listen(Odometry, f"{namespace}/leader/odometry")
+    lab.connect()
+
+    def tell(fit):
+        values = [KeyValue(key="method", value="least_squares"), KeyValue(key="fit", value=fit)]
+        name = f"{namespace}/follower_1/estimator_node".lstrip("/")
+        told.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)]))
+        lab.until(lambda: node.fits.get(f"/{name}") == fit, "the diagnostics to arrive")
+        lab.deliver(node, commands, TwistStamped())
+
+    ours = f"{namespace}/follower_1/estimator_node compiling the fit"
+    lab.until(lambda: "estimator_node" in node.get_node_names(), "the estimator's name")
+    lab.deliver(node, commands, TwistStamped())
+    lab.report(node, DiagnosticStatus.WARN, ours)  # it has not said anything
+    tell("as it stands: it is being compiled")
+    lab.report(node, DiagnosticStatus.WARN, ours)
+    assert node.path_s is None
+    tell("as it stands: Numba is not installed")
+    assert node.path_s is not None
+    lab.until(lambda: heard and position(heard[-1])[0] > 0.01, "the leader to set off")
+    lab.report(node, DiagnosticStatus.OK)
+    estimator.destroy_node()
 
 
 def over_ground(message):

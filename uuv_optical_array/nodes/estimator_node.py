@@ -138,9 +138,10 @@ class EstimatorNode(Node):
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
         self.shapes = publish(self, MarkerArray, "markers", LASTING)
-        own = {"base": self.base_frame, "beacon": body_beside(self.beacon_frame, self.child_frame)}
+        below_base = self.parameters["tf_parent"] == "base"
+        own = self.base_frame if below_base else body_beside(self.beacon_frame, self.child_frame)
         beam = markers.beam(self.scene, self.beacon_frame, -self.extent[0][0])
-        body = markers.body(self.scene, own[self.parameters["tf_parent"]])
+        body = markers.body(self.scene, own)
         self.shapes.publish(MarkerArray(markers=beam + body))
         if hand_over is None:
             with_image = self.parameters["use_image"]

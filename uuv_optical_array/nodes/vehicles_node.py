@@ -1,7 +1,8 @@
 """The demonstration's two vehicles: a leader on its path and a follower that obeys ``cmd_vel``.
 
-The leader sets off once every follower has been commanded: the formation control commands none
-before it has a pose. Then the sea begins to move too. ``cmd_vel`` is a velocity through the water,
+The leader sets off once every follower has been commanded, which the formation control does from
+the first pose on, and has the fit that it will keep: while a fit is compiled, frames may be late.
+Then the sea begins to move too. ``cmd_vel`` is a velocity through the water,
 since a follower cannot see the ground; the leader can, and steers against the current. Each of the
 two can be alone, so that several followers share a leader.
 """
@@ -10,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -94,6 +96,10 @@ class VehiclesNode(Node):
         self.awaited = (
             {f"follower_{n + 1}/cmd_vel" for n in range(count)} if role == "leader" else {"cmd_vel"}
         )
+        self.fits: dict[str, str] = {}  # what each estimator says of its fit
+        self.compilers: dict[str, str] = {}  # those that compile it, by the commands beside them
+        if role != "follower":
+            self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 100)
         if role == "leader":
             for n in range(1, count + 1):
                 heard = partial(self.on_command, f"follower_{n}/cmd_vel")
@@ -131,9 +137,27 @@ class VehiclesNode(Node):
         self.vehicles["follower"] = start_behind(leader, self.parameters["station_m"])
 
     def warn_of_waiting(self) -> None:
-        """Report which commands the leader waits for."""
-        topics = ", ".join(sorted(self.awaited))
-        self.diagnostics.warn(f"leader waits: no {topics} has come yet" if topics else "")
+        """Report which commands the leader waits for, and whose fit."""
+        silent = ", ".join(sorted(self.awaited - self.compilers.keys()))
+        names = ", ".join(sorted(self.compilers.values()))
+        reasons = [f"no {silent} has come yet"] if silent else []
+        reasons += [f"{names} compiling the fit, once on a machine"] if names else []
+        self.diagnostics.warn(f"leader waits: {' and '.join(reasons)}" if reasons else "")
+
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note how the fit of each estimator runs."""
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if "method" in values:
+                self.fits[f"/{status.name}"] = values.get("fit", "")
+
+    def compiling(self, topic: str) -> str:
+        """Name the estimator beside who commands, where its fit may change yet."""
+        space = self.resolve_topic_name(topic).rpartition("/")[0]
+        if ("estimator_node", space or "/") not in self.get_node_names_and_namespaces():
+            return ""
+        name = f"{space}/estimator_node"
+        return name if self.fits.get(name, "being compiled").endswith("being compiled") else ""
 
     def on_leader(self, message: Odometry) -> None:
         """Place a follower without a leader of its own behind the one whose odometry comes."""
@@ -156,8 +180,12 @@ class VehiclesNode(Node):
             self.diagnostics.refuse(f"cmd_vel, {reason}")
             return
         self.commanded = self.get_clock().now()
-        if self.vehicles and self.path_s is None:
-            self.awaited.discard(topic)
+        if self.vehicles and self.path_s is None and topic in self.awaited:
+            self.compilers.pop(topic, None)
+            if "leader" in self.vehicles and (estimator := self.compiling(topic)):
+                self.compilers[topic] = estimator
+            else:
+                self.awaited.remove(topic)
             self.warn_of_waiting()
             if not self.awaited:
                 self.path_s = 0.0

@@ -40,7 +40,7 @@ from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN, BagWriter
 
-START_S = 15.0  # how long the leader may wait for the follower to see it
+START_S = 15.0  # how long the leader may wait for the follower to see it, with its fit compiled
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
 
 
@@ -179,9 +179,11 @@ def follow(
         if fleet:
             alone = Parameter("vehicles", value="leader"), Parameter("followers", value=len(fleet))
             options.append({"parameter_overrides": list(alone)})
-        # Vehicles come last, so that none moves before the nodes are there.
+        # Vehicles come last, so that none moves before the nodes are there, and the leader's at the
+        # end.
         for vehicle_options in options:
-            executor.add_node(VehiclesNode(**vehicle_options))
+            vehicles = VehiclesNode(**vehicle_options)
+            executor.add_node(vehicles)
         first, records = recorders[0], [recorder.record for recorder in recorders]
         clock = first.get_clock()
         ready_ns = clock.now().nanoseconds
@@ -191,7 +193,8 @@ def follow(
 
         def wanted() -> bool:
             if first.started_ns is None:
-                return elapsed_s(ready_ns) < START_S
+                compiling = any(fit.endswith("being compiled") for fit in vehicles.fits.values())
+                return compiling or elapsed_s(ready_ns) < START_S
             return elapsed_s(first.started_ns) < duration_s
 
         def tick() -> None:

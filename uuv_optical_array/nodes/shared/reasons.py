@@ -163,8 +163,9 @@ WARNINGS = {
         "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     ),
     "leader waits": Reason(
-        "The demonstration's leader waits for the follower's first command.",
-        "It sets off when `estimator_node` has a pose.",
+        "The demonstration's leader waits for a follower's first command, or for its fit to be "
+        "compiled.",
+        "It sets off when each `estimator_node` has a pose and its `fit` is compiled.",
     ),
 }
 

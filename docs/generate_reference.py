@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from drawings import geometry
 from drawings import nodes as nodes_and_topics
+from schematic import schematic
 
 import uuv_optical_array
 from uuv_optical_array import nodes
@@ -51,7 +52,7 @@ READ_MORE = {
     "scenes": "tutorials/own_array.md",
     "render": "results/scenes.md",
     "limits": "explanation/light.md",
-    "budget": "how_to/hardware.md",
+    "budget": "how_to/build_instrument.md",
     "calibrate": "tutorials/calibration.md",
     "commission": "how_to/hardware.md",
     "estimate": "how_to/replay.md",
@@ -526,7 +527,11 @@ def text_of(name: str) -> str:
 
 def drawings() -> dict[str, str]:
     """Return the drawings by their files' names."""
-    return {"geometry.svg": geometry(), "nodes.svg": nodes_and_topics(all_topics())}
+    return {
+        "geometry.svg": geometry(),
+        "nodes.svg": nodes_and_topics(all_topics()),
+        "schematic.svg": schematic(),
+    }
 
 
 def main() -> None:

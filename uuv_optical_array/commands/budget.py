@@ -90,15 +90,14 @@ def report(scene: Scene, instrument: Instrument, base: str) -> str:
     for range_m, (light, std, *bound) in zip(RANGES_M, rows(scene, RANGES_M), strict=True):
         full = "  full scale" if light > full_scale else ""
         shown = "".join(f"{value:>12.3g}" for value in bound)
-        lines.append(f"{range_m:9g}{light:10.5g}{std:10.3g}{shown}{full}")
+        lines.append(f"{range_m:9g}{light:11.4g}{std:9.3g}{shown}{full}")
     span = reach(scene)
     told = f"{span[0]:g} to {span[1]:g} m" if span else "none: not even at the reference range"
     lines += [f"reach within 0.2 m and 10 deg: {told}", ""]
     lines.append(f"errors of building, at {BUILT_M:g} m    range (mm)  across (mm)  angle (deg)")
     for name, error in tolerances(scene, aligned([BUILT_M])[0]).items():
-        x, y, z, pitch, yaw = error * IN_DEGREES
-        angle = max(pitch, yaw)
-        lines.append(f"  {name:<31}{1e3 * x:11.3g}{1e3 * max(y, z):13.3g}{angle:13.3g}")
+        x, y, z, pitch, yaw = np.round(error * IN_DEGREES * [1e3, 1e3, 1e3, 1, 1], 3)
+        lines.append(f"  {name:<31}{x:11g}{max(y, z):13g}{max(pitch, yaw):13g}")
     return "\n".join([*lines, "", f"for a scene file that extends {base}:", ""])
 
 

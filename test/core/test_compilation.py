@@ -105,7 +105,7 @@ from uuv_optical_array.core.numerics import compilation, linked_functions
 from uuv_optical_array.estimation.information.likelihood import censored
 numba.__version__ = {version!r}
 function = compilation.prepare(censored, 3.0, 5.0, 1.0, 2.0)
-print(bool(linked_functions.options()), *function(3.0, 5.0, 1.0, 2.0))
+print(bool(linked_functions.options(inner=True)), *function(3.0, 5.0, 1.0, 2.0))
 """
 
 

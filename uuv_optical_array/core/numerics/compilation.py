@@ -83,7 +83,8 @@ def law_address(law: Callable[..., Any]) -> int:
     # Its own name on disk: the file tells the laws apart by nothing else.
     transmit.__qualname__ = f"{transmit.__qualname__}.{law.__module__}.{law.__qualname__}"
     with _kept_on_disk(numba) as kept:
-        callback = numba.cfunc(mathematics.TRANSMIT, cache=kept, **OPTIONS)(transmit)
+        options = {**OPTIONS, **_linking(inner=False)}
+        callback = numba.cfunc(mathematics.TRANSMIT, cache=kept, **options)(transmit)
     _CALLBACKS.append(callback)
     return int(callback.address)
 
@@ -161,15 +162,15 @@ def _jit(function: FunctionType, keep: bool) -> Any:
         options["fastmath"] = {"contract", "reassoc"}
     if not keep:
         # Nobody calls it from Python.
-        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_inner_options())
+        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_linking(inner=True))
         return numba.njit(**options)(function)
     with _kept_on_disk(numba) as kept:
-        return numba.njit(cache=kept, **options)(function)
+        return numba.njit(cache=kept, **options, **_linking(inner=False))(function)
 
 
 @cache
-def _inner_options() -> dict[str, Any]:
-    return dict(importlib.import_module(f"{__package__}.linked_functions").options())
+def _linking(inner: bool) -> dict[str, Any]:
+    return dict(importlib.import_module(f"{__package__}.linked_functions").options(inner))
 
 
 @contextlib.contextmanager

@@ -24,31 +24,60 @@ class _WithoutEnvironment:
         pass
 
 
-class _LinkedLibrary(codegen.JITCodeLibrary):
-    """The code of a function, neither optimised nor emitted."""
+class _InnerLibrary(codegen.JITCodeLibrary):
+    """The code of a function, neither optimised nor emitted nor linked with what it calls."""
 
     codegen = _WithoutEnvironment()
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
+    def finalize(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"  # as Numba links what may come twice
         self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        return self._final_module
 
     def get_pointer_to_function(self, name: str) -> int:
         return 0
 
 
-class _LinkedCompiler(compiler.Compiler):
+class _OuterLibrary(codegen.JITCodeLibrary):
+    """The code of a function with all that it calls, which is linked once."""
+
+    def finalize(self) -> None:
+        needed: dict[Any, None] = {}
+        _collect(self, needed)
+        self._linking_libraries = list(needed)
+        super().finalize()
+
+
+def _collect(library: Any, needed: dict[Any, None]) -> None:
+    for other in library._linking_libraries:
+        if other not in needed:
+            needed[other] = None
+            if isinstance(other, _InnerLibrary):
+                _collect(other, needed)
+
+
+class _InnerCompiler(compiler.Compiler):
+    library: Any = _InnerLibrary
+
     def __init__(self, typing: Any, target: Any, library: Any, *arguments: Any) -> None:
-        library = library or _LinkedLibrary(target.codegen(), "linked")
+        if library is None:
+            library = self.library(target.codegen(), "linked")
+            library.enable_object_caching()
         super().__init__(typing, target, library, *arguments)
 
 
-def options() -> dict[str, Any]:
-    """Return the options of Numba's ``njit`` for inner functions."""
-    return {"pipeline_class": _LinkedCompiler} if numba.__version__.startswith(TRIED) else {}
+class _OuterCompiler(_InnerCompiler):
+    library = _OuterLibrary
+
+
+def options(inner: bool) -> dict[str, Any]:
+    """Return the options of Numba's ``njit`` for inner functions, and for those that call them."""
+    pipeline = _InnerCompiler if inner else _OuterCompiler
+    return {"pipeline_class": pipeline} if numba.__version__.startswith(TRIED) else {}

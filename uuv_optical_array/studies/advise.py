@@ -92,11 +92,9 @@ class Need:
 def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[str, float]]:
     """Choose the cheapest setting that meets a need, or the nearest to it, and what that exceeds.
 
-    The cheapest has the fewest detectors, then the smallest table, then the least median time. The
-    nearest is the one whose worst value is the least multiple of its limit; the second value says
-    by how much it exceeds each limit, and is empty where it meets all. Published methods are not
-    considered, because the estimator's node does not have them; a ValueError says that nothing else
-    was measured.
+    The nearest is the one whose worst value is the least multiple of its limit. Published methods
+    are no choice, because the estimator's node does not have them; a ValueError says that nothing
+    else was measured.
     """
     choices = [row for row in rows if row.method in METHODS]
     if not choices:
@@ -205,7 +203,7 @@ def run(args: argparse.Namespace) -> int:
     load = max(row.load_average for row in rows)
     result = {
         "scene": scene.name,
-        "asked": dataclasses.asdict(need),
+        "asked": vars(need),
         "met": not excess,
         "lacks": excess,
         "found": row.columns(),

@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix
@@ -91,9 +92,8 @@ class Choices(NamedTuple):
     """What the paper leaves open.
 
     Noise of 1 % is uniform from 0 to 1 % of full scale, Gaussian with that standard deviation, or
-    the mean of `AVERAGED` readings with the uniform one. `offset_share` is the standard deviation
-    of temperature and attenuation as a share of what they are off "by up to": 1, or 0.5 where that
-    is the 95 % point.
+    the mean of `AVERAGED` uniform ones. `offset_share` is the standard deviation of temperature and
+    attenuation as a share of what they are off "by up to": 0.5 where that is the 95 % point.
     """
 
     noise: Noise = "uniform"
@@ -131,7 +131,7 @@ def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
     return scene_from_settings(settings, scene.name)
 
 
-def draw_offsets(choices: Choices, runs: int, rng: np.random.Generator) -> dict[str, Array]:
+def draw_offsets(choices: Choices, runs: int, rng: Generator) -> dict[str, Array]:
     """Draw the offsets of each run: of the logarithm of the gain, and of the attenuation, 1/m."""
     degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
     return {
@@ -141,11 +141,7 @@ def draw_offsets(choices: Choices, runs: int, rng: np.random.Generator) -> dict[
 
 
 def expose(
-    model: ForwardModel,
-    path: Array,
-    offsets: Mapping[str, Array],
-    noise: Noise,
-    rng: np.random.Generator,
+    model: ForwardModel, path: Array, offsets: dict[str, Array], noise: Noise, rng: Generator
 ) -> Array:
     """Expose all images of n runs with `draw_offsets`, counts, ``(n, frames, side, side)``."""
     shape = (len(offsets["lamp.power"]), len(path))
@@ -208,7 +204,7 @@ def simulate(
     case: Case,
     choices: Choices,
     runs: int,
-    rng: np.random.Generator,
+    rng: Generator,
     done: Callable[[int], object] = lambda runs: None,
     batch: int = BATCH,
 ) -> ApproachErrors:

@@ -55,17 +55,12 @@ BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
 class ScoredDesign(Line, Design):
     """A design and what it is worth.
 
-    Spectral angles of the paper's signature are the smaller of both signs, for 0.2 m across
-    (``shift``) and for 10 deg of yaw; ``near`` is 4 m behind the lamp, the others are the least at
-    4, 5, 6, 7 and 8 m; nan where the aligned image is flat. In ``sigmas`` they are divided by the
-    root mean square angle by which noise moves the signature of the aligned array there; inf where
-    it moves nothing.
-
-    `reference_counts` is the largest reading of the aligned array at the scene's reference range.
-    `position_m` and `angle_deg` are root mean square bounds over the volume of a pose known to lie
-    in it, as `known_volume_std`; `lit` is the share of the volume where the image peaks above
-    `MIN_PEAK_COUNTS`, and ``lit_`` bounds are those of the image alone there: nan where there is
-    none, inf where a pose is unobservable.
+    Spectral angles of a ``shift`` by 0.2 m and a ``yaw`` by 10 deg are the smaller of both signs;
+    ``near`` at 4 m, else the least of `RANGES_M`; nan where the aligned image is flat. ``sigmas``
+    are these over the RMS angle by which noise moves the signature there. `position_m` and
+    `angle_deg` are RMS bounds over the volume, as `known_volume_std`; `lit` is the share of it
+    where the image peaks above `MIN_PEAK_COUNTS`, and ``lit_`` bounds are those of the image alone
+    there: nan where there is none, inf where a pose is unobservable.
     """
 
     reference_counts: float
@@ -115,17 +110,13 @@ class ScoredDesign(Line, Design):
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column."""
-        resolved = {"resolved_at_4_m": self.resolved_at_4m}
-        resolved["resolved_4_to_8_m"] = self.resolved_4_to_8m
+        near, far = self.resolved_at_4m, self.resolved_4_to_8m
+        resolved = {"resolved_at_4_m": near, "resolved_4_to_8_m": far}
         return {**vars(self), "detectors": self.detectors, **resolved}
 
 
 def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
-    """Score the array and lamp of a scene.
-
-    The bound is taken at `poses` ``(n, 5)``, the same for designs that are compared; `rng` is of
-    the noise.
-    """
+    """Score the array and lamp of a scene; the bound at `poses` ``(n, 5)``, noise from `rng`."""
     model = ForwardModel(scene)
     moved_deg = np.array([separations(scene, motion) for motion in WANTED])
     noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
@@ -170,10 +161,9 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
 
 
 def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the bounds at poses ``(n, 5)``, and where there is light.
+    """Return least standard deviations at poses, m and rad, ``(n, 5)``, and where there is light.
 
-    Least standard deviations, m and rad, ``(n, 5)``: of an image whose pose is known to lie in the
-    volume, and of the image alone (the Cramer-Rao bound); then whether there is light, ``(n,)``.
+    Of an image whose pose is known to lie in the volume, and of the image alone.
     """
     parts = []
     for block in _blocks(model, poses):
@@ -240,14 +230,9 @@ class DesignStudy:
 
 
 def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
-    """Return the Pareto-optimal designs in detectors and bounds, fewest detectors first.
-
-    A design is left out if another one has no more detectors and bounds on position and angle that
-    are no more than 10 % larger, or smaller.
-    """
-    bounds = [(row.position_m, row.angle_deg) for row in rows]
-    detectors = [row.detectors for row in rows]
-    kept = [rows[i] for i in thinned_front(detectors, np.reshape(bounds, (-1, 2)))]
+    """Return the designs that represent all in detectors and bounds, fewest detectors first."""
+    bounds = np.reshape([(row.position_m, row.angle_deg) for row in rows], (-1, 2))
+    kept = [rows[i] for i in thinned_front([row.detectors for row in rows], bounds)]
     return sorted(kept, key=lambda row: (row.detectors, row.position_m))
 
 
@@ -281,10 +266,8 @@ class Choice:
         """Return `numbered` as a table, or those of some numbers, from 1."""
         heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
         line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
-        lines = [
-            line.format("no", "design", *heads),
-            line.format("", "", "m", "deg", "%", "deg", "deg", "sigma", "at", "front"),
-        ]
+        units = ("m", "deg", "%", "deg", "deg", "sigma", "at", "front")
+        lines = [line.format("no", "design", *heads), line.format("", "", *units)]
         for number, row in enumerate(self.numbered, start=1):
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
             values = (
@@ -302,9 +285,9 @@ class Choice:
     @property
     def resolved_counts(self) -> tuple[int, int, int]:
         """How many meet the criterion at 4 m, from 4 to 8 m, and there beyond noise."""
-        near = sum(row.resolved_at_4m for row in self.rows)
         far = [row for row in self.rows if row.resolved_4_to_8m]
-        return near, len(far), sum(row.sigmas >= CLEAR_SIGMAS for row in far)
+        clear = sum(row.sigmas >= CLEAR_SIGMAS for row in far)
+        return sum(row.resolved_at_4m for row in self.rows), len(far), clear
 
     def as_object(self) -> dict[str, Any]:
         """Return plain values; None is not known, or has no bound."""

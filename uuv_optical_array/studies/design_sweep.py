@@ -153,14 +153,12 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     """Return a scene with the array and the lamp of a design, and the lamp's power set.
 
     By a power of ``flux`` the lamp emits as much light as the scene's, into a beam of another
-    width; what is brighter than the electronics can read saturates. ``flux_in_range`` is the same
-    light, but where the aligned array would read more of it at the reference range than the scene's
-    does, the gain is turned down until it reads the same; noise behind the gain stays as it is in
-    counts. By ``counts`` the lamp is as strong as it takes for the same reading.
-
-    By a mount of ``front`` the foremost point of the array stays where the scene's is; by
-    ``centre`` the frame of the array does, the centre of a sphere, as Eren et al. (2016) have it. A
-    ValueError says that the array cannot be built, or gets no light at the reference range.
+    width. ``flux_in_range`` is the same light, but where the aligned array would read more of it at
+    the reference range than the scene's does, the gain is turned down until it reads the same;
+    noise behind the gain stays as it is in counts. By ``counts`` the lamp is as strong as it takes
+    for the same reading. By a mount of ``front`` the foremost point of the array stays where the
+    scene's is, by ``centre`` the array's frame, as Eren et al. (2016) have it. A ValueError says
+    that the array cannot be built, or gets no light at the reference range.
     """
     bow_m = scene.array.bow_m
     if mount == "front":

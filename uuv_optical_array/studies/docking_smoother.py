@@ -29,12 +29,7 @@ CONVERGED = 5e-3  # decrement of the negative log-posterior below which a step i
 
 @dataclass(frozen=True)
 class DockingSettings:
-    """How the vehicle moves.
-
-    The standard deviations of the speed ahead and of each turn rate at the start, about 0; the
-    random change of speed and turn rates in 1 s (``walk``), and the random drift off the heading in
-    1 s.
-    """
+    """How the vehicle moves: speed ahead and turn rates at the start, and what is random in 1 s."""
 
     speed_std_m_per_s: float = 1.0
     speed_walk_m_per_s: float = 0.02
@@ -96,16 +91,12 @@ class PathProblem(NamedTuple):
 
 
 class PathState(NamedTuple):
-    """The posterior at the path of each of n approaches; `minimiser` wants their axis last.
+    """The posterior at the path of each of n approaches; `minimiser` wants their axis last."""
 
-    The negative log-posterior without constants ``(n,)``, the m numbers of a path ``(m, n)``, the
-    slope of the log-posterior ``(m, n)`` and its information by Gauss-Newton ``(m, m, n)``.
-    """
-
-    cost: Array
-    path: Array
-    gradient: Array
-    information: Array
+    cost: Array  # negative log-posterior without constants, (n,)
+    path: Array  # m numbers, (m, n)
+    gradient: Array  # of the log-posterior, (m, n)
+    information: Array  # by Gauss-Newton, (m, m, n)
 
 
 @np.errstate(under="ignore")
@@ -114,10 +105,8 @@ def evaluate(problem: PathProblem, at: Array) -> PathState:
     model, motion, readings = problem
     runs, frames = readings.shape[:2]
     path, size = at.T, len(at)
-    states, offsets = (
-        path[:, : STATE * frames].reshape(runs, frames, STATE),
-        path[:, STATE * frames :],
-    )
+    states, offsets = np.split(path, [STATE * frames], axis=1)
+    states = states.reshape(runs, frames, STATE)
     names = model.scene.prior.nuisance_std()
     spread = {name: np.repeat(offsets[:, i, None], frames, 1) for i, name in enumerate(names)}
     light, jacobian = model.linearised(states[..., :5], 0.0, spread)

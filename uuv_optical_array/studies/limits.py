@@ -175,14 +175,12 @@ def _map(
     for levels, width, style in (([wanted], 2.0, "--"), (round_levels, 0.6, "-")):
         # Matplotlib before 3.8 draws a line of its own where no level is inside.
         if inside := [level for level in levels if low < level < high]:
-            lines = axes.contour(
-                x, y, known, inside, colors="k", linewidths=width, linestyles=style
-            )
+            look = {"colors": "k", "linewidths": width, "linestyles": style}
+            lines = axes.contour(x, y, known, inside, **look)
             places = list(_label_places(lines.allsegs, x))
+            box = {"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.75}
             for label in axes.clabel(lines, fmt="%g", fontsize=9, inline=False, manual=places):
-                label.set_bbox(
-                    {"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.75}
-                )
+                label.set_bbox(box)
                 labels.append(label)
     return mesh
 

@@ -36,18 +36,16 @@ QUANTILES = 2**14
 # A photon of less weight goes on with this probability, and then carries that much more.
 LIGHT_WEIGHT, SURVIVAL = 1e-3, 0.1
 GRAZING = 0.1  # cosine to the sphere below which it is replaced by half of this
-OFF_AXIS: Array = np.radians(
-    np.linspace(0, 60, 121, dtype=float)
-)  # where a lamp's flux is summed, rad
+# Where a lamp's flux is summed, rad.
+OFF_AXIS: Array = np.radians(np.linspace(0, 60, 121, dtype=float))
 TURNS = (np.arange(128) + 0.5) * math.pi / 128  # about the ray, over which a lamp is averaged
 
 
 def fournier_forand(half: Array) -> Array:
     """Return the share scattered by less than an angle, by the squared sine of half of it.
 
-    That is for particles of a power law of sizes (Fournier and Forand 1994; the share in the form
-    of Fournier and Jonasz 1999), in the choice of Mobley, Sundman and Boss 2002, Appl. Opt. 41,
-    1035.
+    Of particles of a power law of sizes (Fournier and Forand 1994; in the form of Fournier and
+    Jonasz 1999), in the choice of Mobley, Sundman and Boss 2002, Appl. Opt. 41, 1035.
     """
     nu = (3 - SLOPE) / 2
     delta = 4 * half / (3 * (INDEX - 1) ** 2)
@@ -59,10 +57,7 @@ def fournier_forand(half: Array) -> Array:
 
 
 def henyey_greenstein(half: Array) -> Array:
-    """Return the share scattered by less than an angle, by the squared sine of half of it.
-
-    Henyey and Greenstein 1941.
-    """
+    """Return the same by Henyey and Greenstein 1941."""
     g = ASYMMETRY
     return (1 + g) / (2 * g) * (1 - (1 - g) / np.sqrt((1 - g) ** 2 + 4 * g * half))
 
@@ -193,17 +188,14 @@ def shipped_pencil(water: str, phase: Phase = "fournier_forand") -> Pencil:
     return load_pencil(files.shared_file(f"config/flux/{water}_{phase}.npz"))
 
 
-def trace(
-    absorption_per_m: float,
-    scattering_per_m: float,
-    phase: Phase,
-    photons: int,
-    rng: np.random.Generator,
-) -> Pencil:
-    """Trace photons of a pencil; a ValueError says that Numba is not installed."""
+def trace(a: float, b: float, phase: Phase, photons: int, rng: np.random.Generator) -> Pencil:
+    """Trace photons in water of absorption and scattering a and b, 1/m.
+
+    A ValueError says that Numba is not installed.
+    """
     out = np.zeros((3, len(RADII_M), len(EDGES) - 1))
     last = float(RADII_M[-1] + BEYOND_M)
-    a, b = float(absorption_per_m), float(scattering_per_m)
+    a, b = float(a), float(b)
     _compiled()(photons, a, b, quantiles(phase), RADII_M, last, out, rng)
     return Pencil(a, b, phase, photons, *(out / photons))
 

@@ -66,13 +66,9 @@ def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
     """
     on_front = {}
     for name, (column, _, which) in ERRORS.items():
-        costs = [
-            (row.models, getattr(row, column))
-            if row.without_pose <= MOST_WITHOUT_POSE
-            else (np.inf, np.inf)
-            for row in rows
-        ]
-        steps = np.round(np.log(np.reshape(costs, (-1, 2))) / np.log(STEP))
+        costs = np.reshape([(row.models, getattr(row, column)) for row in rows], (-1, 2))
+        costs[[row.without_pose > MOST_WITHOUT_POSE for row in rows]] = np.inf
+        steps = np.round(np.log(costs) / np.log(STEP))
         steps[~(steps[:, 1] < np.round(np.log(volume_spread()[which]) / np.log(STEP)))] = np.inf
         simplest: dict[tuple[float, ...], int] = {}
         for i in sorted(pareto_front(steps).nonzero()[0], key=lambda i: rows[i].effort):
@@ -89,20 +85,16 @@ def numbered(rows: Sequence[Measurement]) -> list[int]:
 
 def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
     """Return settings as plain values, and which are on a front."""
-    return {
-        "settings": [row.columns() for row in rows],
-        "fronts": {
-            name: [rows[i].label for i in front.nonzero()[0]]
-            for name, front in fronts(rows).items()
-        },
-    }
+    labels = {name: [rows[i].label for i in on.nonzero()[0]] for name, on in fronts(rows).items()}
+    return {"settings": [row.columns() for row in rows], "fronts": labels}
 
 
 def report(rows: Sequence[Measurement]) -> str:
     """Return the table of the settings on a front, with times at one speed of the machine."""
     rows = at_one_speed(rows)
     line = "{:>3} {:<46}{:>9}{:>8}{:>9}{:>9}{:>8}  {}"
-    lines = [line.format("no", "setting", "position", "angle", "median", "99 %", "models", "front")]
+    heads = ("position", "angle", "median", "99 %", "models", "front")
+    lines = [line.format("no", "setting", *heads)]
     lines.append(line.format("", "", "m", "deg", "ms", "ms", "", ""))
     on_front = fronts(rows)
     for number, i in enumerate(numbered(rows), start=1):

@@ -133,15 +133,12 @@ def origin_of(scene: Scene, mode: Mode, seed: int = SEED) -> dict[str, Any]:
 class Measurement(Line):
     """The measured error and time of one setting, which is as in `Group`.
 
-    `without_pose` is the share of frames without a pose. Errors and bounds are root mean square
-    distances, and angles of pitch and yaw together; ``bound`` is the Cramer-Rao bound of the image
-    alone, ``floor`` the same with the volume known, a Gaussian prior of its variance. nan where no
-    frame got a pose, inf where a pose is unobservable.
-
-    Times are from image to pose. `model_ms` is that of one forward model with Jacobian of
-    `errors.MODEL_POSES` poses, of the scene's own array, timed between the frames, median; `models`
-    is `median_ms` over it, which hardly depends on how busy the machine is. `build_s` is for table
-    or calibration, `load_average` that of the machine over a minute.
+    `without_pose` is the share of frames without a pose. Errors and bounds are RMS distances, and
+    angles of pitch and yaw together; ``bound`` is the Cramer-Rao bound of the image alone,
+    ``floor`` with the volume known, as `known_volume_std`: nan where no frame got a pose, inf where
+    a pose is unobservable. Times are from image to pose. `model_ms` is that of a forward model of
+    the scene's own array, timed between the frames; `models` is `median_ms` over it, which hardly
+    depends on how busy the machine is. `build_s` is for table or calibration.
     """
 
     method: str
@@ -214,9 +211,8 @@ def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
 def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurement]:
     """Measure the settings of a group; an array sees the same images in every group."""
     yardstick, scene = ForwardModel(scene), group.scene(scene)
-    side = group.detectors_per_side
+    model, side = ForwardModel(scene), group.detectors_per_side
     rng = np.random.default_rng([seed, side, SHAPES.index(group.shape)])
-    model = ForwardModel(scene)
     poses = lit_poses(model, frames, rng)
     images = model.expose(poses, rng)
     began, rows = time.perf_counter(), 0
@@ -271,12 +267,9 @@ def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float
             results = frame_errors(answers, model, poses, model.expose(poses, rng))
             samples[key] = row_s, sum(float(r.frame_s.mean()) for r in results.values())
         row_s, frame_s = samples[key]
-        if group.methods == (MOMENTS,):
-            expected.append(CALIBRATION_IMAGES * row_s)
-        elif group.methods == (LOOK_UP,):
-            expected.append(LOOK_UP_ROWS * row_s)
-        else:
-            expected.append(group.steps**5 * (row_s + INDEX_S_PER_ROW) + frames * frame_s)
+        ours_s = group.steps**5 * (row_s + INDEX_S_PER_ROW) + frames * frame_s
+        others_s = {MOMENTS: CALIBRATION_IMAGES * row_s, LOOK_UP: LOOK_UP_ROWS * row_s}
+        expected.append(others_s.get(group.methods[0], ours_s))
     return expected
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+from launch.actions import ExecuteProcess, OpaqueFunction, Shutdown
 from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -19,7 +19,7 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.launch_arguments import (
     FOLLOW,
     YES,
-    choices,
+    declared,
     enclave,
     whole_number,
 )
@@ -35,20 +35,7 @@ BEFORE_3 = "humble", "iron", "jazzy"
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(
-                    name,
-                    default_value=default,
-                    description=description,
-                    choices=choices(name, default),
-                )
-                for name, (default, description) in FOLLOW.items()
-            ),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return LaunchDescription([*declared(FOLLOW), OpaqueFunction(function=nodes)])
 
 
 def nodes(context):

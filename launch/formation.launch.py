@@ -1,7 +1,7 @@
 """A leader and several followers, each with its nodes in a namespace of its own."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.actions import IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
@@ -11,26 +11,13 @@ from uuv_optical_array.nodes.bringup.launch_arguments import (
     EACH,
     FORMATION,
     YES,
-    choices,
+    declared,
     whole_number,
 )
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(
-                    name,
-                    default_value=default,
-                    description=description,
-                    choices=choices(name, default),
-                )
-                for name, (default, description) in FORMATION.items()
-            ),
-            OpaqueFunction(function=fleet),
-        ]
-    )
+    return LaunchDescription([*declared(FORMATION), OpaqueFunction(function=fleet)])
 
 
 def fleet(context):

@@ -3,6 +3,9 @@
 Empty means: not given, so that neither a file's value nor a node's default is replaced.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 from uuv_optical_array.core.storage.files import PACKAGE
 
 YES, NO = ("true", "True", "1"), ("false", "False", "0")
@@ -45,7 +48,10 @@ FOLLOW = {
     **COMMON,
 }
 # What follower.launch.py has instead.
-FOLLOWER = {"demo": "false", "simulator": "false", "one_process": "true"}
+FOLLOWER = {
+    **{name: ("false", FOLLOW[name][1]) for name in ("demo", "simulator")},
+    "one_process": ("true", FOLLOW["one_process"][1]),
+}
 # Of a formation; the launch of each vehicle gets `EACH`.
 EACH = {
     "scene": ("formation", SCENE),
@@ -61,18 +67,22 @@ FORMATION = {
     "namespace": ("", "of the whole formation"),
     **EACH,
 }
-SWITCHES = (
-    *("chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"),
-    *("one_process", "simulator"),
-)
+SWITCHES = {"chain", "demo", "rviz", "publish_tf", "record", "use_sim_time", "use_respawn"}
+SWITCHES |= {"one_process", "simulator"}
 
 
-def choices(name: str, default: str) -> list[str] | None:
-    """Return what an argument may be; None for anything."""
-    if name not in SWITCHES:
-        return None
-    others = ["follower", "leader"] if name == "demo" else []
-    return [*YES, *NO, *others, *([] if default else [""])]
+def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
+    """Return the actions of a launch file that declare its arguments, and what each may be."""
+    from launch.actions import DeclareLaunchArgument  # of a ROS installation
+
+    actions = []
+    for name, (default, text) in arguments.items():
+        others = ["follower", "leader"] if name == "demo" else []
+        words = [*YES, *NO, *others, *([] if default else [""])] if name in SWITCHES else None
+        actions.append(
+            DeclareLaunchArgument(name, default_value=default, description=text, choices=words)
+        )
+    return actions
 
 
 def whole_number(name: str, text: str) -> int:

@@ -42,22 +42,11 @@ def view() -> list[Node]:
 class Other(Node):
     """Stands for the node of another program; a policy does not name the types of what it says."""
 
-    def __init__(
-        self,
-        name: str,
-        heard: Iterable[str],
-        said: Iterable[str] = (),
-        served: Iterable[str] = (),
-        **options: Any,
-    ) -> None:
+    def __init__(self, name: str, heard: Iterable[str], **options: Any) -> None:
         super().__init__(name, **options)
-        self.create_subscription(ParameterEvent, "/parameter_events", lambda message: None, 1)
+        self.create_subscription(ParameterEvent, "/parameter_events", print, 1)
         for topic in heard:
-            self.create_subscription(String, topic, lambda message: None, 1)
-        for topic in said:
-            self.create_publisher(String, topic, 1)
-        for service in served:
-            self.create_service(SetBool, service, lambda request, response: response)
+            self.create_subscription(String, topic, print, 1)
 
 
 def rviz() -> list[Node]:
@@ -68,11 +57,11 @@ def rviz() -> list[Node]:
 
 def recorder() -> list[Node]:
     """Return rosbag2's recorder, which is in no namespace, as follow.launch.py starts it."""
-    verbs = "pause", "resume", "is_paused", "split_bagfile"
-    heard = [_resolved(topic) for topic in RUN]
-    served = [f"~/{verb}" for verb in verbs]
-    name, said = "rosbag2_recorder", ["/events/write_split"]
-    return [Other(name, heard, said, served, use_global_arguments=False)]
+    node = Other("rosbag2_recorder", map(_resolved, RUN), use_global_arguments=False)
+    node.create_publisher(String, "/events/write_split", 1)
+    for verb in ("pause", "resume", "is_paused", "split_bagfile"):
+        node.create_service(SetBool, f"~/{verb}", print)
+    return [node]
 
 
 def _resolved(name: str) -> str:

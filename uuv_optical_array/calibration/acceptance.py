@@ -18,6 +18,10 @@ MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of ful
 SPREAD = 0.05  # of the gains before a calibration
 MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
 WATER_INDEX = 1.34
+FULL = "at full scale: move the lamp away"
+NOISY = "noise {0:.3g} counts, of the scene {1:.3g}: loose contact, hum or oscillation"
+LEAKS = "reads {2:.3g} in the dark, the others {3:.3g}: cover it; else clean it"
+UNFIT = "does not fit the lamp's light: clean its window, check its gain and solder"
 
 
 class Acceptance(TorchSweeps):
@@ -58,23 +62,15 @@ class Acceptance(TorchSweeps):
         dark = np.array([readings for _, readings in self._dark])[:, wiring]
         lamp = np.array([readings for _, readings in self._lamp])[part][:, wiring]
         level, noise, freedoms = dark.mean(axis=0), dark.std(axis=0, ddof=1), len(dark) - 1
-        # The light of the day, too, has shot noise.
+        # The daylight, too, has shot noise.
         sigma = np.sqrt(model.noise.variance + model.noise.slope * level)
         most = MAX_NOISE * sigma * np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)
         middle, steps = float(np.median(level)), np.diff(stamps)
-        found: dict[tuple[int, int], str] = {}
-        for i in range(side * side):
-            if abs(level[i] - middle) > MAX_LEVEL * full:
-                text = f"reads {level[i]:.3g} in the dark, the others {middle:.3g}: cover it; else "
-                text += "offset or leakage: clean and look at its solder"
-            elif noise[i] > most[i]:
-                text = f"noise {noise[i]:.3g} counts, of the scene {sigma[i]:.3g}: loose contact, "
-                text += "hum or an amplifier that oscillates"
-            elif lamp[:, i].mean() >= full - 1:
-                text = "at full scale: move the lamp away or take a smaller feedback resistor"
-            else:
-                continue
-            found[divmod(i, side)] = text
+        leaks, bright = np.abs(level - middle) > MAX_LEVEL * full, lamp.mean(axis=0) >= full - 1
+        found = {}
+        for wrong, text in ((bright, FULL), (noise > most, NOISY), (leaks, LEAKS)):
+            for i in np.flatnonzero(wrong).tolist():
+                found[divmod(i, side)] = text.format(noise[i], sigma[i], level[i], middle)
         whole = []
         if steps.max() > 2.5 * np.median(steps):
             whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: line or load")
@@ -93,8 +89,7 @@ class Acceptance(TorchSweeps):
             cure = "detectors that read wrong, a reflection, or a beam that is not the scene's"
             return found, [*whole, f"the lamp's light is not explained: {reason}: {cure}"]
         for place in seen.left_out:
-            cure = "does not fit the lamp's light: clean its window, check its gain and solder"
-            found.setdefault(place, cure)
+            found.setdefault(place, UNFIT)
         off = np.abs(seen.pose - [-self._range_m, 0, 0, 0, 0])
         allowed = np.array([*[MAX_OFF * self._range_m] * 3, MAX_TURN, MAX_TURN])
         if (off > allowed + 3 * np.sqrt(np.diag(seen.covariance))).any():

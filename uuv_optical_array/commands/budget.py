@@ -57,10 +57,7 @@ def reaches(scene: Scene, range_m: float) -> bool:
 
 
 def rows(scene: Scene, ranges_m: Any) -> Array:
-    """Return by range the brightest reading and its noise, counts, and the bound, ``(n, 5)``.
-
-    The bound is that of x, of y or z, m, and of pitch or yaw, deg; the larger of two.
-    """
+    """Return brightest reading, its noise, and bounds in range, across and in angle, ``(n, 5)``."""
     model, poses = ForwardModel(scene), aligned(ranges_m)
     light = model.light(poses).max(axis=(-2, -1))
     noise = np.sqrt(reading_variance(light, model.noise._replace(square=0.0)))
@@ -105,21 +102,22 @@ def draw(scene: Scene) -> Any:
     """Draw counts and noise, and the bound, by the range."""
     figure = new_figure(10, 5.6)
     counts, bounds = figure.subplots(1, 2)
-    light, noise, *bound = rows(scene, DRAWN_M).T
-    counts.plot(DRAWN_M, light, "-", color="#1f6fb4", lw=2, label="brightest reading")
-    counts.plot(DRAWN_M, noise, "--", color="#c8401e", lw=2, label="its noise")
-    counts.axhline(scene.full_scale_counts, color="k", lw=1, ls=":", label="full scale")
-    counts.set(ylabel="counts", title="light")
-    styles = (("range (m)", "-"), ("across (m)", "--"), ("angle (deg) / 50", "-."))
-    for (name, style), std, unit in zip(styles, bound, (1, 1, 50), strict=True):
-        bounds.plot(DRAWN_M, std / unit, style, color="#1f6fb4", lw=2, label=name)
-    bounds.axhline(SPECIFICATION[0], color="k", lw=1, ls=":", label="0.2 m and 10 deg (paper)")
-    bounds.set(ylabel="least std of one image", title="bound", ylim=(1e-3, 10))
-    for axes in (counts, bounds):
+    light, noise, x, across, angle = rows(scene, DRAWN_M).T
+    light_of = {"brightest reading": light, "its noise": noise}
+    bound_of = {"range (m)": x, "across (m)": across, "angle (deg) / 50": angle / 50}
+    for axes, curves, limit, label in (
+        (counts, light_of, scene.full_scale_counts, "full scale"),
+        (bounds, bound_of, SPECIFICATION[0], "0.2 m and 10 deg (paper)"),
+    ):
+        for (name, curve), style in zip(curves.items(), ("-", "--", "-."), strict=False):
+            axes.plot(DRAWN_M, curve, style, lw=2, label=name)
+        axes.axhline(limit, color="k", lw=1, ls=":", label=label)
         axes.set(xscale="log", yscale="log", xlabel="base_link behind the lamp (m)")
         axes.set_xticks([1, 2, 3, 5, 10, 20], ["1", "2", "3", "5", "10", "20"])
         axes.grid(alpha=0.4)
         axes.legend()
+    counts.set_ylabel("counts")
+    bounds.set(ylabel="least std of one image", ylim=(1e-3, 10))
     figure.suptitle(f"Link budget in the water of {scene.name}")
     return figure
 
@@ -145,9 +143,8 @@ def run(args: argparse.Namespace) -> int:
         watts = least_watts(base, instrument, lambda scene: reaches(scene, args.reach))
         if watts is None:
             raise ValueError(
-                f"--reach {args.reach:g}: no lamp reaches so far: what the scene's prior leaves "
-                "uncertain, full scale or the array sets the limit; calibrate, or see the bound "
-                "by `uuv_array limits`"
+                f"--reach {args.reach:g}: no lamp reaches so far; the limit is full scale, the "
+                "array, or what the prior leaves uncertain: calibrate, or see `uuv_array limits`"
             )
         instrument = dataclasses.replace(instrument, lamp_w=float(f"{watts:.4g}"))
     scene = scene_with(base, instrument)

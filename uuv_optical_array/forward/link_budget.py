@@ -29,41 +29,25 @@ BLUE = (0.1, 0.4, 0.8, 0.98, 1.0, 0.94, 0.8, 0.62, 0.45, 0.22, 0.1)
 
 @dataclass(frozen=True)
 class Instrument:
-    """Lamp, detector and converter in the units of data sheets.
-
-    The beam's width, the water, and windows whose loss depends on the angle are those of the scene.
-    """
+    """Lamp, detector and converter in the units of data sheets; the scene has beam and water."""
 
     lamp_w: Annotated[float, Quantity("radiant flux of the LED", "W", 1e-6, 1e3)] = 0.5
     optics: Annotated[float, Quantity("share of it that leaves the lamp", "", 0.01, 1)] = 0.85
     wavelength_nm: Annotated[float, Quantity("of the lamp", "nm", 400, 700)] = 525.0
     lens_m: Annotated[float, Quantity("diameter of the lamp's lens", "m", 2e-3, 1)] = 0.03
-    filter: Annotated[
-        float, Quantity("share of the light that window and filter pass", "", 1e-6, 1)
-    ] = 0.8
+    filter: Annotated[float, Quantity("share that window and filter pass", "", 1e-6, 1)] = 0.8
     part: Annotated[Part, Quantity("photodiode")] = "BPW34"
-    feedback_ohm: Annotated[float, Quantity("of the transimpedance amplifier", "ohm", 1, 1e12)] = (
-        1e6
-    )
-    capacitance_f: Annotated[
-        float, Quantity("at the amplifier's input: photodiode and amplifier", "F", 0, 1e-6)
-    ] = 80e-12
-    amplifier_v_per_rthz: Annotated[
-        float, Quantity("voltage noise of the amplifier", "V/sqrt(Hz)", 0, 1)
-    ] = 7.5e-9
-    amplifier_a_per_rthz: Annotated[
-        float, Quantity("current noise of the amplifier", "A/sqrt(Hz)", 0, 1)
-    ] = 2e-15
-    converter_v_per_rthz: Annotated[
-        float, Quantity("noise of the converter", "V/sqrt(Hz)", 0, 1)
-    ] = 1.2e-7
+    feedback_ohm: Annotated[float, Quantity("of the amplifier", "ohm", 1, 1e12)] = 1e6
+    capacitance_f: Annotated[float, Quantity("at the amplifier's input", "F", 0, 1e-6)] = 80e-12
+    amplifier_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 7.5e-9
+    amplifier_a_per_rthz: Annotated[float, Quantity("its noise", "A/sqrt(Hz)", 0, 1)] = 2e-15
+    converter_v_per_rthz: Annotated[float, Quantity("its noise", "V/sqrt(Hz)", 0, 1)] = 1.2e-7
     full_scale_v: Annotated[float, Quantity("of the converter", "V", 1e-3, 100)] = 1.2
     bits: Annotated[int, Quantity("of a reading", "", 4, 16)] = 16
     average_s: Annotated[float, Quantity("time that a reading averages", "s", 1e-6, 10)] = 0.02
     temperature_c: Annotated[float, Quantity("of diode and resistor", "deg C", -40, 100)] = 15.0
     daylight_w_per_m2: Annotated[
-        float,
-        Quantity("irradiance of the array by daylight, in the filter's band", "W/m^2", 0, 1e3),
+        float, Quantity("daylight on the array, in the filter's band", "W/m^2", 0, 1e3)
     ] = 0.0
 
     @property
@@ -100,10 +84,9 @@ class Instrument:
         return math.sqrt(voltage + self.amplifier_a_per_rthz**2 + converter)
 
     def risk_group(self, beam_sigma_deg: float) -> tuple[int, float, float]:
-        """Return the risk group of IEC 62471, 0 (exempt) to 3, and what it follows from.
+        """Return the risk group of IEC 62471, 0 (exempt) to 3, of a lens that is evenly lit.
 
-        These are the radiance of the lens on the axis, as if it were evenly lit, weighted for the
-        blue-light and for the thermal hazard, W/(m^2 sr). An estimate: the brightest spot counts.
+        With it come the radiances that count for blue light and for heat, W/(m^2 sr).
         """
         radiance = self.intensity(beam_sigma_deg) / (math.pi / 4 * self.lens_m**2)
         wavelength = self.wavelength_nm
@@ -112,30 +95,27 @@ class Instrument:
             weight = max(10 ** ((450 - wavelength) / 50), 1e-3)
         blue, thermal = weight * radiance, max(1.0, 10 * weight) * radiance
         angle = min(self.lens_m / SAFETY_RANGE_M, 0.1)
-        over = [
-            sum(value > limit for limit in limits)
-            for value, limits in ((blue, BLUE_LIMITS), (thermal * angle, THERMAL_LIMITS))
-        ]
+        hazards = (blue, BLUE_LIMITS), (thermal * angle, THERMAL_LIMITS)
+        over = [sum(value > limit for limit in limits) for value, limits in hazards]
         return max(over), blue, thermal
 
 
 def scene_with(scene: Scene, instrument: Instrument) -> Scene:
-    """Return the scene as the instrument sees it: power of the lamp, noise, limits and daylight.
-
-    All else stays, but a prior's uncertainty of the ambient, which keeps its share of full scale.
-    ValueError where the reference reading exceeds the bound of a scene.
-    """
-    settings: dict[str, Any] = scene.settings()
-    changes = keys(scene, instrument)
-    settings["lamp"] |= changes["lamp"]
-    effects = settings["effects"] | changes["effects"]
-    settings["effects"] = {name: values for name, values in effects.items() if values is not None}
-    settings["prior"] |= changes.get("prior", {})
+    """Return the scene with the `keys` of the instrument; errors as there."""
+    settings, changes = scene.settings(), keys(scene, instrument)
+    for group, values in changes.items():
+        merged = settings[group] | values
+        settings[group] = {name: value for name, value in merged.items() if value is not None}
     return scene_from_settings(settings, scene.name)
 
 
-def keys(scene: Scene, instrument: Instrument) -> dict[str, Any]:
-    """Return what a scene file that extends the scene says of the instrument."""
+def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
+    """Return what a scene file that extends the scene says of the instrument.
+
+    These are power of the lamp, noise, limits and daylight; a prior's uncertainty of the ambient
+    keeps its share of full scale. ValueError where the reference reading exceeds the bounds of a
+    scene.
+    """
     reference = _reference_counts(scene, instrument)
     if not 1 <= reference <= 1e6:
         raise ValueError(
@@ -143,28 +123,25 @@ def keys(scene: Scene, instrument: Instrument) -> dict[str, Any]:
             "scene takes 1 to 1e6; change the feedback resistor or the lamp"
         )
     full_scale = 2.0**instrument.bits - 1
-    daylight = instrument.daylight_w_per_m2 * instrument.counts_per_w_per_m2
-    gone = [name for name in ("sensor_noise", "shot_noise", "ambient") if name in scene.effects]
-    changes: dict[str, Any] = {
-        "lamp": {"reference_counts": _short(reference)},
-        "effects": {
-            **dict.fromkeys(gone),
-            **({"ambient": {"level_counts": _short(daylight)}} if daylight else {}),
-            "photodiode": {
-                "part": instrument.part,
-                "bandwidth_hz": _short(instrument.bandwidth_hz),
-                "load_ohm": instrument.feedback_ohm,
-                "amplifier_a_per_rthz": _short(instrument.amplifier_noise()),
-                "temperature_c": instrument.temperature_c,
-                "amps_per_count": _short(instrument.amps_per_count),
-            },
-            "saturation": {"level_counts": full_scale},
-            "adc": {"bits": instrument.bits},
-        },
+    effects: dict[str, Any] = dict.fromkeys(
+        name for name in ("sensor_noise", "shot_noise", "ambient") if name in scene.effects
+    )
+    if daylight := instrument.daylight_w_per_m2 * instrument.counts_per_w_per_m2:
+        effects["ambient"] = {"level_counts": _short(daylight)}
+    effects["photodiode"] = {
+        "part": instrument.part,
+        "bandwidth_hz": _short(instrument.bandwidth_hz),
+        "load_ohm": instrument.feedback_ohm,
+        "amplifier_a_per_rthz": _short(instrument.amplifier_noise()),
+        "temperature_c": instrument.temperature_c,
+        "amps_per_count": _short(instrument.amps_per_count),
     }
+    effects |= {"saturation": {"level_counts": full_scale}, "adc": {"bits": instrument.bits}}
+    changes = {"lamp": {"reference_counts": _short(reference)}, "effects": effects}
     if unsure := scene.prior.ambient_std_counts:
-        share = full_scale / scene.full_scale_counts
-        changes["prior"] = {"ambient_std_counts": _short(unsure * share)}
+        changes["prior"] = {
+            "ambient_std_counts": _short(unsure * full_scale / scene.full_scale_counts)
+        }
     return changes
 
 

@@ -7,7 +7,6 @@ import csv
 import dataclasses
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +21,11 @@ LEAST_STD = 1e-6  # m and rad: what a table calls exact
 NEAR_S = 0.5  # an image of a time is at most so far from it
 
 
-class Places(NamedTuple):
-    """Images at measured places.
+def with_places(recording: Recording, path: Path) -> tuple[Recording, Array, NDArray[np.intp]]:
+    """Return the images of a recording that a table names, with the poses that it gives them.
 
-    - recording: the images that the table names, with their poses.
-    - stds: of the poses, m and rad, shape ``(m, 5)``.
-    - numbers: the place of each image, its row of the table from 0 on, shape ``(m,)``.
-    """
-
-    recording: Recording
-    stds: Array
-    numbers: NDArray[np.intp]
-
-
-def with_places(recording: Recording, path: Path) -> Places:
-    """Return the images of a recording that a table names, with the places that it gives them.
+    With them come the standard deviations of the poses, m and rad, shape ``(m, 5)``, and the place
+    of each image, its row of the table from 0 on, shape ``(m,)``.
 
     The table is CSV. Its columns are ``image``, the number of an image from 0 on, or ``time_s``,
     seconds after the first image; ``x_m``, ``y_m``, ``z_m``, ``pitch_deg`` and ``yaw_deg`` of
@@ -44,31 +33,26 @@ def with_places(recording: Recording, path: Path) -> Places:
     perhaps ``last_image`` or ``until_s``, where all images of a row share the place and its error,
     and ``roll_deg``. Lines that begin with # are comments.
 
-    ValueError for a table that cannot be read, a column that is missing or not known, a number
-    that is none, an error below 0, and a row without images or with those of another row; OSError
-    for a file that cannot be opened.
+    ValueError, with the line, for a table that is none of this, and for a row without images or
+    with those of another row; OSError for a file that cannot be opened.
     """
     seconds = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
     chosen: dict[int, int] = {}
-    rows = list(_rows(path))
+    rows = _rows(path)
     for place, (line, row) in enumerate(rows):
         images = _images(row, seconds)
-        if not images:
-            raise ValueError(
-                f"{path}: line {line}: no image of it; the bag has {len(seconds)} in "
-                f"{seconds[-1]:.1f} s"
-            )
-        if twice := [image for image in images if image in chosen]:
-            raise ValueError(f"{path}: line {line}: image {twice[0]} is that of another line, too")
+        if not images or chosen.keys() & images:
+            fault = "an image of another line" if images else "no image"
+            held = f"the bag has {len(seconds)} in {seconds[-1]:.1f} s"
+            raise ValueError(f"{path}: line {line}: {fault}; {held}")
         chosen |= dict.fromkeys(images, place)
     index = np.array(sorted(chosen), dtype=np.intp)
     numbers = np.array([chosen[i] for i in index.tolist()], dtype=np.intp)
-    values = [row for _, row in rows]
     poses, stds = (
-        np.array([[row[name] for name in names] for row in values])[numbers] / IN_DEGREES
+        np.array([[row[name] for name in names] for _, row in rows])[numbers] / IN_DEGREES
         for names in (POSE, STDS)
     )
-    rolls = np.radians([row.get("roll_deg", 0.0) for row in values])[numbers]
+    rolls = np.radians([row.get("roll_deg", 0.0) for _, row in rows])[numbers]
     kept = dataclasses.replace(
         recording,
         images=recording.images[index],
@@ -76,50 +60,46 @@ def with_places(recording: Recording, path: Path) -> Places:
         rolls=rolls,
         stamps_ns=recording.stamps_ns[index],
     )
-    return Places(kept, np.maximum(stds, LEAST_STD), numbers)
+    return kept, np.maximum(stds, LEAST_STD), numbers
 
 
 def _rows(path: Path) -> list[tuple[int, dict[str, float]]]:
     """Return the numbers of each row by column, with its line in the file."""
-    text = path.read_text(encoding="utf-8").splitlines()
-    lines = [(i, line) for i, line in enumerate(text, start=1) if line.strip() and line[0] != "#"]
-    table = list(csv.reader(line for _, line in lines))
-    head = [name.strip() for name in table[0]] if table else []
-    begin = next((span[0] for span in SPANS if span[0] in head), None)
-    needed = (begin or "image or time_s", *POSE, *STDS)
-    if missing := [name for name in needed if name not in head]:
+    text = enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+    lines = [(number, line) for number, line in text if line.strip() and line[0] != "#"]
+    head, *table = list(csv.reader(line for _, line in lines)) or [[]]
+    begin, end = next((span for span in SPANS if span[0] in head), ("image or time_s", ""))
+    needed = {begin, *POSE, *STDS}
+    if needed - {*head} or {*head} - needed - {end, "roll_deg"} or not table:
         raise ValueError(
-            f"{path}: no column {', '.join(missing)}; see `uuv_array calibrate --help`"
+            f"{path}: columns {', '.join(head) or 'none'} and {len(table)} places; give places, "
+            f"and the columns {', '.join((begin, *POSE, *STDS))}, perhaps {end or 'last_image'} "
+            "and roll_deg"
         )
-    known = {*needed, "roll_deg", *(last for first, last in SPANS if first == begin)}
-    if strange := [name for name in head if name not in known]:
-        raise ValueError(f"{path}: column {strange[0]}: not known; it may have {sorted(known)}")
     rows = []
-    for (number, _), cells in zip(lines[1:], table[1:], strict=True):
-        row = {}
-        for name, cell in zip(head, cells, strict=False):
-            try:
-                row[name] = float(cell)
-            except ValueError:
-                row[name] = math.nan
-            if not math.isfinite(row[name]) or ("_std_" in name and row[name] < 0):
-                least = " of 0 or more" if "_std_" in name else ""
-                raise ValueError(f"{path}: line {number}: {name}: {cell!r}; give a number{least}")
-        if len(cells) != len(head):
-            raise ValueError(f"{path}: line {number}: {len(cells)} cells for {len(head)} columns")
+    for (number, _), cells in zip(lines[1:], table, strict=True):
+        try:
+            if len(cells) != len(head):
+                raise ValueError(f"{len(cells)} cells for {len(head)} columns")
+            row = {name: float(cell) for name, cell in zip(head, cells, strict=True)}
+        except ValueError as error:
+            raise ValueError(f"{path}: line {number}: {error}") from None
+        for name, value in row.items():
+            if not math.isfinite(value) or (name in STDS and value < 0):
+                raise ValueError(
+                    f"{path}: line {number}: {name}: {value}; give a number, of an error 0 or more"
+                )
         rows.append((number, row))
-    if not rows:
-        raise ValueError(f"{path}: no place in it; give one a line")
     return rows
 
 
 def _images(row: dict[str, float], seconds: Array) -> list[int]:
     """Return the images of a row, by number or by time."""
     if "image" in row:
-        first, last = row["image"], row.get("last_image", row["image"])
-        return [i for i in range(len(seconds)) if first <= i <= last]
-    first = row["time_s"]
+        last = row.get("last_image", row["image"])
+        return [i for i in range(len(seconds)) if row["image"] <= i <= last]
     if "until_s" in row:
-        return np.flatnonzero((seconds >= first) & (seconds <= row["until_s"])).tolist()
-    nearest = int(np.abs(seconds - first).argmin())
-    return [nearest] if abs(seconds[nearest] - first) <= NEAR_S else []
+        inside = (seconds >= row["time_s"]) & (seconds <= row["until_s"])
+        return np.flatnonzero(inside).tolist()
+    away = np.abs(seconds - row["time_s"])
+    return [int(away.argmin())] if away.min() <= NEAR_S else []

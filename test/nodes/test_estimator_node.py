@@ -8,12 +8,12 @@ import rclpy.logging
 from asker import Asker, Shower, assert_is, figures, place_of
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import Header
 from tables import write_table
 
@@ -23,7 +23,7 @@ from uuv_optical_array.estimation.signature.features import FeatureSettings, key
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.shared.messages import image_to_message
+from uuv_optical_array.nodes.shared.messages import Refused, image_to_message, imu_roll
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 HERE = np.array([-6.0, 0.1, 0.1, 0.02, 0.03])
@@ -104,11 +104,13 @@ def test_a_bad_signature_gives_no_pose_but_is_told_and_the_next_good_one_is_answ
     asker.lab.report(asker.node, OK)
 
 
-@pytest.fixture(params=["another scene", "unreadable"])
+@pytest.fixture(params=["another scene", "unreadable", "a name too long"])
 def bad_table(request, tmp_path, murky_table_folder):
     """A folder that is no table for the scene, and what must be said of it."""
     if request.param == "another scene":
         return murky_table_folder, ("another scene", "effects.attenuation", "k_per_m", "0.2")
+    if request.param == "a name too long":
+        return "/tmp/" + "a" * 300, ("no table there",)
     (tmp_path / "bad" / "table.yaml").mkdir(parents=True)
     return str(tmp_path / "bad"), ("bad",)
 
@@ -335,6 +337,19 @@ def test_the_roll_of_the_imu_enters_the_pose(
 @pytest.fixture
 def rolling(lab, scene_file, scene, table_folder):
     return Shower(lab, scene_file, scene, table=table_folder, use_imu=True)
+
+
+@pytest.mark.parametrize(
+    ("place", "variance"), [(0, 1e10), (0, np.nan), (0, np.inf), (4, -0.1), (8, np.nan)]
+)
+def test_an_attitude_that_is_not_known_gives_no_roll(place, variance):
+    message = Imu(orientation=Quaternion(w=1.0))
+    assert imu_roll(message) == 0.0  # of unknown variance
+    message.orientation_covariance[8] = 1e6  # no compass
+    assert imu_roll(message) == 0.0
+    message.orientation_covariance[place] = variance
+    with pytest.raises(Refused, match="out of bounds: variances of the orientation"):
+        imu_roll(message)
 
 
 @pytest.mark.parametrize("tilted_at", [3, 7])

@@ -26,7 +26,7 @@ STILL = np.zeros(5)
 POSE_ASTERN = np.array([-7.0, 0.3, 0.2, 0.05, 0.1])
 
 
-def odometry(pose, rate=STILL, roll=0.1, frame=""):
+def odometry(pose, rate=STILL, roll=0.1, frame="leader/beacon"):
     twist, covariance = body_twist(pose, rate, np.eye(10), roll)
     where = pose_to_message(np.array(pose), np.eye(6), Header(frame_id=frame), roll)
     return odometry_to_message(where, "base_link", twist, covariance)
@@ -207,3 +207,13 @@ def test_a_clock_that_is_set_back_stops_nothing(helm):
         helm.see([-7.0, 0.0, 0.0, 0.0, 0.0], helm.now + 1)
         command = helm.command()
     assert command[0] > 0
+
+
+@pytest.mark.parametrize("frame", ["", "odom", "leader/beacon_ned"])
+def test_a_track_in_another_frame_is_refused(helm, frame):
+    helm.lab.deliver(helm.node, helm.poses, odometry(POSE_ASTERN, frame=frame))
+    helm.lab.report(
+        helm.node, WARN, f"wrong frame: the track is in {frame!r}, not in leader/beacon"
+    )
+    helm.tick()
+    assert not helm.commands

@@ -76,7 +76,8 @@ def test_a_command_that_is_not_finite_is_held_back_and_told(lab, monkeypatch):
     commands = lab.listen(TwistStamped, "cmd_vel")
     lab.connect()
     lab.tick(100 * 10**9)
-    station = pose_to_message(np.array([-6.0, 0, 0, 0, 0]), np.eye(6), Header(stamp=Time(sec=100)))
+    header = Header(stamp=Time(sec=100), frame_id="leader/beacon")
+    station = pose_to_message(np.array([-6.0, 0, 0, 0, 0]), np.eye(6), header)
     lab.deliver(node, poses, Odometry(header=station.header, pose=station.pose))
     with monkeypatch.context() as patch:
         broken = np.array([0.0, np.nan, 0.0]), np.zeros(3)
@@ -114,6 +115,25 @@ def passed(stamps):
 )
 def test_late_stamps_are_dropped_and_a_clock_that_was_set_back_starts_anew(stamps, expected):
     assert passed([round(1e9 * s) for s in stamps]) == [round(1e9 * s) for s in expected]
+
+
+def test_one_stamp_ahead_of_the_clock_is_dropped_and_a_clock_that_is_always_ahead_is_believed():
+    def ages(*ahead_s):
+        order, through = StampOrder(), []
+        for i, ahead in enumerate(ahead_s):
+            header = Header(stamp=Time(sec=100 + i, nanosec=round(1e9 * ahead)))
+            try:
+                order.check(header, (100 + i) * 10**9)
+                through.append(i)
+            except Refused as reason:
+                told.append(str(reason))
+        return through
+
+    told = []
+    assert ages(0.0, 0.9, 0.0, 0.0, 0.29) == [0, 2, 3, 4]
+    assert told == ["stamp ahead: 0.9 s later than the clock"]
+    assert ages(0.9, 0.9, 0.4) == [0, 1, 2]
+    assert ages(0.0, 0.9, 0.9, 0.9, 0.0, 0.5) == [0, 2, 3, 4]
 
 
 @given(st.lists(st.integers(0, 4_000_000_000)))

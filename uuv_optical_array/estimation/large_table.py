@@ -7,6 +7,7 @@ process can compute any block, a build goes on where it was interrupted, and not
 read. The attributes of the array hold the scene.
 """
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -108,8 +109,11 @@ def _create(path: Path, scene: Scene, block_rows: int) -> None:
 def _open(path: Path, scene: Scene) -> Any:
     """Open the array of a scene's table, finished or not; ValueError for anything else."""
     zarr = needs("cluster", "zarr")
-    if not path.exists():
-        raise ValueError(f"table {path}: no table there; build one with uuv_array table")
+    if not os.path.exists(path):
+        raise ValueError(
+            f"table {path}: no table there, or in a folder that may not be searched; build one "
+            "with uuv_array table"
+        )
     try:
         array = zarr.open_array(str(path), mode="r")
         about = dict(array.attrs)

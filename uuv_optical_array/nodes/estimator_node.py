@@ -15,7 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
-from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
+from uuv_optical_array.core.messages import FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, Method
 from uuv_optical_array.estimation.large_table import load_table
@@ -81,9 +81,7 @@ PARAMETERS = {
         True, Quantity("whether the poses of many frames are filtered and constants learnt")
     ),
     **parameters_of(TrackerSettings),
-    "beacon_frame": Parameter(
-        BEACON_FRAME, Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
-    ),
+    **shared("beacon_frame"),
     "tf_child_frame": Parameter(
         FOLLOWER_FRAME, Quantity("frame that pose and odometry place: the follower's"), True
     ),
@@ -155,7 +153,7 @@ class EstimatorNode(Node):
         # Last, as the middleware meanwhile finds who is at the other end of the topics.
         try:
             self.on_change({"table": self.parameters["table"]})
-        except ValueError as reason:
+        except (ValueError, OSError) as reason:
             self.diagnostics.fail(str(reason))
 
     def check(self, method: str) -> None:

@@ -60,7 +60,7 @@ class FeatureNode(Node):
         """Publish the key parameters of one image."""
         self.afterwards.finish()
         try:
-            self.order.check(message.header)
+            self.order.check(message.header, self.get_clock().now().nanoseconds)
             image = image_from_message(message, self.scene.array)
             check_full_scale(image, self.scene)
         except (NoPose, Refused) as reason:

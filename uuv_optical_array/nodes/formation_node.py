@@ -29,7 +29,7 @@ from uuv_optical_array.nodes.shared.node import LASTING, publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
 PARAMETERS = {
-    **shared("frame_prefix", "base_frame"),
+    **shared("frame_prefix", "base_frame", "beacon_frame"),
     **parameters_of(FormationSettings),
     "rate_hz": Parameter(10.0, Quantity("commands a second", "Hz", 0.1, 1000), True),
     "start_engaged": Parameter(
@@ -54,7 +54,7 @@ class FormationNode(Node):
         self.shapes = publish(self, MarkerArray, "markers", LASTING)
         self.shown: Any = None  # frame and station of the marker that was published
         if subscribed:
-            subscribe(self, Odometry, "relative_odometry", self.on_track)
+            subscribe(self, Odometry, "relative_odometry", self.on_message)
         self.create_service(SetBool, "~/engage", self.on_engage)
         self.engaged = True
         self.engage(self.parameters["start_engaged"])
@@ -93,6 +93,14 @@ class FormationNode(Node):
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""
         self.controller.configure(self.settings(changes))
+
+    def on_message(self, message: Odometry) -> None:
+        """Take a track from outside, which may be of anything."""
+        given, own = message.header.frame_id, self.parameters.frame("beacon_frame")
+        if given == own:
+            self.on_track(message)
+        else:
+            self.diagnostics.refuse(f"wrong frame: the track is in {given!r}, not in {own}")
 
     def on_track(self, message: Odometry) -> None:
         """Tell the controller where the follower is, and how it moves."""

@@ -42,6 +42,7 @@ from uuv_optical_array.estimation.signature.features import FEATURE_NAMES
 from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_yaw
 
 _POINT_BYTES = 8 * len(FEATURE_NAMES)
+MAX_ROLL_VARIANCE = 1.0  # rad^2; a roll that is known no better is not known
 MAX_COVARIANCE = 1e12  # beyond any sea, m^2, m rad or rad^2
 
 
@@ -93,18 +94,23 @@ class StampOrder:
 
     A stamp that is not later than the newest is refused, however many such come late. Only where
     two in a row advance and are more than `RESTART_NS` behind the newest was the clock set back,
-    or the newest a stray: the stream starts anew with the second.
+    or the newest a stray: the stream starts anew with the second. Where the clock is given, a stamp
+    that is `AHEAD_NS` ahead of it is refused, too, if the one before was not.
     """
 
-    RESTART_NS = 1_000_000_000
+    RESTART_NS, AHEAD_NS = 1_000_000_000, 300_000_000
 
     def __init__(self) -> None:
+        self._ahead = True
         self._newest_ns: int | None = None
         self._far_behind_ns: int | None = None  # the stamp before, where it was that
 
-    def check(self, header: Header) -> None:
-        """Refuse a stamp that does not advance."""
+    def check(self, header: Header, now_ns: float = math.inf) -> None:
+        """Refuse a stamp that does not advance, or leaps ahead of the clock."""
         stamp, newest, behind = stamp_ns(header), self._newest_ns, self._far_behind_ns
+        before, self._ahead = self._ahead, stamp - now_ns > self.AHEAD_NS
+        if self._ahead and not before:
+            raise Refused(f"stamp ahead: {(stamp - now_ns) * 1e-9:.3g} s later than the clock")
         far = newest is not None and newest - stamp > self.RESTART_NS
         anew = far and behind is not None and stamp > behind
         if newest is None or stamp > newest or anew:
@@ -254,6 +260,12 @@ def imu_roll(message: Imu) -> float:
     """Unpack the roll of an IMU, rad."""
     if message.orientation_covariance[0] == -1:
         raise Refused("no orientation: the imu says that it has none")
+    variances = np.asarray(message.orientation_covariance)[[0, 4, 8]]
+    if not ((variances >= 0).all() and variances[0] <= MAX_ROLL_VARIANCE):
+        raise Refused(
+            f"out of bounds: variances of the orientation {variances.tolist()}; they must be at "
+            f"least 0, and that of the roll at most {MAX_ROLL_VARIANCE:g} rad^2"
+        )
     roll, _, _ = roll_pitch_yaw(checked_quaternion(message.orientation))
     return roll
 

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
+from uuv_optical_array.core.messages import BEACON_FRAME
 from uuv_optical_array.core.settings import Quantity, check, declared
 from uuv_optical_array.core.storage.files import shared_file
 
@@ -134,7 +135,7 @@ class Parameters:
                 self._declared[name].check(name, value)
             if ours:
                 self._apply(ours)
-        except ValueError as error:
+        except (ValueError, OSError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -145,6 +146,9 @@ SHARED = {
         "", Quantity("set before each frame's name; a name that begins with / stands alone"), True
     ),
     "base_frame": Parameter("follower/base_link", Quantity("the follower's own frame"), True),
+    "beacon_frame": Parameter(
+        BEACON_FRAME, Quantity("frame of the pose: the lamp's; ending in _ned, it is NED"), True
+    ),
     "beacon_position_m": Parameter(
         [0.0, 0.0, 0.0], Quantity("the lamp in the leader's base_link", "m", -100, 100), True
     ),

@@ -74,6 +74,14 @@ REFUSALS = {
         "The stamp is not later than the one before: repeated, or in the wrong order.",
         "Look for a second publisher and for a clock that is set back. It recovers by itself.",
     ),
+    "stamp ahead": Reason(
+        "The stamp is ahead of the clock, and the one before was not.",
+        "If it lasts, let the driver stamp each exposure by a clock that is synchronised.",
+    ),
+    "wrong frame": Reason(
+        "A track is not in `beacon_frame`: of another estimator, or of no estimator.",
+        "Set the same `beacon_frame` and `frame_prefix` for the estimator and the formation node.",
+    ),
     "no image": Reason(
         "Key parameters came, and no image with their stamp.",
         "Let the array's driver and the feature node keep one stamp; see `use_image`.",

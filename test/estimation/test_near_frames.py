@@ -112,3 +112,37 @@ def test_every_frame_between_the_lamp_and_the_table_has_its_pose(estimator):
     poses = np.column_stack([-range_m, aside])
     for pose, image in zip(poses, ForwardModel(estimator.scene).expose(poses, rng), strict=True):
         assert (distance(estimator, image, pose) < 5).all(), pose
+
+
+@pytest.fixture(scope="module")
+def harbour(compiled_fit):
+    return Estimator(load_scene("harbour")).wait()
+
+
+@pytest.mark.parametrize(
+    ("truth", "image"),
+    [
+        (
+            (-1.0152, 0.0008, -0.0286, -0.1452, 0.1342),
+            "6 5 7 6 4 7 31 922 1023 661 7 568 1023 1023 1023 8 909 1023 1023 1023 5 97 1023 1023 "
+            "276",
+        ),
+        (
+            (-0.9648, 0.0235, -0.0043, -0.2043, -0.0807),
+            "9 8 6 9 7 7 11 27 8 7 115 1023 1023 363 9 1023 1023 1023 1023 7 105 1023 1023 1023 7",
+        ),
+        (
+            (-0.9812, 0.0085, -0.0308, -0.2023, 0.1694),
+            "0 0 0 0 0 4 0 67 429 260 0 38 1023 1023 1023 0 165 1023 1023 1023 0 32 1023 1023 1023",
+        ),
+    ],
+)
+def test_no_start_by_signature_leads_to_the_likeliest_pose(harbour, truth, image):
+    readings = np.array(image.split(), dtype=float)
+    assert (distance(harbour, readings.reshape(5, 5), np.array(truth)) < 6).all()
+    # A fit that is told the truth finds none that is likelier.
+    fit, guide = harbour._fit, harbour._fit.guide
+    told = guide._replace(
+        poses=np.tile(truth, (2, 1)), units=np.ascontiguousarray(guide.units[:, :2]), gaussian=True
+    )
+    assert fit(readings).result.score < fit(readings, guide=told).result.score + 0.5

@@ -27,6 +27,7 @@ LIT_EACH = 7  # clearly lit detectors for each that may be left out, or what is 
 # Probability that a detector is, in an image that does not fit: it reads anything to full scale.
 FAULTY = 1e-2
 STARTS, ROUNDS = 8, 5
+ROWS = 1536  # poses whose images are compared
 TAKEN_BACK = 4.5  # cost of a reading, as of three standard deviations, up to which it is no fault
 WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
 
@@ -76,10 +77,10 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
     squares, sight = weights.copy(), np.sqrt(np.maximum(readings, 0.0))
-    distances = np.empty(len(poses))
+    distances = np.empty(min(len(poses), ROWS))
     for row in range(len(distances)):
         for j in range(len(readings)):
-            squares[j] = (roots[row, j] - sight[j]) ** 2
+            squares[j] = (roots[j, row] - sight[j]) ** 2
         trim(squares, count, weights)
         distances[row] = (squares * weights).sum()
     least, at, best = np.inf, start_at(problem, poses[0]), weights.copy()
@@ -87,7 +88,7 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
     for _ in range(STARTS):
         row = int(distances.argmin())
         distances[row] = np.inf
-        trim((roots[row] - sight) ** 2, count, weights)
+        trim((roots[:, row] - sight) ** 2, count, weights)
         alike, there, cost = weights, start_at(problem, poses[row]), least
         for _ in range(ROUNDS):
             alike = weights.copy()

@@ -62,8 +62,8 @@ class Guide(NamedTuple):
     """What a table says about where to start, and when a fit is good.
 
     - units: directions of signatures, of length one, by columns, shape ``(6, m)``.
-    - poses: theirs, m and rad, shape ``(m, 5)``.
-    - roots: square roots of their readings, shape ``(m, n)``.
+    - poses: of these and more, m and rad, shape ``(k, 5)``.
+    - roots: square roots of their readings, by columns, shape ``(n, k)``.
     - weights: of the five key parameters, and the constant that is appended, shape ``(6,)``.
     - candidates: rows to start from; more where these leave doubt.
     - max_score: score of the misfit beyond which a fit is no pose.
@@ -136,6 +136,17 @@ def nearest_rows(units: Array, unit: Array, count: int) -> tuple[Any, Any]:
     return rows, np.sqrt(chords)
 
 
+def rows_alike(problem: Problem, guide: Guide, unit: Array, count: int) -> Any:
+    """Return the rows of least chord, and between them those whose images are most alike."""
+    rows, _ = nearest_rows(guide.units, unit, count)
+    if not guide.gaussian:
+        roots = np.sqrt(np.maximum(problem.readings, 0.0))
+        alike, _ = nearest_rows(guide.roots, roots, count // 2)
+        for k in range(count - 1, 0, -1):
+            rows[k] = alike[k // 2] if k % 2 == 1 else rows[k // 2]
+    return rows
+
+
 def is_near(parts: Array, known: Array) -> bool:
     """Say whether a state is within `DISTINCT` standard deviations of a minimum, by their parts."""
     size, distance = parts.shape[1], 0.0
@@ -184,6 +195,8 @@ def find_minima(
     rows, chords = nearest_rows(guide.units, unit, max(count, 2))
     angle = 2 * np.arcsin(min(0.5 * chords[0], 1.0))
     second_angle = 2 * np.arcsin(min(0.5 * chords[1], 1.0))
+    if count > guide.candidates:
+        rows = rows_alike(problem, guide, unit, count)
     minima = [refine(problem, start_at(problem, guide.poses[rows[0]]), MOST_STEPS)]
     if not np.isfinite(minima[0].cost):
         minima.clear()
@@ -204,8 +217,8 @@ def find_minima(
                 break
         if count == most:
             break
-        tried, count, first = count, min(4 * count, most), False
-        rows, _ = nearest_rows(guide.units, unit, count)
+        tried, count, first = 1 if first else count, min(4 * count, most), False
+        rows = rows_alike(problem, guide, unit, count)
     if count > guide.candidates:
         found = minima[:FOLLOWED]
         minima = minima[:0]

@@ -53,7 +53,8 @@ BENT, FAR = 0.5, 0.1
 # Poses of the working volume from which fits may start: more make no fit more exact.
 STARTS = 1024
 # Beside them poses nearer than that, and the share of the range that they go down to.
-NEAR_STARTS, NEAREST = 512, 0.2
+NEAR_STARTS, NEAREST = 4096, 0.2
+BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
 # Score up to which the readings of the others have to fit: that of one image of fifty.
@@ -117,11 +118,12 @@ class ImageFit:
         poses, images = self._starts(axes)
         full_scale, peak = scene.full_scale_counts, scene.signature.peak
         side = model.array.side
-        vectors = lifted(key_parameters(images, full_scale, peak), scene.signature, side)
+        first = key_parameters(images[:BY_SIGNATURE], full_scale, peak)
+        vectors, flat = lifted(first, scene.signature, side), images.reshape(len(poses), -1)
         self.guide = Guide(
             np.ascontiguousarray(unit_vectors(vectors).T),
             poses,
-            np.sqrt(np.maximum(images, 0.0)).reshape(len(poses), -1),
+            np.ascontiguousarray(np.sqrt(np.maximum(flat, 0.0)).T),
             lifted(np.ones(5), scene.signature, side),
             candidates,
             float(-ndtri(max_misfit)),
@@ -155,7 +157,7 @@ class ImageFit:
         # Points of the grid: from its edges fits find minima that they miss from within.
         poses = np.stack([rng.choice(axis, STARTS) for axis in axes], axis=-1)
         # Nearer than that the array saturates, and from afar no fit leads there.
-        near = poses[:NEAR_STARTS].copy()
+        near = np.stack([rng.choice(axis, NEAR_STARTS) for axis in axes], axis=-1)
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
         poses = np.concatenate([poses, near])
         images = self._model.converted(self._model.light(poses))

@@ -249,8 +249,8 @@ def nodes(topics: Sequence[tuple[str, bool, str, str]]) -> str:
                 if x != start:
                     end = x - 7 * np.sign(x - start)
                     parts.append(arrow([start, y], [end, y], stroke_width=1.5))
-        if len(publishers + listeners) == 1 and publishers:
-            parts.append(arrow([starts[0], y], [starts[0] + 60, y], stroke_width=1.5))
+        if not listeners:
+            parts += [arrow([x, y], [x + 60, y], stroke_width=1.5) for x in publishers]
         parts += [dot(x, y, 6, fill=INK) for x in publishers]
         # A node that does both, in different roles, has both marks side by side.
         at = [x - 15 * (x in publishers) for x in listeners]

@@ -31,7 +31,7 @@ from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
-from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FORMATION
+from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FOLLOWER, FORMATION
 from uuv_optical_array.nodes.shared import reasons
 from uuv_optical_array.studies.mismatches import KINDS, Kind
 
@@ -195,6 +195,7 @@ def choice(words: Iterable[str]) -> str:
 def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
     """Yield the name of each launch file and its arguments, each with default and meaning."""
     yield "follow.launch.py", FOLLOW
+    yield "follower.launch.py", FOLLOW | FOLLOWER
     yield "formation.launch.py", FORMATION
 
 
@@ -261,6 +262,14 @@ def topics() -> list[str]:
         "publishes and an open one subscribes.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
+        "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "
+        "`array/features` has one point with FLOAT64 `peak`, `column`, `row`, "
+        "`skewness_horizontal` and `skewness_vertical`, and none without light. "
+        "`relative_pose` is the follower's `base_link` in the leader's `beacon`, by one image; "
+        "`relative_odometry` is the track of "
+        "many; `leader_pose` is the lamp in the follower's `base_frame`. `estimator_node` takes "
+        "`array/image` unless `use_image` is false, `cmd_vel` unless `use_commands` is, and `imu` "
+        "with `use_imu`.",
     ]
 
 

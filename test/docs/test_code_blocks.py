@@ -63,7 +63,7 @@ def check_shell(block):
 def check_yaml(block, folder):
     """Check a scene, parameters of our nodes, or that others take a topic that is there."""
     values = yaml.safe_load(block)
-    if "lamp" in values:
+    if "lamp" in values or "extends" in values:
         (folder / "sea.yaml").write_text(block, encoding="utf-8")
         load_scene(folder / "sea.yaml")
         return

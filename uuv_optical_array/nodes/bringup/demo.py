@@ -40,7 +40,7 @@ from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN, BagWriter
 
-START_S = 15.0  # how long the leader may wait for the follower to see it, with its fit compiled
+START_S = 15.0  # how long the leader may wait for the follower to see it, once fits are compiled
 DISCOVERY_S = 2.0  # in which the nodes of another run are found
 
 
@@ -192,9 +192,11 @@ def follow(
             return 0.0 if since_ns is None else (clock.now().nanoseconds - since_ns) * 1e-9
 
         def wanted() -> bool:
+            nonlocal ready_ns
             if first.started_ns is None:
-                compiling = any(fit.endswith("being compiled") for fit in vehicles.fits.values())
-                return compiling or elapsed_s(ready_ns) < START_S
+                if any(fit.endswith("being compiled") for fit in vehicles.fits.values()):
+                    ready_ns = clock.now().nanoseconds
+                return elapsed_s(ready_ns) < START_S
             return elapsed_s(first.started_ns) < duration_s
 
         def tick() -> None:

@@ -269,7 +269,9 @@ def topics() -> list[str]:
         "`relative_odometry` is the track of "
         "many; `leader_pose` is the lamp in the follower's `base_frame`. `estimator_node` takes "
         "`array/image` unless `use_image` is false, `cmd_vel` unless `use_commands` is, and `imu` "
-        "with `use_imu`.",
+        "with `use_imu`. `markers` are beam and body by one node and the station by the other, for "
+        "RViz, and reach those who listen later, too. A leader of the demonstration hears "
+        "`/diagnostics`. `formation_node` has the service `~/engage` (std_srvs/SetBool).",
     ]
 
 

@@ -20,25 +20,23 @@ def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[floa
     paths = [records[0].leader_path, *(record.follower_path for record in records)]
     stamps = np.array([t for t in moments if all(min(p) <= t <= max(p) for p in paths)])
     above, side = figure.subplots(1, 2)
-    for axes, vertical, title in (
-        (above, 1, "from above"),
-        (side, 2, "from the side, z stretched"),
+    for axes, vertical, title, label in (
+        (above, 1, "from above", "y, port (m)"),
+        (side, 2, "from the side, z stretched", "z, up (m)"),
     ):
         axes.plot([], [], color="0.6", lw=0.8, label="positions when the images are taken")
         leader_places = position_at(paths[0], stamps)
         for number, path in enumerate(paths):
             line = np.array(list(path.values()))
-            name = f"follower {number}" if len(records) > 1 else "follower"
-            colour = FOLLOWERS[(number - 1) % len(FOLLOWERS)] if number else LEADER
-            axes.plot(
-                line[:, 0], line[:, vertical], color=colour, label=name if number else "leader"
-            )
+            name, colour = "leader", LEADER
+            if number:
+                name = f"follower {number}" if len(records) > 1 else "follower"
+                colour = FOLLOWERS[(number - 1) % len(FOLLOWERS)]
+            axes.plot(line[:, 0], line[:, vertical], color=colour, label=name)
             axes.plot(*line[-1, [0, vertical]], "o", color=colour)
             for pair in np.stack([position_at(path, stamps), leader_places], axis=1):
                 axes.plot(pair[:, 0], pair[:, vertical], color="0.6", lw=0.8, zorder=0)
-        axes.set(
-            title=title, xlabel="x (m)", ylabel="y, port (m)" if vertical == 1 else "z, up (m)"
-        )
+        axes.set(title=title, xlabel="x (m)", ylabel=label)
         axes.grid(alpha=0.3)
     above.set_aspect("equal", adjustable="datalim")
     above.legend(loc="best")

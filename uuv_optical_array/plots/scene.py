@@ -72,10 +72,9 @@ def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None
             axes[1].set_xlabel("column" if across else "row", fontsize=9)
             detector_ticks(axes[1].xaxis, most=4)
     for row, name in zip(grid, ("profile (counts)", "gradient\n(counts/detector)"), strict=True):
-        low = min(axes.get_ylim()[0] for axes in row)
-        high = max(axes.get_ylim()[1] for axes in row)
+        limits = [axes.get_ylim() for axes in row]
         for axes in row:
-            axes.set_ylim(low, high)
+            axes.set_ylim(np.min(limits), np.max(limits))
             axes.grid(alpha=0.3)
             axes.tick_params(labelsize=8, labelleft=axes is row[0])
         row[0].set_ylabel(name, fontsize=10)

@@ -38,13 +38,8 @@ METHOD_COLOURS = {
     "docking": "#12305e",
 }
 # And one shape of its mark, which is also told in grey.
-METHOD_MARKS = {
-    "moments": "v",
-    "look_up": "D",
-    "sam": "s",
-    "sam_interpolated": "^",
-    "least_squares": "o",
-}
+METHOD_MARKS = {"moments": "v", "look_up": "D", "sam": "s", "sam_interpolated": "^"}
+METHOD_MARKS |= {"least_squares": "o"}
 SPECIFIED = "#2c9c5a"
 IMAGES = "magma"  # colours of what the array reads
 MOST_DECADES = 3  # of an axis that has room for more than one mark a decade
@@ -81,21 +76,9 @@ def detector_ticks(*axes: "Axis", most: int = 6) -> None:
 
 
 def array_image(axes: "Axes", image: Array, cmap: str = IMAGES, **style: Any) -> Any:
-    """Draw an image of an array, rows from the top and columns from port, as vectors.
+    """Draw an image of an array, counts, ``(side, side)``, rows from the top, as vectors.
 
-    Parameters
-    ----------
-    axes
-        Where it is drawn.
-    image
-        Counts, shape ``(side, side)``.
-    cmap, style
-        Of `Axes.pcolormesh`.
-
-    Returns
-    -------
-    matplotlib.collections.QuadMesh
-        For a colour bar.
+    Style is that of `Axes.pcolormesh`, whose mesh is returned for a colour bar.
     """
     side = len(image)
     edges = np.arange(side + 1) - 0.5
@@ -157,36 +140,24 @@ def number_label(
     ha: Literal["center", "right"] = "center",
 ) -> None:
     """Write the number of a point in a box, at a place in fractions of the axes."""
+    box = {"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6}
+    line = {"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
     axes.annotate(
-        str(number),
-        point,
-        xytext=place,
-        textcoords="axes fraction",
-        ha=ha,
-        va="center",
-        fontsize=9,
-        fontweight="bold",
-        zorder=5,
-        bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6},
-        arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2},
-    )
+        str(number), point, place, textcoords="axes fraction", ha=ha, va="center", fontsize=9,
+        fontweight="bold", zorder=5, bbox=box, arrowprops=line,
+    )  # fmt: skip
 
 
 def label_ends(axes: "Axes", ends: Iterable[tuple[str, float]], gap: float = 0.055) -> None:
     """Write the name of each line beside its right end, so that none is on another."""
     low, high = axes.get_ylim()
     names = sorted(((y - low) / (high - low), name) for name, y in ends)
+    line = {"arrowstyle": "-", "lw": 0.6, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
     for (height, name), place in zip(names, apart([y for y, _ in names], gap), strict=True):
         axes.annotate(
-            name,
-            (1.0, height),
-            (1.05, place),
-            xycoords="axes fraction",
-            textcoords="axes fraction",
-            va="center",
-            fontsize=9,
-            arrowprops={"arrowstyle": "-", "lw": 0.6, "color": "0.4", "shrinkA": 0, "shrinkB": 0},
-        )
+            name, (1.0, height), (1.05, place), "axes fraction", "axes fraction", va="center",
+            fontsize=9, arrowprops=line,
+        )  # fmt: skip
 
 
 def save(figure: "Figure", path: Path) -> None:

@@ -259,12 +259,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="compare the priors of a sea known well and less well, and draw the errors into FILE "
         "(default: %(const)s)",
     )
-    parser.add_argument(
-        "--drawn", action="store_true", help="draw the sea of each image from the scene's prior"
+    drawn, moving = (
+        "draw the sea of each image from the scene's prior",
+        "take images at random times",
     )
-    parser.add_argument(
-        "--moving", action="store_true", help="take images at random times, for what moves"
-    )
+    parser.add_argument("--drawn", action="store_true", help=drawn)
+    parser.add_argument("--moving", action="store_true", help=f"{moving}, for what moves")
     options.add_json(parser)
 
 

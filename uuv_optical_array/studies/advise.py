@@ -182,7 +182,7 @@ def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement],
     """Return file, frames and lines of this scene and machine, and whether all are there."""
     path, here = folder / SETTINGS_CSV, origin_of(scene, "quick")
     there, rows = read(path, Measurement)
-    if there and all(there[name] == here[name] for name in ("fingerprint", "machine")):
+    if there and all(there.get(name) == here[name] for name in ("fingerprint", "machine")):
         return path, there["frames"], rows, True
     if there:
         print(f"{path} is of another scene or machine, so it is not used", file=sys.stderr)

@@ -117,11 +117,9 @@ def measure(
 ) -> Iterator[dict[str, Any]]:
     """Yield the `figures` of `count` frames of each kind; the last one of fewer after Ctrl-C.
 
-    Kinds share poses and noise. `progress` wraps the loop over the frames of a kind, its name as
-    ``what``.
+    Kinds share poses and noise; `progress` gets the name of one as ``what``.
     """
-    model = ForwardModel(estimator.scene)
-    answers = {"estimator": answer_of(estimator)}
+    model, answers = ForwardModel(estimator.scene), {"estimator": answer_of(estimator)}
     for kind in kinds:
         poses = lit_poses(model, count, np.random.default_rng(seed), kind.draw)
         light = kind.light(model, poses, np.random.default_rng((seed, 1)))
@@ -223,7 +221,6 @@ def run(args: argparse.Namespace) -> int:
     rows = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
     complete = len(rows) == len(kinds) and rows[-1]["frames"] == count
     about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
-
     save(draw(rows, about), output)
     result = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
     result |= {"complete": complete, "kinds": rows, "picture": str(output)}

@@ -87,19 +87,15 @@ class LookUp:
         return row * self._side + column
 
     def _compared(self, parameters: Array) -> Array:
-        """Return both skewnesses and the spectral angle to an array that looks at the lamp.
-
-        The parameters of that are (peak, 0, 0, 0, 0), whatever the range.
-        """
+        """Return both skewnesses and the spectral angle to (peak, 0, 0, 0, 0), an aligned array."""
         units = unit_vectors(parameters)
         angles = np.arctan2(np.linalg.norm(units[..., 1:], axis=-1), units[..., 0])
         return np.stack([parameters[..., 3], parameters[..., 4], angles], axis=-1)
 
     def pose(self, image: ArrayLike) -> Array:
-        """Look up the pose of an image ``(side, side)`` of counts, finite and >= 0.
+        """Look up the pose of an image of counts, m and rad, ``(5,)``: a row of the table.
 
-        The pose, m and rad, ``(5,)``, is a row of the table, the first of equally good ones. NoPose
-        for an image of another shape, without light, or whose peak no pose of the table has.
+        NoPose for an image of another shape, without light, or whose peak no pose of the table has.
         """
         image = np.asarray(image, dtype=float)
         if image.shape != (self._side, self._side) or not np.isfinite(image).all():
@@ -212,9 +208,8 @@ def calibrate(
 def dead_reckoned(poses: Array) -> Array:
     """Carry y and z of the first frame forward, along the heading of each later one.
 
-    ``dx = x(k+1) - x(k)``, ``R = dx / (cos pitch cos yaw)``, ``dy = R cos pitch sin yaw`` and
-    ``dz = -R sin pitch`` (bow down is positive, and z is up), with the angles of frame k+1. Poses
-    are in m and rad, shape ``(..., frames, 5)``.
+    With ``R = dx / (cos pitch cos yaw)`` and the angles of the later frame, ``dy = R cos pitch sin
+    yaw`` and ``dz = -R sin pitch``. Poses are in m and rad, shape ``(..., frames, 5)``.
     """
     x, pitch, yaw = (poses[..., dof] for dof in (X, PITCH, YAW))
     advance = np.diff(x) / (np.cos(pitch) * np.cos(yaw))[..., 1:]

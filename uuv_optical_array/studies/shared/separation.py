@@ -87,12 +87,9 @@ class Conditions:
 
     def as_object(self, steps: ArrayLike) -> dict[str, Any]:
         """Return the conditions and the steps of the move as plain values."""
-        return {
-            "array": self.shape,
-            "detectors_per_side": self.side,
-            "range_m": self.range_m,
-            f"{self.motion}_{UNITS[self.motion]}": np.asarray(steps, dtype=float).tolist(),
-        }
+        array = {"array": self.shape, "detectors_per_side": self.side, "range_m": self.range_m}
+        values = np.asarray(steps, dtype=float).tolist()
+        return {**array, f"{self.motion}_{UNITS[self.motion]}": values}
 
 
 def angles_deg(
@@ -100,22 +97,18 @@ def angles_deg(
 ) -> Array:
     """Return spectral angles between the aligned array and the moved one, deg, ``(n,)``.
 
-    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg; the
-    scene's array gets the shape and size of the conditions. nan where the aligned image is flat, so
-    that rounding alone decides where its peak is; a ValueError says that a signature has no
-    direction, or that the scene cannot have such an array.
+    The steps ``(n,)`` are shifts to starboard in m, or turns of the bow to starboard in deg. nan
+    where the aligned image is flat, so that rounding alone decides where its peak is; a ValueError
+    says that a signature has no direction, or that the scene cannot have such an array.
     """
-    array = dataclasses.replace(
-        scene.array.with_shape(conditions.shape), detectors_per_side=conditions.side, wiring=None
-    )
+    shaped = scene.array.with_shape(conditions.shape)
+    array = dataclasses.replace(shaped, detectors_per_side=conditions.side, wiring=None)
     model = ForwardModel(choice.scene(dataclasses.replace(scene, array=array)))
     steps = np.atleast_1d(np.asarray(steps, dtype=float))
     in_paper_axes = np.zeros((1 + len(steps), 5))
     in_paper_axes[:, X] = conditions.range_m
-    if conditions.motion == "shift":
-        in_paper_axes[1:, Y] = steps
-    else:
-        in_paper_axes[1:, YAW] = np.radians(steps)
+    is_shift = conditions.motion == "shift"
+    in_paper_axes[1:, Y if is_shift else YAW] = steps if is_shift else np.radians(steps)
     poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
     on_axis_counts = float(model.expected(poses[0]).max())
     images = choice.images(model, poses)

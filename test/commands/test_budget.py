@@ -9,6 +9,7 @@ import yaml
 from command_line import assert_picture, run
 from scipy.integrate import quad
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.commands.budget import aligned
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -93,7 +94,7 @@ def test_the_amplifiers_noise_is_the_mean_over_the_band():
 
 @pytest.mark.parametrize(
     ("watts", "nm", "group"),
-    [(0.1, 525, 0), (0.5, 525, 1), (0.5, 450, 1), (2, 450, 2), (99, 525, 3)],
+    [(0.1, 525, 0), (0.5, 525, 1), (0.5, 450, 1), (2, 450, 2), (25, 525, 1), (99, 525, 3)],
 )
 def test_the_risk_group_is_that_of_the_radiance(watts, nm, group):
     """Limits of IEC 62471 for the lens of 30 mm, 0.1 rad or more at 0.2 m."""
@@ -110,7 +111,9 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys)
     run("budget", "--scene", "coastal", "--daylight-w-per-m2", 0.01, "--output", picture)
     out = capsys.readouterr().out
     text = out[out.index("extends: ") : out.index("picture: ")]
-    assert yaml.safe_load(text)["effects"]["ambient"]["level_counts"] > 100
+    printed = yaml.safe_load(text)
+    assert printed["effects"]["ambient"]["level_counts"] > 100
+    assert printed["prior"]["ambient_std_counts"] == pytest.approx(5 * 65535 / 1023, rel=1e-4)
     (tmp_path / "sea.yaml").write_text(text, encoding="utf-8")
     scene, it = load_scene(tmp_path / "sea.yaml"), Instrument(daylight_w_per_m2=0.01)
     assert scene.fingerprint == scene_with(load_scene("coastal"), it).fingerprint
@@ -133,11 +136,20 @@ def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):
     assert "no lamp reaches so far" in line
 
 
+def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
+    line = run("budget", "--feedback-ohm", 1e9, "--output", tmp_path / "budget.png", code=1)
+    assert "would read 2e+07 counts" in line
+    assert "change the feedback resistor or the lamp" in line
+
+
 def test_errors_of_building_move_a_fit_as_told():
-    """Fits by SciPy to the light of arrays with one wrong gain each, and of a larger sphere."""
-    scene, pose = scene_with(FOLLOW, Instrument()), np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
+    """Fits by SciPy to the light of arrays with one wrong reading each, and of a larger sphere."""
+    settings = load_scene("reference").settings() | {"prior": {"known": "calibrated"}}
+    scene = scene_with(scene_from_settings(settings, "calibrated"), Instrument())
+    pose = np.array([-5.0, 0.3, -0.2, 0.1, -0.15])
     model, stds = ForwardModel(scene), scene.prior.nuisance_std()
-    sigma = np.sqrt(model.variance(model.light(pose))[0]).ravel()
+    right = model.light(pose).ravel()
+    sigma = np.sqrt(model.variance(right)[0])
     prior = np.array(list(stds.values()))
 
     def moved(light):
@@ -148,12 +160,27 @@ def test_errors_of_building_move_a_fit_as_told():
 
         return least_squares(misfit, np.zeros(5 + len(stds)), x_scale="jac").x[:5]
 
-    right = model.light(pose).ravel()
-    gains = [moved(right * (1 + 0.01 * one)) for one in np.eye(25)]
     told = tolerances(scene, pose)
-    np.testing.assert_allclose(
-        told["each gain off by 1 %"], np.sqrt(np.square(gains).sum(axis=0)), rtol=0.05
-    )
+    gains = np.array([moved(right * (1 + 0.01 * one)) for one in np.eye(25)])
+    # Shifted detectors see what a shifted vehicle sees, tilted ones another cosine.
+    body = Rotation.from_euler("ZYX", [pose[4], pose[3], 0])
+    shifts = [np.append(pose[:3] + 1e-3 * body.apply(axis), pose[3:]) for axis in np.eye(3)]
+    array = model.array
+    to_lamp = body.inv().apply(-pose[:3]) - array.positions
+    tilts = [Rotation.from_rotvec(np.radians(1) * axis).apply(array.normals) for axis in np.eye(3)]
+
+    def cosine(normals):
+        return (normals * to_lamp).sum(axis=1)
+
+    changes = {
+        "each gain off by 1 %": [np.full(25, 0.01)],
+        "each detector off by 1 mm": [model.light(at).ravel() / right - 1 for at in shifts],
+        "each detector tilted by 1 deg": [cosine(n) / cosine(array.normals) - 1 for n in tilts],
+    }
+    for name, relative in changes.items():
+        errors = [change[:, None] / 0.01 * gains for change in relative]
+        expected = np.sqrt(np.square(errors).sum(axis=(0, 1)))
+        np.testing.assert_allclose(told[name], expected, rtol=0.05, err_msg=name)
     built = scene.settings()
     built["array"]["radius_m"] += 1e-3
     larger = ForwardModel(scene_from_settings(built, "larger"))
@@ -163,4 +190,11 @@ def test_errors_of_building_move_a_fit_as_told():
         np.abs(moved(larger.light(pose).ravel())),
         rtol=0.05,
         atol=1e-4,
+    )
+    aligned_errors = tolerances(scene, aligned([6.0])[0])
+    degree = np.radians(1)
+    np.testing.assert_allclose(
+        [aligned_errors[f"the {part} turned by 1 deg"] for part in ("lamp", "array")],
+        [[0, 6 * degree, 6 * degree, degree, degree], [0, *[0.4 * degree] * 2, degree, degree]],
+        atol=1e-9,
     )

@@ -20,12 +20,13 @@ from uuv_optical_array.plots.style import save
 from uuv_optical_array.recording.bag import BagWriter
 
 DESCRIPTION = """\
-A leader waits until its follower sees it, runs straight, turns, and changes depth; the follower
-keeps station behind it by the light of the leader's lamp alone. Simulator, feature, estimator,
-formation and vehicles node run in this one process, on real ROS 2 topics, with the parameters of
-follow.launch.py. At the end a summary is printed and a picture is written. Several followers swim
-in a V, each with nodes of its own in a namespace, as in formation.launch.py, by default in the
-scene formation; the exit code is also 1 when two vehicles came too near to each other."""
+A leader waits until its follower sees it, and once on a machine until the fit is compiled; then it
+runs straight, turns, and changes depth, and the follower keeps station behind it by the light of
+the leader's lamp alone. Simulator, feature, estimator, formation and vehicles node run in this one
+process, on real ROS 2 topics, with the parameters of follow.launch.py. At the end a summary is
+printed and a picture is written. Several followers swim in a V, each with nodes of its own in a
+namespace, as in formation.launch.py, by default in the scene formation; the exit code is also 1
+when two vehicles came too near to each other."""
 
 EPILOG = """\
 examples:

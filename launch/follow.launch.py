@@ -16,13 +16,7 @@ from launch_ros.substitutions import ExecutableInPackage
 from uuv_optical_array.core.settings import Place, check
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.bringup.launch_arguments import (
-    FOLLOW,
-    YES,
-    declared,
-    enclave,
-    whole_number,
-)
+from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, YES, declared, enclave
 from uuv_optical_array.recording.bag import RUN
 
 PACKAGE = "uuv_optical_array"
@@ -71,7 +65,7 @@ def nodes(context):
     alone = given("demo") in ("leader", "follower")
     if alone:
         arguments["vehicles"] = given("demo")
-        arguments["followers"] = whole_number("followers", given("followers"))
+        arguments["followers"] = check(int, yaml_text.parse(given("followers")), "followers")
         if given("frame_prefix"):
             arguments["world_frame"] = "/odom"  # that of the leader
     if arguments:

@@ -7,13 +7,9 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 from uuv_optical_array.control.fleet import vee
-from uuv_optical_array.nodes.bringup.launch_arguments import (
-    EACH,
-    FORMATION,
-    YES,
-    declared,
-    whole_number,
-)
+from uuv_optical_array.core.settings import check
+from uuv_optical_array.core.storage import yaml_text
+from uuv_optical_array.nodes.bringup.launch_arguments import EACH, FORMATION, YES, declared
 
 
 def generate_launch_description():
@@ -26,7 +22,8 @@ def fleet(context):
     def given(name):
         return LaunchConfiguration(name).perform(context)
 
-    followers = vee(whole_number("followers", given("followers")), given("chain") in YES)
+    wanted = check(int, yaml_text.parse(given("followers")), "followers")
+    followers = vee(wanted, given("chain") in YES)
     space = given("namespace").strip("/")
     root = f"/{space}/" if space else "/"
     source = PythonLaunchDescriptionSource(

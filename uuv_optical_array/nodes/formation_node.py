@@ -56,7 +56,6 @@ class FormationNode(Node):
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_message)
         self.create_service(SetBool, "~/engage", self.on_engage)
-        self.engaged = True
         self.engage(self.parameters["start_engaged"])
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
@@ -72,23 +71,23 @@ class FormationNode(Node):
         return settings
 
     def on_engage(self, request: Any, response: Any) -> Any:
-        """Steer, or stop the follower and leave it to others."""
-        if self.engaged and not request.data:
-            self.send(np.zeros(3), np.zeros(3))
-        response.success, response.message = True, self.engage(request.data)
-        self.get_logger().info(response.message)
-        return response
-
-    def engage(self, wanted: bool) -> str:
-        """Steer from the next track on, or command nothing; return which, in words."""
-        if wanted != self.engaged:
+        """Steer from the next track on, or stop the follower and leave it to others."""
+        response.success = True
+        response.message = f"it steers to station_m {list(self.parameters['station_m'])}"
+        if not request.data:
+            response.message = "it commanded a stop, and commands nothing until it is engaged"
+        if request.data != self.engaged:
             # Nothing is left of the time before, as others may have commanded since.
             self.controller = FormationController(self.settings({}))
+            self.engage(request.data)
+            if not request.data:
+                self.send(np.zeros(3), np.zeros(3))
+        return response
+
+    def engage(self, wanted: bool) -> None:
+        """Note whether it steers, and tell the diagnostics."""
         self.engaged = wanted
         self.diagnostics.warn("" if wanted else "not engaged: the follower is left to others")
-        if wanted:
-            return f"it steers to station_m {list(self.parameters['station_m'])}"
-        return "it commanded a stop and commands nothing until it is engaged again"
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over a parameter that was set while the node runs."""

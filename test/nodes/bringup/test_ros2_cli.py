@@ -256,7 +256,7 @@ def without_viewers():
         ("follow", "scene:=nosuch", ("nosuch", "reference")),
         ("follow", "demo:=maybe", ("demo", "maybe", "'true'", "'false'")),
         ("formation", "followers:=0", ("followers: 0",)),
-        ("formation", "followers:=x", ("followers: 'x' is no whole number",)),
+        ("formation", "followers:=x", ("followers: 'x' is not a whole number",)),
         *without_viewers(),
     ],
 )

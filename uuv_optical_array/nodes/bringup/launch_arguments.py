@@ -85,14 +85,6 @@ def declared(arguments: Mapping[str, tuple[str, str]]) -> list[Any]:
     return actions
 
 
-def whole_number(name: str, text: str) -> int:
-    """Return the number that an argument is; ValueError where it is none."""
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"{name}: {text!r} is no whole number, such as 3") from None
-
-
 def enclave(namespace: str, executable: str) -> str:
     """Return the path of an executable's enclave, below that of its namespace, ``/`` or empty."""
     return "/".join(["", PACKAGE, *filter(None, namespace.split("/")), executable])

@@ -123,9 +123,8 @@ def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
             "scene takes 1 to 1e6; change the feedback resistor or the lamp"
         )
     full_scale = 2.0**instrument.bits - 1
-    effects: dict[str, Any] = dict.fromkeys(
-        name for name in ("sensor_noise", "shot_noise", "ambient") if name in scene.effects
-    )
+    gone = sorted({"sensor_noise", "shot_noise", "ambient"} & {*scene.effects})
+    effects: dict[str, Any] = dict.fromkeys(gone)
     if daylight := instrument.daylight_w_per_m2 * instrument.counts_per_w_per_m2:
         effects["ambient"] = {"level_counts": _short(daylight)}
     effects["photodiode"] = {
@@ -138,10 +137,8 @@ def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
     }
     effects |= {"saturation": {"level_counts": full_scale}, "adc": {"bits": instrument.bits}}
     changes = {"lamp": {"reference_counts": _short(reference)}, "effects": effects}
-    if unsure := scene.prior.ambient_std_counts:
-        changes["prior"] = {
-            "ambient_std_counts": _short(unsure * full_scale / scene.full_scale_counts)
-        }
+    if unsure := scene.prior.ambient_std_counts / scene.full_scale_counts:
+        changes["prior"] = {"ambient_std_counts": _short(unsure * full_scale)}
     return changes
 
 
@@ -158,15 +155,13 @@ def least_watts(
         return enough(scene_with(scene, dataclasses.replace(instrument, lamp_w=watts)))
 
     # A scene's reference reading is from 1 to 1e6 counts.
-    low = high = 1.01 / per_watt
-    while not does(high):
-        low, high = high, 2 * high
-        if high > 0.99e6 / per_watt:
-            return None
-    while high / low > 1.001:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if does(middle) else (middle, high)
-    return high
+    watts, most = 1.01 / per_watt, 0.99e6 / per_watt
+    for step in (2.0, 1.04, 1.001):  # each from the last flux that was too little
+        while not does(min(watts * step, most)):
+            watts *= step
+            if watts > most:
+                return None
+    return watts * step
 
 
 def _reference_counts(scene: Scene, instrument: Instrument) -> float:

@@ -16,9 +16,8 @@ MILLIMETRE, DEGREE, PERCENT = 1e-3, np.radians(1.0), 0.01
 def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
     """Return the RMS error of the most probable pose by each error of building.
 
-    The light changes as the array or the lamp does, the estimate follows it with the weights of
-    the maximum likelihood; what the scene's prior leaves uncertain takes its share. Errors of
-    single detectors are independent. The error grows in proportion to its cause.
+    The estimate follows the light with the weights of the maximum likelihood; what the scene's
+    prior leaves uncertain takes its share. Errors of single detectors are independent.
 
     - scene: as the estimator has it.
     - pose: shape ``(5,)``, m and rad.
@@ -41,24 +40,20 @@ def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
         model.array = built
         return changed
 
-    none, axes = np.zeros(3), np.eye(3)
-    independent = {
-        "each detector off by 1 mm": [change(MILLIMETRE * axis, none) for axis in axes],
-        # A turn about its own normal changes nothing, so two of the three count.
-        "each detector tilted by 1 deg": [change(none, DEGREE * axis) for axis in axes],
-        "each gain off by 1 %": [PERCENT * light],
-    }
+    # A turn about its own normal changes nothing, so two of the three count.
+    shifts = [change(MILLIMETRE * axis, np.zeros(3)) for axis in np.eye(3)]
+    turns = [change(np.zeros(3), DEGREE * axis) for axis in np.eye(3)]
     errors = {
-        name: np.sqrt(sum(((follow * each) ** 2).sum(axis=1) for each in changes))
-        for name, changes in independent.items()
+        "each detector off by 1 mm": follow[:, None] * shifts,
+        "each detector tilted by 1 deg": follow[:, None] * turns,
+        "each gain off by 1 %": follow * (PERCENT * light),
+        "the array turned by 1 deg": DEGREE * turned_on_mount(pose, 0.0, scene.array.bow_m),
+        "the lamp turned by 1 deg": DEGREE * turned_about_lamp(pose),
     }
     if scene.array.radius_m:
-        larger = np.log1p(MILLIMETRE / scene.array.radius_m)
-        sphere = model.light(pose, offsets={RADIUS: np.asarray(larger)})
-        errors["the sphere's radius off by 1 mm"] = np.abs(follow @ (sphere.ravel() - light))
-    for name, slopes in (
-        ("the array turned by 1 deg", turned_on_mount(pose, 0.0, scene.array.bow_m)),
-        ("the lamp turned by 1 deg", turned_about_lamp(pose)),
-    ):
-        errors[name] = DEGREE * np.sqrt((np.asarray(slopes) ** 2).sum(axis=1))
-    return errors
+        larger = np.asarray(np.log1p(MILLIMETRE / scene.array.radius_m))
+        sphere = model.light(pose, offsets={RADIUS: larger}).ravel() - light
+        errors["the sphere's radius off by 1 mm"] = follow @ sphere
+    return {
+        name: np.sqrt(np.square(each).reshape(5, -1).sum(axis=1)) for name, each in errors.items()
+    }

@@ -283,6 +283,13 @@ def test_poses_nearer_and_farther_aside_than_the_table():
         np.testing.assert_array_equal(other[:, 3:], poses[:, 3:])
 
 
+@pytest.mark.parametrize("name", ["radius_x0.95", "width_x1.05"])
+@pytest.mark.parametrize(("radius_m", "holds"), [(0.32, True), (0.29, False)])
+def test_a_sphere_that_is_hardly_wide_enough_can_be_no_smaller(name, radius_m, holds):
+    scene = scene_from_settings(resized(radius_m=radius_m), "tight")
+    assert (name in {kind.name for kind in kinds_named(None, scene)}) == holds
+
+
 def test_a_narrow_beam_does_not_light_what_is_far_aside():
     settings = settings_of()
     settings["lamp"]["beam_sigma_deg"] = 3.0

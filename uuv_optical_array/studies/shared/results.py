@@ -61,8 +61,8 @@ def read(path: Path, kind: type[LineT]) -> tuple[dict[str, str], list[LineT]]:
             for number, columns in enumerate(csv.DictReader(file, strict=True), start=2):
                 try:
                     values = {name: _value(hint, columns[name]) for name, hint in hints.items()}
-                    if None in columns.values() or not all(map(str.isidentifier, columns)):
-                        raise ValueError("cut off, or no columns of ours")
+                    if not all(map(str.isidentifier, columns)):
+                        raise ValueError("no columns of ours")
                 except (KeyError, TypeError, ValueError):
                     raise ValueError(f"line {number} is damaged") from None
                 # The origin stands before the fields.

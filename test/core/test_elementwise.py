@@ -217,6 +217,14 @@ def test_the_exponential_is_that_of_numpy_to_the_last_digit(mathematics):
     assert np.isnan(mathematics.exponential(np.nan))
 
 
+def test_the_exponential_less_one_is_that_of_numpy_to_the_last_digits(mathematics):
+    small = np.geomspace(1e-300, 700, 400)
+    numbers = np.concatenate([-small, [0.0], small])
+    found = np.array([mathematics.exponential_less_one(x) for x in numbers])
+    np.testing.assert_allclose(found, np.expm1(numbers), rtol=1e-15)
+    assert [mathematics.exponential_less_one(x) for x in (-1e5, -np.inf)] == [-1.0] * 2
+
+
 def test_the_logarithm_is_that_of_numpy_to_the_last_digit(mathematics):
     edges = np.nextafter(np.repeat([0.5, np.sqrt(0.5), 1.0, np.sqrt(2.0), 2.0], 2), [0.0, 9.0] * 5)
     numbers = np.concatenate([10 ** spaced(-307, 308), spaced(0.5, 2), edges, [1e-3, 1.0, 1e308]])

@@ -100,32 +100,27 @@ def off_axis(along_m: Any, across_squared: Any, range_m: Any) -> tuple[Any, Any]
 
 @law
 def ray(
-    x: Any,
-    y: Any,
-    z: Any,
+    to_x: Any,
+    to_y: Any,
+    to_z: Any,
     normal_x: Any,
     normal_y: Any,
     normal_z: Any,
-    lamp_x: Any,
-    lamp_y: Any,
-    lamp_z: Any,
     axis_x: Any,
     axis_y: Any,
     axis_z: Any,
-) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]:
+) -> tuple[Any, Any, Any, Any, Any, Any]:
     """Follow the light from the lamp to a detector; all in ``base_link``.
 
-    - x, y, z, normal_x, normal_y, normal_z: the detector, m, and its outward unit normal.
-    - lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z: the lamp, m, and the unit vector along its
-      beam.
+    - to_x, to_y, to_z: from the detector to the lamp, m.
+    - normal_x, normal_y, normal_z: the detector's outward unit normal.
+    - axis_x, axis_y, axis_z: the unit vector along the lamp's beam.
     - returned range_m: length of the path, m, at least `MIN_RANGE_M`.
     - returned half_square, turn: as `off_axis`, of the angle between the beam's axis and the path.
     - returned cosine, axial: of the angles between the detector's normal and the lamp, at most 1,
       and the beam's axis.
-    - returned to_x, to_y, to_z: from the detector to the lamp, m.
     - returned along_m: the detector along the beam's axis, m.
     """
-    to_x, to_y, to_z = lamp_x - x, lamp_y - y, lamp_z - z
     along_m = -(to_x * axis_x + to_y * axis_y + to_z * axis_z)
     # The part across the beam, taken by itself, keeps the small angles that r^2 - along^2 loses.
     off_x, off_y, off_z = to_x + along_m * axis_x, to_y + along_m * axis_y, to_z + along_m * axis_z
@@ -135,7 +130,7 @@ def ray(
     half_square, turn = off_axis(along_m, across_squared, range_m)
     cosine = minimum(facing / range_m, 1.0)
     axial = axis_x * normal_x + axis_y * normal_y + axis_z * normal_z
-    return range_m, half_square, cosine, axial, to_x, to_y, to_z, along_m, turn
+    return range_m, half_square, cosine, axial, along_m, turn
 
 
 @law

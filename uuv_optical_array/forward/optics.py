@@ -115,24 +115,35 @@ class Optics(NamedTuple):
 def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
     """Write the `light.ray` from the lamp (six components) to each detector, ``(13, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
-    detectors = optics.detectors
+    detectors, flatter, scale = optics.detectors, optics.radius_at >= 0, 1.0
+    if flatter:
+        scale = exp(nuisances[optics.radius_at])
+    # Of more rows in one loop the compiler makes no vectors.
     for j in indices(detectors.shape[1]):
         x, y, z = detectors[0, j], detectors[1, j], detectors[2, j]
         normal_x, normal_y, normal_z = detectors[3, j], detectors[4, j], detectors[5, j]
-        if optics.radius_at >= 0:
+        if flatter:
             # The detectors keep their places across the array, so a larger sphere is flatter.
-            scale = exp(nuisances[optics.radius_at])
             depth = sqrt(maximum(scale * scale - 1 + normal_x * normal_x, LEAST_DEPTH))
             x = x + optics.radius_m * (depth - normal_x)
             normal_x, normal_y, normal_z = depth / scale, normal_y / scale, normal_z / scale
-        range_m, half_square, cosine, axial, to_x, to_y, to_z, along_m, turn = ray(
-            x, y, z, normal_x, normal_y, normal_z, lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z
+        rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = lamp_x - x, lamp_y - y, lamp_z - z
+        rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j] = normal_x, normal_y, normal_z
+    for j in indices(detectors.shape[1]):
+        range_m, half_square, cosine, axial, along_m, turn = ray(
+            rays[TO_X, j],
+            rays[TO_Y, j],
+            rays[TO_Z, j],
+            rays[NORMAL_X, j],
+            rays[NORMAL_Y, j],
+            rays[NORMAL_Z, j],
+            axis_x,
+            axis_y,
+            axis_z,
         )
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
         rays[INCIDENCE, j], rays[AXIAL, j] = cosine, axial
         rays[ALONG, j], rays[TURN, j] = along_m, turn
-        rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = to_x, to_y, to_z
-        rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j] = normal_x, normal_y, normal_z
 
 
 def shine(rays: Any, power: Any, beam_sigma_rad: Any, beam: Any) -> None:
@@ -153,12 +164,12 @@ def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, b
     for j in indices(rays.shape[-1]):
         range_m, half_square = rays[RANGE, j], rays[HALF_SQUARE, j]
         (
-            flux,
+            beam[LIGHT, j],
             beam[BY_RANGE, j],
             beam[BY_HALF_SQUARE, j],
             beam[BY_SIGMA, j],
             beam[BY_SCATTERING, j],
-            incidence,
+            rays[INCIDENCE, j],
             beam[IN_RANGE, j],
             beam[IN_HALF_SQUARE, j],
             beam[IN_COSINE, j],
@@ -175,8 +186,9 @@ def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, b
             beam_sigma_rad,
             scattering_per_m,
         )
-        facing, beam[BY_INCIDENCE, j] = lambert(incidence)
-        rays[INCIDENCE, j], beam[LIGHT, j] = incidence, flux * facing
+    for j in indices(rays.shape[-1]):
+        facing, beam[BY_INCIDENCE, j] = lambert(rays[INCIDENCE, j])
+        beam[LIGHT, j] *= facing
 
 
 def illuminate(

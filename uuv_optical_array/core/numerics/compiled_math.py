@@ -91,6 +91,18 @@ def exponential(x):
 
 
 @inlined
+def exponential_less_one(x):
+    """Return exp(x) - 1 of a number up to 700."""
+    shifted = x * (1 / math.log(2)) + ROUND
+    power = shifted - ROUND
+    rest = x - power * LOG2_HIGH - power * LOG2_LOW
+    bits = (np.float64(shifted).view(np.int64) + np.int64(1023)) << np.int64(52)
+    scale = np.int64(bits).view(np.float64)
+    value = scale * (rest * polynomial(EXPONENTIAL[:-1], rest)) + (scale - 1)
+    return -1.0 if x < SMALLEST else value
+
+
+@inlined
 def logarithm(x):
     """Return log(x) of a number that is not subnormal; nan below 0 and of what is not finite."""
     bits = np.float64(x).view(np.int64)
@@ -368,6 +380,7 @@ REPLACED: dict[Any, Any] = {
     np.maximum: larger,
     np.minimum: smaller,
     np.exp: exponential,
+    np.expm1: exponential_less_one,
     np.log: logarithm,
     np.sin: sine,
     np.cos: cosine,

@@ -243,9 +243,10 @@ class ImageFit:
         Returns whether it did.
         """
         readings, guide = problems[0].readings, self.guide
+        if frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED:
+            return False
         count = most_faulty(problems[0])
-        fits = frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED
-        if fits or not count:
+        if not count:
             return False
         problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
         frame = self._frame(problem, guide, np.full((5, 1), np.nan), count)

@@ -17,11 +17,8 @@ IMAGES = 300
 DRIVES = {
     "on the beam's axis at 6 m": (6.0, 6.0, 0.0, 0.0, None),
     "on the axis, 3 to 8 m": (3.0, 8.0, 0.0, 0.0, None),
-    "the same, nosing about": (3.0, 8.0, 0.0, 20.0, None),
     "weaving, 3 to 8 m": (3.0, 8.0, 0.9, 0.0, None),
-    "weaving and nosing about at 6 m": (6.0, 6.0, 0.9, 20.0, None),
-    "the same, 5 to 7 m": (5.0, 7.0, 0.9, 20.0, None),
-    "the same, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
+    "weaving and nosing about, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
     "the same, odometry good to 0.02 m, 0.5 deg": (3.0, 8.0, 0.9, 20.0, (0.02, 0.5)),
     "the same, odometry good to 0.1 m, 2 deg": (3.0, 8.0, 0.9, 20.0, (0.1, 2.0)),
 }

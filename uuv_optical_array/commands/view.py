@@ -4,6 +4,8 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+
 from uuv_optical_array.cli import bag, options, outputs
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.estimation.estimator import Estimator
@@ -76,12 +78,14 @@ def run(args: argparse.Namespace) -> int:
         stack.callback(page.close)
         print(f"open {page.url} in a browser; Ctrl-C ends it", flush=True)
         browser = stack.enter_context(Browser(page.url)) if picture else None
-        shown_s = 0.0
+        shown_s, end_s = 0.0, SCREENSHOT_S
+        if recording is not None:
+            end_s = min(end_s, np.ptp(recording.stamps_ns) * 1e-9)  # a bag may be shorter
 
         def goes_on(t_s: float) -> bool:
             nonlocal shown_s
             shown_s = t_s
-            return picture is None or t_s < SCREENSHOT_S
+            return picture is None or t_s < end_s
 
         estimator = Estimator(scene, args.method)
         if recording is None:

@@ -61,8 +61,9 @@ def at(place, value, others):
     return grid
 
 
-def test_a_sound_array_passes():
-    assert faults_of() == ({}, [])
+@pytest.mark.parametrize("daylight", [0.0, 150.0])
+def test_a_sound_array_passes(daylight):
+    assert faults_of(offset=daylight) == ({}, [])
 
 
 @pytest.mark.parametrize(

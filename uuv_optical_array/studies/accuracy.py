@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from numpy.random import Generator
 from scipy.special import gammaincinv
 
 from uuv_optical_array.cli import options, outputs, progress
@@ -115,7 +116,7 @@ def _bounds(model: ForwardModel, poses: Array) -> Array:
 
 
 def exposed(
-    model: ForwardModel, poses: Array, seed: int, drawn: bool, moving: bool, rng: Any
+    model: ForwardModel, poses: Array, seed: int, drawn: bool, moving: bool, rng: Generator
 ) -> Array:
     """Return images at poses ``(n, 5)``, m and rad, of a truth that the estimator does not know.
 

@@ -66,20 +66,10 @@ def _of(angles: Angles, conditions: Conditions, step: float) -> float:
     return float(angles(conditions, [step])[0])
 
 
-def _at(
-    figure: str,
-    shape: Shape,
-    side: int,
-    range_m: float,
-    motion: Motion,
-    step: float,
-    relation: str,
-    paper: float,
-) -> Statement:
-    conditions = Conditions(shape, side, range_m, motion)
-    text = f"{shape} {side} x {side}, {range_m:g} m, {motion} {step:g} {UNITS[motion]}"
-    plain = conditions.as_object(step)
-    return Statement(figure, text, plain, relation, lambda a: _of(a, conditions, step), paper)
+def _at(figure: str, at: Conditions, step: float, relation: str, paper: float) -> Statement:
+    array, move = f"{at.shape} {at.side} x {at.side}", f"{at.motion} {step:g} {UNITS[at.motion]}"
+    text, plain = f"{array}, {at.range_m:g} m, {move}", at.as_object(step)
+    return Statement(figure, text, plain, relation, lambda angles: _of(angles, at, step), paper)
 
 
 def _curved_less_planar(angles: Angles, steps: Array) -> Array:
@@ -99,7 +89,7 @@ def best_gain(motion: Motion, step: float, sides: Sequence[int] = SIDES) -> Stat
     conditions["compared_with_detectors_per_side"] = [other.side for other in every[1:]]
 
     def ours(angles: Angles) -> float:
-        at_7, *others = (_of(angles, conditions, step) for conditions in every)
+        at_7, *others = (_of(angles, array, step) for array in every)
         return max(others) - at_7
 
     figure = "5a" if motion == "shift" else "5b"
@@ -124,18 +114,18 @@ STATEMENTS = (
         "similar",
         _largest_near,
     ),
-    _at("4b", "planar", 21, 4.0, "yaw", 5.0, "is", 5.0),
-    _at("4b", "planar", 21, 4.0, "yaw", 10.0, "is", 11.0),
-    _at("4b", "curved", 21, 4.0, "yaw", 5.0, "is", 12.0),
-    _at("4b", "curved", 21, 4.0, "yaw", 10.0, "is", 22.0),
-    _at("5a", "curved", 3, 4.0, "shift", 0.2, "below", THRESHOLD_DEG),
-    _at("5a", "curved", 5, 4.0, "shift", 0.2, "above", THRESHOLD_DEG),
+    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 5.0, "is", 5.0),
+    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
+    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 5.0, "is", 12.0),
+    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
+    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
     best_gain("shift", 0.2),
-    _at("5b", "curved", 3, 4.0, "yaw", 10.0, "below", THRESHOLD_DEG),
-    _at("5b", "curved", 5, 4.0, "yaw", 10.0, "above", THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
     best_gain("yaw", 10.0),
-    _at("6b", "curved", 5, 8.0, "shift", 0.2, "above", 6.0),
-    _at("6e", "curved", 5, 8.0, "yaw", 10.0, "above", 10.0),
+    _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
+    _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
 )
 
 

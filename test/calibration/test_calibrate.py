@@ -345,7 +345,7 @@ def test_what_cannot_be_used_is_left_out_and_counted(recorded, tmp_path):
 def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     empty = write_bag(tmp_path / "empty", [])
     assert "it is empty" in run(*command(empty, tmp_path), code=1)
-    assert "no such file" in run(*command(tmp_path / "nowhere", tmp_path), code=1)
+    assert "no such file" in run(*command(tmp_path / "nowhere", tmp_path), code=2)
     (tmp_path / "folder").mkdir()
     assert "metadata" in run(*command(tmp_path / "folder", tmp_path), code=1)
     broken = write_bag(tmp_path / "broken", recorded[:30], "MCAP")

@@ -141,7 +141,7 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
     assert process.returncode == 130, out + error
     assert "Traceback" not in error
     assert re.search(r"[1-9]\d* poses from [1-9]\d* positions", out)
-    assert "followed the leader to the end" in out
+    assert "followed the leader until it was interrupted" in out
     assert_picture(picture)
 
 

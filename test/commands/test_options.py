@@ -120,12 +120,17 @@ def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_writ
 
 
 def test_what_fails_at_run_time_ends_with_1(tmp_path):
-    error = run("calibrate", tmp_path / "no_bag", "-o", tmp_path / "sea.yaml", code=1)
-    assert error.startswith("uuv_array calibrate: ")
-    assert "no such file" in error
     damaged = tmp_path / "p.yaml"
     damaged.write_text("/**: {", encoding="utf-8")
     assert str(damaged) in run("follow", "--params-file", damaged, code=1)
+
+
+def test_what_is_not_there_or_has_no_possible_name_ends_with_2(tmp_path):
+    error = run("calibrate", tmp_path / "no_bag", "-o", tmp_path / "sea.yaml", code=2)
+    assert error.startswith("uuv_array calibrate: ")
+    assert "no such file" in error
+    for option, words in (("-o", ["table"]), ("--output", ["render"])):
+        assert "name too long" in run(*words, option, tmp_path / f"{'a' * 300}.png", code=2)
 
 
 def test_the_version_is_that_of_the_package(capsys):

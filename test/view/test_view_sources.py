@@ -142,7 +142,7 @@ def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
         (["--address", ":0"], "--address: 0 is out of bounds", 2),
         (["--screenshot", "/nowhere/view.png"], "make it first", 2),
         (["--scene", "nosuch"], "neither a .yaml file nor a ready scene", 2),
-        (["/nowhere/bag"], "no such file or folder", 1),
+        (["/nowhere/bag"], "no such file or folder", 2),
     ],
 )
 def test_the_command_refuses_before_it_serves(words, named, code, capsys):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from uuv_optical_array.cli.options import INTERRUPTED, OptionError
+from uuv_optical_array.cli.options import INTERRUPTED, OptionError, checking_options
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import json_text
 from uuv_optical_array.plots.style import KINDS
@@ -59,6 +59,7 @@ def finish(
     return INTERRUPTED if interrupted else 0
 
 
+@checking_options()
 def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -> Path:
     """Return the path, given by an option, of a file that can be written.
 
@@ -78,6 +79,7 @@ def file_to_write(path: str | Path, option: str, suffixes: Sequence[str] = ()) -
     return path
 
 
+@checking_options()
 def folder_to_write(path: str | Path, option: str, new: bool = False) -> Path:
     """Return the path of a folder that can be written, or made with its parents.
 

@@ -14,12 +14,18 @@ class _Progress(tqdm):  # type: ignore[misc]  # tqdm has no types
     """tqdm with the remaining time by the mean speed, in whole lines where it writes to a file."""
 
     last_print_n: float
+    n: float
+    total: float | None
 
     def __init__(self, terminal: bool, **options: Any) -> None:
         self.terminal = terminal
         super().__init__(smoothing=0, delay=0 if terminal else 1e-9, **options)
         if not terminal:
             self.last_print_t = 0.0  # the first round is due at once
+
+    def update(self, n: float = 1) -> Any:
+        """Count on; what rounding leaves beyond the end is dropped."""
+        return super().update(n if self.total is None else min(n, self.total - self.n))
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
         """Draw the bar, or write a line."""

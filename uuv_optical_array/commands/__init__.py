@@ -70,8 +70,8 @@ def _refuse_moved(words: Sequence[str]) -> None:
 def main(words: list[str] | None = None) -> None:
     """Run ``uuv_array``.
 
-    An error ends it with one line: with exit code 2 for a command line that cannot be used, and
-    with 1 for what fails at run time.
+    An error ends it with one line: with exit code 2 for a command line that cannot be used, one
+    that names what is not there included, and with 1 for what fails at run time.
     """
     words = sys.argv[1:] if words is None else words
     _refuse_moved(words)
@@ -83,7 +83,7 @@ def main(words: list[str] | None = None) -> None:
         with suppress(OSError):
             _flush()
         print(f"{args.prog}: {_text(error)}", file=sys.stderr)
-        code = 2 if isinstance(error, options.OptionError) else 1
+        code = 2 if isinstance(error, options.OptionError | FileNotFoundError) else 1
     except KeyboardInterrupt:  # where the command itself expects none
         print("interrupted", file=sys.stderr)
         code = options.INTERRUPTED

@@ -136,7 +136,8 @@ def run(args: argparse.Namespace) -> int:
     if all(record.estimates for record in records):
         save(draw_follow(records), picture)
         print(f"picture: {picture}")
-    print(f"lost the leader: {'; '.join(lost)}" if lost else "followed the leader to the end")
+    end = "until it was interrupted" if interrupted else "to the end"
+    print(f"lost the leader: {'; '.join(lost)}" if lost else f"followed the leader {end}")
     if interrupted:
         return options.INTERRUPTED
     return 1 if lost else 0

@@ -65,9 +65,8 @@ def build_large_table(
     - OSError: where a block cannot be written.
     """
     path = files.user_path(path).absolute()
-    if not path.exists():
-        _create(path, scene, block_rows)
-    blocks = range(_open(path, scene).nchunks)
+    if path.exists():
+        _open(path, scene)
     distributed = needs("cluster", "distributed")
     here = {"processes": False, "n_workers": 1, "memory_limit": 0, "dashboard_address": None}
     chosen = {"address": scheduler} if scheduler else {**here, "threads_per_worker": threads}
@@ -77,6 +76,9 @@ def build_large_table(
         except TimeoutError:
             none = f"scheduler {scheduler}: no workers; start some with dask worker {scheduler}"
             raise ValueError(none) from None
+        if not path.exists():
+            _create(path, scene, block_rows)
+        blocks = range(_open(path, scene).nchunks)
         futures = client.map(fill, blocks, path=path, scene=scene, pure=False, retries=RETRIES)
         done = distributed.as_completed(futures)
         lit = sum(future.result() for _, future in zip(progress(blocks), done, strict=False))

@@ -390,11 +390,10 @@ def commands() -> list[str]:
             else:
                 own[name] = text
         page = READ_MORE[parser.prog.removeprefix("uuv_array ")]
-        title = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         module = inspect.getmodule(parser.get_default("run"))
         described = first_sentence(inspect.getdoc(module)).partition(": ")[2]
         described = described[0].upper() + described[1:]
-        parts += [f"## `{parser.prog}`", f"{described}. Page: [{title}](../{page})."]
+        parts += [f"## `{parser.prog}`", f"[{described}](../{page})."]
         parts += [f"Common options: {', '.join(shared)}."] if shared else []
         parts += [option_list(own)] if own else []
     return parts

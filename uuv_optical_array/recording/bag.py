@@ -8,13 +8,8 @@ from typing import Any
 
 from uuv_optical_array.core.extras import needs
 from uuv_optical_array.core.storage import files
-from uuv_optical_array.recording.truncated import (
-    MCAP,
-    SQLITE,
-    add_checksums,
-    is_truncated,
-    repair,
-)
+from uuv_optical_array.recording import truncated
+from uuv_optical_array.recording.truncated import MCAP
 
 IMAGE, ODOMETRY = "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -61,18 +56,18 @@ def opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
 
 def _readable(path: Path, scratch: Path) -> tuple[list[Path], list[str]]:
     """Return what to open, the bag itself or its files, with truncated ones repaired."""
-    suffixes = (MCAP, SQLITE)
+    suffixes = (MCAP, truncated.SQLITE)
     parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.suffix in suffixes)
-    truncated = [file for file in parts if file.suffix in suffixes and is_truncated(file)]
-    if path.is_dir() and not truncated:
+    cut = [file for file in parts if file.suffix in suffixes and truncated.is_truncated(file)]
+    if path.is_dir() and not cut:
         if (path / "metadata.yaml").is_file():
             return [path], []
         if not parts:
             raise ValueError("no bag: it has neither metadata.yaml nor a file .mcap or .db3")
-    for file in truncated:
-        repair(file, scratch / file.name)
-    paths = [scratch / file.name if file in truncated else file for file in parts]
-    return paths, [f"the end of {file.name}, which is cut off or damaged" for file in truncated]
+    for file in cut:
+        truncated.repair(file, scratch / file.name)
+    paths = [scratch / file.name if file in cut else file for file in parts]
+    return paths, [f"the end of {file.name}, which is cut off or damaged" for file in cut]
 
 
 class BagWriter:
@@ -97,7 +92,7 @@ class BagWriter:
     def __exit__(self, *_: object) -> None:
         with files.naming(self._path):
             self._bag.close()  # with its index, however the run ended
-            add_checksums(self._path / f"{self._path.name}{MCAP}")
+            truncated.add_checksums(self._path / f"{self._path.name}{MCAP}")
 
     def write(self, topic: str, kind: str, stamp_ns: int, data: bytes) -> None:
         """Write a serialised message of a type such as ``sensor_msgs/msg/Image`` and its time, ns.

@@ -1,7 +1,7 @@
 """Who may open the page: who has its address, and from the page itself.
 
-A browser sends what any site asks it to send, to this machine, too. What it says of itself it says
-truly: under which name it found the server (Host), and which page asks (Origin).
+A browser sends whatever any site has it send, but says truly by which name it found this machine
+(Host), and which page asks (Origin).
 """
 
 import asyncio
@@ -16,15 +16,9 @@ from urllib.parse import urlsplit
 
 from uuv_optical_array.core.extras import needs
 
-LOG = logging.getLogger(__name__)
-
 
 def refusal(token: str, path: str, hosts: Sequence[str], origins: Sequence[str]) -> str:
-    """Say why a request is not answered; empty where it is.
-
-    Its path begins with the token. Its one host is a number, this machine's name or localhost, as
-    another name may be one that somebody else lets point here. Its origin, if any, is that host.
-    """
+    """Say why a request is not answered; empty where path, host and any origin are the page's."""
     given = f"{path}/".split("/")[1].partition("?")[0]
     if not secrets.compare_digest(given.encode(), token.encode()):
         return "open the whole address that the program printed"
@@ -32,20 +26,15 @@ def refusal(token: str, path: str, hosts: Sequence[str], origins: Sequence[str])
         (host,) = hosts
         name = urlsplit(f"//{host}").hostname or ""
         if name not in ("localhost", socket.gethostname().lower()):
-            ip_address(name)
-        if any(urlsplit(origin).netloc != host for origin in origins):
-            return "another page asks"
+            ip_address(name)  # what another name stands for is up to its owner
+        return "another page asks" if any(urlsplit(o).netloc != host for o in origins) else ""
     except ValueError:
         return f"host {', '.join(hosts)}: open the page by localhost or a number"
-    return ""
 
 
 @contextmanager
 def guarded(token: str) -> Iterator[None]:
-    """Let a server of viser that starts in the block answer what `refusal` does not refuse.
-
-    Paths are those below the token. What a browser sends amiss costs its connection, and a line.
-    """
+    """Let a server of viser that starts in the block answer, below the token, as `refusal` says."""
     servers = needs("view", "websockets.asyncio.server")
     serve = servers.serve
 
@@ -76,5 +65,5 @@ def guarded(token: str) -> Iterator[None]:
 def warn(_: Any, context: dict[str, Any]) -> None:
     """Log in a line what a message from a browser led to, as a handler of an event loop."""
     error = context.get("exception")
-    words = " ".join(f"{error or context.get('message', '')}".split())
-    LOG.warning("not understood: a message from a browser: %s %s", type(error).__name__, words)
+    words = " ".join(f"{type(error).__name__} {error or context.get('message')}".split())
+    logging.getLogger(__name__).warning("not understood: a message from a browser: %s", words)

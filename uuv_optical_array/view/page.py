@@ -225,17 +225,14 @@ class Page:
         taken = [slider.value for slider in sliders]
 
         def changed(event: Any) -> None:
-            if event.client is None:  # they go back
-                return
-            values = [handle.value for handle in handles]
             try:
-                on_change(values)
+                if event.client is not None:  # else they go back
+                    on_change(values := [handle.value for handle in handles])
+                    taken[:] = values
             except ValueError as error:
                 for handle, value in zip(handles, taken, strict=True):
                     handle.value = value
                 logging.getLogger(__name__).warning("refused: %s", error)
-            else:
-                taken[:] = values
 
         with self._tab, self._server.gui.add_folder(title):
             for label, hint, *span in sliders:

@@ -117,6 +117,12 @@ def test_the_largest_squares_have_no_weight():
     assert not trim(squares, 3, weights)
 
 
+def test_the_brightest_readings_do_not_make_the_others_dim(estimator):
+    readings = np.full(25, 15.0)
+    readings[:3] = 1023  # two percent of it are more than 15 counts
+    assert most_faulty(estimator._fit._kinds[0].problem._replace(readings=readings)) == 3
+
+
 @pytest.mark.parametrize(
     ("dark", "full", "count"), [(0, 0, 3), (4, 0, 3), (5, 0, 2), (0, 4, 3), (12, 0, 1), (19, 0, 0)]
 )

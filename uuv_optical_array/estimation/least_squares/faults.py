@@ -23,7 +23,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.forward.optics import ReadingNoise, reading_variance
 
 MOST_FAULTY = 3
-LIT_EACH = 7  # clearly lit detectors for each that may be left out, or what is left fits anything
+LIT_EACH = 6  # clearly lit detectors beside each that may be left out, or the rest fits anything
 # Probability that a detector is, in an image that does not fit: it reads anything to full scale.
 FAULTY = 1e-2
 STARTS, ROUNDS = 8, 5
@@ -33,9 +33,14 @@ WELL = 0.84  # score of a fit from which the readings that are left out may be t
 
 
 def most_faulty(problem: Problem) -> int:
-    """Return how many readings of an image may be left out."""
-    full = np.count_nonzero(problem.readings >= problem.noise.high)
-    return min(MOST_FAULTY, (lit(problem) + 2 * full) // LIT_EACH)
+    """Return how many readings of an image may be left out; they may be the brightest."""
+    readings = np.sort(problem.readings)
+    for count in range(MOST_FAULTY, 0, -1):
+        others = problem._replace(readings=readings[:-count])
+        full = np.count_nonzero(others.readings >= problem.noise.high)
+        if lit(others) + 2 * full >= LIT_EACH * count:
+            return count
+    return 0
 
 
 def log_odds(problem: Problem, light: Any) -> Any:

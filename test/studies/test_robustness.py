@@ -8,7 +8,7 @@ import command_line
 import numpy as np
 import pytest
 from command_line import assert_picture
-from scipy import stats
+from scipy.linalg import block_diag
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
@@ -77,7 +77,7 @@ def fitted(model, poses, images):
 
 
 @pytest.mark.parametrize("prior", [PriorSettings(), PriorSettings(lamp_power_std=0.02)])
-def test_honest_images_have_any_tail_probability_alike(prior):
+def test_the_scene_explains_its_own_images_and_no_spoilt_or_misplaced_ones(prior):
     # Bright and without limits, so that all is linear.
     settings = load_scene("reference")
     effects = {name: settings.effects[name] for name in ("attenuation", "sensor_noise")}
@@ -86,20 +86,41 @@ def test_honest_images_have_any_tail_probability_alike(prior):
     rng = np.random.default_rng(4)
     poses = lit_poses(model, 300, rng) * [1, 0.3, 0.3, 0.3, 0.3]
     offsets = {name: std * rng.standard_normal(300) for name, std in prior.nuisance_std().items()}
-    images = model.expose(poses, rng, 0.0, offsets)
+    light = model.light(poses, 0.0, offsets)
+    images = model.read(light, rng)
     answers, covariances = fitted(model, poses, images)
-    tail = robustness.tail_probability(model, answers, covariances, images)
-    assert stats.kstest(tail, "uniform").pvalue > 1e-3
-    spoilt = images.copy()
-    spoilt[:, 2, 2] *= 0.9
-    assert (robustness.tail_probability(model, answers, covariances, spoilt) < 1e-3).all()
+
+    def plausible(answers, covariances, images, light):
+        ratio = robustness.log_ratio(model, answers, covariances, images, light)
+        return ratio < robustness.EXCUSED_BELOW
+
+    assert plausible(answers, covariances, images, light).all()
+    spoilt = np.ones((5, 5))
+    spoilt[2, 2] = 0.9
+    assert not plausible(answers, covariances, images * spoilt, light * spoilt).any()
     # Ten standard deviations off, unless the answer is known to be no better.
     answers += 10 * covariances[:, 0] / np.sqrt(covariances[:, :1, 0])
-    assert (robustness.tail_probability(model, answers, covariances, images) < 1e-3).mean() > 0.99
-    wide = robustness.tail_probability(model, answers, 100 * covariances, images)
-    assert (wide > 1e-3).mean() > 0.95
+    assert plausible(answers, covariances, images, light).mean() < 0.01
+    assert plausible(answers, 100 * covariances, images, light).mean() > 0.95
     answers[7] = np.nan
-    assert robustness.tail_probability(model, answers, covariances, images)[7] == 0
+    assert robustness.log_ratio(model, answers, covariances, images, light)[7] == np.inf
+
+
+def test_the_ratio_is_that_of_the_likeliest_pose_and_constants(scene):
+    model, rng = ForwardModel(scene), np.random.default_rng(2)
+    pose, root = np.array([-5.0, 0.2, -0.1, 0.05, 0.1]), 0.02 * rng.standard_normal((5, 5))
+    stds = scene.prior.nuisance_std()
+    image, true = model.expose(pose, rng), model.light(pose)
+    answer = pose + root @ rng.standard_normal(5)
+    light, slopes = model.linearised(answer, offsets={name: np.zeros(()) for name in stds})
+    std = np.sqrt(model.variance(light)[0])
+    # Numbers of unit variance are the unknowns; what they are is the improbability.
+    whole = slopes @ block_diag(root, np.diag(list(stds.values()))) / std[:, None]
+    wanted = np.append((image.ravel() - light) / std, np.zeros(whole.shape[1]))
+    _, (least,), *_ = np.linalg.lstsq(np.vstack([whole, np.eye(whole.shape[1])]), wanted)
+    squares = np.sum((image - true) ** 2 / model.variance(true)[0].reshape(image.shape))
+    shown = answer[None], (root @ root.T)[None], image[None], true[None]
+    assert robustness.log_ratio(model, *shown)[0] == pytest.approx((least - squares) / 2, rel=1e-6)
 
 
 def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(scene):
@@ -108,10 +129,10 @@ def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(sc
     image, light = model.expected(pose), model.light(pose)
     assert (light > 1100).any()
     nowhere = 1e-12 * np.eye(5)[None]
-    assert robustness.tail_probability(model, pose, nowhere, image)[0] == pytest.approx(1)
+    assert robustness.log_ratio(model, pose, nowhere, image, 2 * light)[0] < 1
     # By how much the light of full readings is off does not show; that they are not full does.
     dim = np.minimum(image, 1000.0)
-    assert robustness.tail_probability(model, pose, nowhere, dim)[0] < 1e-6
+    assert robustness.log_ratio(model, pose, nowhere, dim, np.minimum(light, 1000.0))[0] > 10
 
 
 def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array, Z
@@ -37,8 +36,9 @@ examples:
 Ctrl-C ends it early and reports the kinds it has."""
 
 FAR_M = 1.0
-# From this tail probability on, an image can be one of the scene itself.
-PLAUSIBLE = 1e-3
+# Logarithm of a likelihood ratio below which an image may be one of the scene itself: of its own
+# images, one of a thousand at most is so much likelier by another light (Markov's inequality).
+EXCUSED_BELOW = np.log(1000)
 COLUMNS = {
     "kind": "kind",
     "times_prior": "times the prior",
@@ -63,7 +63,7 @@ ERRORS = (
 def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> dict[str, Any]:
     """Return plain values of the frames of a kind; None for what is unknown.
 
-    `plausible` says which images a frame of the scene at the answer could have shown, ``(n,)``.
+    `plausible` says which images are about as likely by the scene as by the true light, ``(n,)``.
     """
     beyond = frames.beyond_sigma(SIGMAS)
     figures = {
@@ -78,34 +78,38 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
     return plain({**figures, **frames.summary()})
 
 
-def tail_probability(model: ForwardModel, poses: Array, covariances: Array, images: Array) -> Array:
-    """Return how probable it is that an image of the scene fits its answer worse, shape ``(n,)``.
+def log_ratio(
+    model: ForwardModel, poses: Array, covariances: Array, images: Array, light: Array
+) -> Array:
+    """Return how much more likely images are by the true light than by their answers, ``(n,)``.
 
-    The squared distance of the readings from those expected at the answer, in standard deviations
-    of noise, of what the scene's prior leaves uncertain, and of the answer, is chi-square with as
-    many degrees of freedom as there are readings within their limits, less the five of the pose.
-    All is linear about the answers `poses` ``(n, 5)``; 0 where there is none.
+    Logarithms; `light` ``(n, side, side)`` is that of the kind of mismatch at the true pose. The
+    scene explains an image by the likeliest pose and constants that the covariance of its answer
+    and its prior leave, whose improbability counts: the squared distance of the readings from those
+    expected, where their covariance has noise, constants and pose. All is linear about the answers
+    `poses` ``(n, 5)``; inf where there is none.
     """
-    posed, probability = ~np.isnan(poses[:, 0]), np.zeros(len(poses))
+    posed, ratio = ~np.isnan(poses[:, 0]), np.full(len(poses), np.inf)
     if not posed.any():
-        return probability
+        return ratio
     readings = images[posed].reshape(int(posed.sum()), -1)
     stds = model.scene.prior.nuisance_std()
     offsets = {name: np.zeros(len(readings)) for name in stds}
-    light, jacobian = model.linearised(poses[posed], 0.0, offsets)
+    expected, jacobian = model.linearised(poses[posed], 0.0, offsets)
     low, high = model.noise.low, model.noise.high
-    residual = readings - np.clip(light, low, high)
+    residual = readings - np.clip(expected, low, high)
     # Beyond a limit the light changes no reading.
-    jacobian = np.where(((light > low) & (light < high))[..., None], jacobian, 0.0)
+    jacobian = np.where(((expected > low) & (expected < high))[..., None], jacobian, 0.0)
     joint = np.zeros((len(readings), 5 + len(stds), 5 + len(stds)))
     joint[:, :5, :5] = covariances[posed]
     joint[:, 5:, 5:] = np.diag(np.square(list(stds.values())))
     spread = jacobian @ joint @ np.swapaxes(jacobian, -1, -2)
-    spread += np.eye(light.shape[1]) * model.variance(light)[0][:, None, :]
+    spread += np.eye(expected.shape[1]) * model.variance(expected)[0][:, None, :]
     distance = (residual * np.linalg.solve(spread, residual[..., None])[..., 0]).sum(axis=1)
-    free = ((readings > low) & (readings < high)).sum(axis=1) - 5
-    probability[posed] = chdtrc(np.maximum(free, 1), distance)
-    return probability
+    true = light[posed].reshape(readings.shape)
+    squares = (readings - np.clip(true, low, high)) ** 2 / model.variance(true)[0]
+    ratio[posed] = 0.5 * (distance - squares.sum(axis=1))
+    return ratio
 
 
 def measure(
@@ -128,8 +132,9 @@ def measure(
         frames = frame_errors(answers, model, poses, images, over)["estimator"]
         done = len(frames.errors)
         answered = poses[:done] + frames.errors
-        tail = tail_probability(model, answered, frames.covariances, images[:done])
-        yield figures(kind, frames, tail > PLAUSIBLE)
+        shown = images[:done], light[:done]
+        ratio = log_ratio(model, answered, frames.covariances, *shown)
+        yield figures(kind, frames, ratio < EXCUSED_BELOW)
         if done < count:
             return
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import coarse_settings
 
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
+from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
@@ -244,6 +244,16 @@ def test_a_scene_whose_working_volume_is_dark_is_refused_by_the_fit_too():
     ahead_of_the_lamp = grid_scene(3, x_m=[1.0, 5.0, 3])
     with pytest.raises(ValueError, match="no pose of the table has 1 count of light; move"):
         Estimator(ahead_of_the_lamp, "least_squares", compiled=False)
+
+
+def test_an_image_without_a_pattern_is_refused_by_each_method_as_by_the_pipeline(small):
+    for method in METHODS:
+        estimator = Estimator(small.table, method, compiled=False)
+        for counts in (7.0, 1023.0):
+            image = np.full((5, 5), counts)
+            with pytest.raises(NoPose, match="no pattern: every detector reads") as refused:
+                estimator.estimate(image)
+            assert Pipeline(estimator).answer(0, image).reason == str(refused.value)
 
 
 def test_an_image_beyond_the_converter_is_refused():

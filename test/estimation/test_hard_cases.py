@@ -33,7 +33,7 @@ by_table = pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
 each_array = pytest.mark.parametrize(("shape", "number"), ARRAYS)
 # Kinds of reason for no pose.
 REASONS = {
-    *("not of this array", "no light", "no match", "no fit", "no image"),
+    *("not of this array", "no light", "no match", "no fit", "no image", "no pattern"),
     "not five finite numbers",
 }
 FULL = 1023.0
@@ -145,6 +145,10 @@ def saturated(least, most):
     return is_hard
 
 
+def part_below_full(model, poses, light):
+    return (light.min(axis=1) < FULL - 10) & (light.max(axis=1) > 20)
+
+
 def beyond_grazing(model, poses, light):
     return (light == 0).any(axis=1) & (light.max(axis=1) > 20)
 
@@ -200,7 +204,6 @@ CASES = [
     Case("peak on the border", border),
     Case("one detector saturated", saturated(0, 0.02), (("lamp.reference_counts", 1500.0),)),
     Case("half saturated", saturated(0.3, 0.7), (("lamp.reference_counts", 4000.0),)),
-    Case("all saturated", saturated(1, 1), (("lamp.reference_counts", 1e5),), informative=False),
     Case("edge of the beam", edge_of_beam, extent(3.0), informative=False),
     Case("detectors beyond grazing", beyond_grazing, WIDE, shapes=("curved",)),
     Case("near grazing", near_grazing, WIDE, shapes=("planar",)),
@@ -208,8 +211,8 @@ CASES = [
     Case("0.3 m", changes=distance(1.02, 0.95, 1.2, 0.1), shapes=("curved",)),
     Case("0.3 m", changes=distance(0.7, 0.65, 0.9, 0.1), shapes=("planar",)),
     Case("30 m", changes=FAR, shapes=("curved",)),
-    # A third of the images is at full scale everywhere.
-    Case("30 m", changes=FAR, informative=False, shapes=("planar",)),
+    # A third of the images is at full scale everywhere, and has no pattern.
+    Case("30 m", part_below_full, FAR, informative=False, shapes=("planar",)),
     # Arrays of few detectors see no shape of so narrow a beam.
     Case("beam of 0.5 deg", changes=beam(0.5, 0.05), many=21),
     Case("beam of 3 deg", changes=beam(3.0, 0.3)),

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.features import key_parameters, no_pattern
 from uuv_optical_array.estimation.signature.plausibility import (
     bounds,
     check_full_scale,
@@ -83,8 +83,7 @@ class Estimate:
         as given.
     angle_rad
         Spectral angle to the nearest signature that was looked at, in [0, pi]: of all rows of the
-        table, or of those that ``least_squares`` starts from; pi where it looks for none, because
-        every reading is at full scale.
+        table, or of those that ``least_squares`` starts from.
     runner_up_pose
         The second choice: the second nearest entry, or the next minimum of the fit; ``None``
         where every start of the fit led to one.
@@ -328,6 +327,8 @@ class Estimator:
         if not np.isfinite(readings).all():
             raise NoPose("no image: nan or infinite readings")
         check_full_scale(readings, self.scene)
+        if readings.max() > 0 and (reason := no_pattern(readings, 0.0)):
+            raise NoPose(reason)
         return readings.reshape(-1)
 
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:
@@ -365,8 +366,6 @@ class Estimator:
         expected: Expected | None,
     ) -> Estimate:
         """Hold a match to the image: a fit tells whether it is of the scene, and how far off."""
-        if readings.min() >= self._model.noise.high:
-            return match
         near = self._fit.guide._replace(
             units=np.ascontiguousarray(self.table.index.units(rows).T),
             poses=poses,
@@ -399,8 +398,6 @@ class Estimator:
         expected: Expected | None,
     ) -> Estimate:
         fit = self._fit
-        if readings.min() >= self._model.noise.high:
-            return self._saturated(roll)
         fitted, clear, near, left_out = fit(readings, parameters, roll, expected)
         runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
         return Estimate(
@@ -433,15 +430,3 @@ class Estimator:
         readings = self._readings(image)
         left_out = [self._side * row + column for row, column in estimate.left_out]
         return lambda at: self._fit.near(readings, at, roll, estimate.stretch, left_out)
-
-    def _saturated(self, roll: float) -> Estimate:
-        fitted = self._fit.saturated(roll)
-        return Estimate(
-            fitted.mean,
-            fitted.covariance,
-            math.pi,  # no row was looked for
-            None,
-            math.pi,
-            float(ndtr(-fitted.score)),
-            unobservable=self._fit.unobservable(fitted.covariance),
-        )

@@ -30,10 +30,6 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     weighed,
 )
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
-from uuv_optical_array.estimation.least_squares.saturated import (
-    SaturatedPosterior,
-    saturated_posterior,
-)
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
@@ -277,14 +273,6 @@ class ImageFit:
         variances = stretch * near.variances
         variances[np.array(left_out, dtype=int)] = np.inf
         return near._replace(variances=variances)
-
-    @np.errstate(under="ignore")  # what is that improbable counts as nothing
-    def saturated(self, roll: float) -> SaturatedPosterior:
-        """Return what an image with every reading at full scale says; raises as a call does."""
-        result = saturated_posterior(self._model, self._prior, roll)
-        if result.score > self.guide.max_score:
-            raise self._misfit(result.score)
-        return result
 
     def _misfit(self, score: float) -> NoPose:
         return NoPose(

@@ -268,6 +268,9 @@ def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Arr
 def no_pattern(image: Array, min_peak_counts: float) -> str | None:
     """Say why an image carries no pattern to match, or ``None`` where it does.
 
+    That all readings are at full scale says that the lamp is near, the sun shines in, or the array
+    is broken. A pose as wide as that is no guide near a leader, and without one the follower stops.
+
     - image: readings in counts, shape ``(side, side)``.
     - min_peak_counts: peak below which there is no light, counts.
     - returned: the reason, with the figure that decided.

@@ -79,7 +79,8 @@ FIT := import ensurepip, platform as p, sys; sys.exit(not ((3, 10) <= sys.versio
 $(JAZZY)/installed: constraints-jazzy.txt
 %/installed: setup.py constraints.txt
 	@$(PYTHON) -c '$(FIT)' 2>/dev/null || { echo 'This needs Python 3.10 to 3.14 with its venv' \
-	  'module on x86-64 Linux; name one with PYTHON=..., as in: make PYTHON=python3.12' >&2; exit 1; }
+	  'module on x86-64 Linux (others: docs/how_to/install.md); name one with PYTHON=..., as in:' \
+	  'make PYTHON=python3.12' >&2; exit 1; }
 	@echo 'Installing into $*; this takes a minute, once'
 	@$(PYTHON) -m venv --clear $*
 	@$*/bin/pip install -qq --disable-pip-version-check -c constraints.txt pip setuptools

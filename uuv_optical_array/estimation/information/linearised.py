@@ -14,6 +14,7 @@ from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
     BEAM_ROWS,
+    WITH_SLOPES,
     Optics,
     ReadingNoise,
     detect,
@@ -116,7 +117,7 @@ def write_linear(
     lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, nuisances, rays, beam, True)
+    illuminate(optics, lamp, nuisances, rays, beam, WITH_SLOPES)
     project(optics, lamp, slopes, nuisances, rays, beam, image)
     detect(optics, nuisances, image)
     likelihood_of(readings, image[0], noise, likelihood)

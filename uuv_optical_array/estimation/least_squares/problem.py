@@ -28,6 +28,8 @@ from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
     BEAM_ROWS,
+    WITH_SLOPES,
+    WITHOUT_SLOPES,
     Optics,
     ReadingNoise,
     detect,
@@ -190,7 +192,7 @@ def evaluate(problem: Problem, at: Array) -> State:
     lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, nuisances, rays, beam, True)
+    illuminate(optics, lamp, nuisances, rays, beam, WITH_SLOPES)
     image = workspace(1 + size, at[0], n)
     project(optics, lamp, lamp_slopes, nuisances, rays, beam, image)
     detect(optics, nuisances, image)
@@ -292,7 +294,7 @@ def light_at(problem: Problem, at: Array) -> Array:
     optics, n = problem.optics, len(problem.readings)
     lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
     rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, at[5:], rays, beam, False)
+    illuminate(optics, lamp, at[5:], rays, beam, WITHOUT_SLOPES)
     image = np.empty((1, n))
     project(optics, lamp, zeros(6, 0, at[0]), at[5:], rays, beam, image)
     detect(optics, at[5:], image)

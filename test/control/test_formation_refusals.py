@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uuv_optical_array.control.formation import FormationController
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -41,13 +42,13 @@ def test_no_numbers_whatever_make_a_command_that_is_none(
     controller.update(now, STATION, PUBLISHED, STILL)
     for step, pose, scale, rate in frames:
         now += step
-        with contextlib.suppress(ValueError, Outlier), np.errstate(all="ignore"):
+        with contextlib.suppress(ValueError, NoPose), np.errstate(all="ignore"):
             controller.update(now, pose, PUBLISHED * scale, rate)
         command = command_at(controller, now)
         assert np.isfinite(command).all()
         assert (np.abs(command) <= FASTEST + 1e-12).all()
     for tick in range(1, 60):
-        with contextlib.suppress(ValueError, Outlier):
+        with contextlib.suppress(ValueError, NoPose):
             pose = off_station([-1, 0, 0, 0, 0])
             controller.update(now + 0.1 * tick, pose, PUBLISHED, STILL)
         command = command_at(controller, now + 0.1 * tick)
@@ -185,3 +186,18 @@ def test_a_near_pose_in_the_dark_stops_the_follower_at_once() -> None:
     with contextlib.suppress(Outlier):
         controller.update(now + 1.2, [-1.0, 0, 0, 0, 0], PUBLISHED / 100, STILL)
     assert (command_at(controller, now + 1.2)[:3] == 0).all()
+
+
+def test_a_pose_of_which_next_to_nothing_is_known_steers_nothing() -> None:
+    controller, now = under_way()
+    s = SETTINGS
+    range_m = float(np.linalg.norm(STATION[:3]))
+    almost, whole = (np.diag([*[(std * range_m / 3) ** 2] * 3, 0.1, 0.1]) for std in (0.99, 1.01))
+    controller.update(now + 0.1, STATION, almost, STILL)
+    moving = np.linalg.norm(command_at(controller, now + 0.1))
+    for tick in range(2, 12 + round(10 * (s.light_timeout_s + s.stop_time_s))):
+        with pytest.raises(NoPose, match="too uncertain: the range of"):
+            controller.update(now + 0.1 * tick, STATION, whole, STILL)
+        command = command_at(controller, now + 0.1 * tick)
+    assert moving > 0
+    np.testing.assert_array_equal(command, 0.0)

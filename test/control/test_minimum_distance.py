@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import leader_twist
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
@@ -127,7 +128,7 @@ def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]
         nearest_m = -x - 3 * std
         try:
             controller.update(now, along(x), np.eye(5) * std**2, np.zeros(5))
-        except Outlier:
+        except NoPose:
             nearest_m = -x
         if nearest_m < FormationSettings().min_distance_m:
             assert surge(controller, now) <= 1e-12

@@ -24,6 +24,9 @@ So the follower does not go nearer than the minimum while the range errs by no m
 but for the latency of the poses and of the vehicle. A range that errs by more than it says cannot
 be recognised. A command of zero is rest in the water: without light a current carries the
 follower along.
+
+A pose beyond the minimum whose range may err by itself steers nothing. The track says that little
+of its pose while the images are not of the scene (`Track.mismatch`), so the follower stops.
 """
 
 import math
@@ -34,6 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import PITCH, YAW, Array, rotation_matrix, wrapped
 from uuv_optical_array.core.settings import Place, Quantity
 from uuv_optical_array.estimation.tracking.measurement import checked_pose
@@ -143,6 +147,7 @@ class FormationController:
         - Outlier: for a pose beyond the gate: too far from the last one as its rate and the
           commands carry it on. It steers nothing unless others confirm it; nearer than
           ``min_distance_m`` it keeps the follower from closing in until the next pose.
+        - NoPose: for a pose beyond the minimum whose range may err by itself; it steers nothing.
         - ValueError: for a pose, rate or stamp that is not finite or out of bounds, a covariance
           that is not positive definite, or a stamp that does not advance; the controller is left as
           it was.
@@ -159,6 +164,13 @@ class FormationController:
         distance = self._distance(self._track, new) if self._track else math.inf
         lit = math.isfinite(distance)
         self._newest_ns = stamp_ns
+        margin_m = RANGE_STDS * math.sqrt(away @ new.covariance[:3, :3] @ away)
+        if margin_m >= range_m > self._settings.min_distance_m:
+            self._nearest_m = math.inf
+            raise NoPose(
+                f"too uncertain: the range of {range_m:.3g} m has a standard deviation of "
+                f"{margin_m / RANGE_STDS:.3g} m"
+            )
         if distance > self._gate and (lit or self._refused):
             agreeing = 1
             if self._refused and self._distance(self._refused[0], new) <= self._gate:
@@ -170,8 +182,7 @@ class FormationController:
                 raise Outlier(
                     f"outlier: {distance:.3g} standard deviations off, more than {self._gate:.3g}"
                 )
-        self._margin_m = RANGE_STDS * math.sqrt(away @ new.covariance[:3, :3] @ away)
-        self._nearest_m = range_m - self._margin_m
+        self._margin_m, self._nearest_m = margin_m, range_m - margin_m
         if not lit:
             self._cruise = self._rate
         self._track, self._steered_ns, self._refused = new, stamp_ns, None

@@ -5,6 +5,8 @@ import pytest
 
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.mismatch import LastingResiduals
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.estimation.unknowns.constants import Constants
 
 SIDE, GAIN_STD, STDS = 5, 0.005, np.array([0.1, 5.0])
@@ -37,9 +39,8 @@ def watched(rng, seconds, beyond=lambda light, time_s: 0.0):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_of_the_scene_raise_no_alarm(seed):
-    found, texts = watched(np.random.default_rng(seed), 70)
+    _, texts = watched(np.random.default_rng(seed), 70)
     assert set(texts) == {""}
-    assert (found.shift == 0).all()
 
 
 def one_detector(light, time_s):
@@ -61,7 +62,6 @@ def test_what_lasts_is_named_with_its_size(beyond, what, size):
     said = float(found.mismatch.partition("off by ")[2].partition(" (")[0])
     assert said == pytest.approx(size, rel=0.3)
     assert texts[10] == ""  # not of a second alone
-    assert np.linalg.norm(found.shift) > 0
 
 
 def test_an_alarm_ends_with_the_first_window_that_has_none():
@@ -73,13 +73,13 @@ def test_an_alarm_ends_with_the_first_window_that_has_none():
     assert texts[-1] == ""
 
 
-def test_the_shift_is_that_of_least_squares():
-    rng = np.random.default_rng(3)
-    found, _ = watched(rng, 20, one_detector)
-    light, of_pose = rng.uniform(100, 900, 25), rng.standard_normal((25, 5))
-    slopes = np.column_stack([of_pose, light, np.ones(25)])
-    frame = LinearisedReadings(np.zeros(7), np.zeros(25), slopes, light, np.full(25, 4.0))
-    size = found._size
-    found.add(10**18 + 200 * 10**8, frame)
-    moved = np.linalg.lstsq(of_pose, light * (np.arange(25) == 8) * size, rcond=None)[0]
-    np.testing.assert_allclose(found.shift, moved, rtol=1e-9)
+def test_a_track_whose_images_are_not_of_the_scene_knows_next_to_nothing_of_its_pose():
+    tracker = Tracker(TrackerSettings())
+    track = tracker.update(1, [-6.0, 0.6, 0.8, 0.1, 0.0], 0.01 * np.eye(5))
+    assert not track.mismatch
+    tracker._residuals.mismatch = "lamp.power is off"
+    again = tracker.track()
+    assert again.mismatch == "lamp.power is off"
+    wider = np.diag(again.covariance - track.covariance)
+    np.testing.assert_allclose(wider, [*[37 / 4] * 3, 0.25, 0.25], rtol=1e-12)
+    np.testing.assert_array_equal(again.pose, track.pose)

@@ -18,8 +18,8 @@ MODEL = ForwardModel(
 POSES = np.array([[-4.0, 0, 0, 0, 0], [-7.0, 0.4, -0.3, 0.1, -0.1]])
 
 
-def learnt(*offsets):
-    return {name: Learnt(offset, 1e-3) for name, offset in zip(NAMES, offsets, strict=True)}
+def learnt(*offsets, std=10.0):
+    return {name: Learnt(offset, std) for name, offset in zip(NAMES, offsets, strict=True)}
 
 
 def changed(changes, model=MODEL):
@@ -77,6 +77,16 @@ def test_only_what_is_off_by_more_than_asked_is_named_with_key_value_and_reason(
     one, two = (scene_changes(MODEL, CONSTANTS, learnt(0.31, 0, 0), beyond) for beyond in (3, 3.2))
     assert [change.key for change in one] == ["lamp.reference_counts"]
     assert two == []
+
+
+def test_what_is_known_to_be_off_is_named_within_its_prior():
+    def keys(offset, std):
+        changes = scene_changes(MODEL, CONSTANTS, learnt(0, 0, offset, std=std))
+        return [change.key for change in changes]
+
+    # Of a prior of 5 counts: beyond it, and beyond six standard deviations of what is known.
+    assert keys(6.0, 0.99) == keys(-6.0, 0.99) == ["effects.ambient.level_counts"]
+    assert keys(6.0, 1.01) == keys(4.9, 0.01) == []
 
 
 def test_no_value_is_below_nothing():

@@ -30,15 +30,12 @@ class LastingResiduals:
     - constants: what is not known of the scene. Arrays of more than `MOST_LEARNT` detectors are not
       tested.
     - mismatch: what would explain the frames best; empty while the scene does.
-    - shift: how far that moves the pose of the newest frame, m and rad, shape ``(5,)``.
     """
 
     def __init__(self, constants: Constants) -> None:
         side, q = round(constants.detectors**0.5), len(constants.names)
         self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
         self.mismatch = ""
-        self.shift: Array = np.zeros(5)
-        self._best, self._size = -1, 0.0
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
         if not self._tests:
             return
@@ -85,13 +82,9 @@ class LastingResiduals:
         basis, root = np.linalg.qr(of_pose)
         if abs(root.diagonal()).min() <= NEGLIGIBLE * abs(root.diagonal()).max():
             return  # too few readings for a pose
-        by_pose = basis.T @ lasting
-        rest = lasting - basis @ by_pose
+        rest = lasting - basis @ (basis.T @ lasting)
         self._information += rest.T @ rest
         self._score += rest.T @ left
-        if self._best >= 0:
-            cause = self._size * self._directions[:, self._best]
-            self.shift = np.linalg.solve(root, by_pose @ cause)
         if stamp_ns - self._checked_ns >= CHECK_S * 1e9:
             self._checked_ns = stamp_ns
             self._check(stamp_ns - self._start_ns > (WINDOW_S - CHECK_S) * 1e9)
@@ -112,7 +105,7 @@ class LastingResiduals:
         best = int(scores.argmax())
         chance = min(chdtrc(len(white), white @ white), len(scores) * chdtrc(1, scores[best]))
         if chance < CHANCE:
-            self._best, self._size = best, float(sizes[best])
-            self.mismatch = f"{self._names[best]} is off by {self._size:+.2g} (chance {chance:.0e})"
+            name, size = self._names[best], sizes[best]
+            self.mismatch = f"{name} is off by {size:+.2g} (chance {chance:.0e})"
         elif last:
-            self._best, self.mismatch, self.shift = -1, "", np.zeros(5)
+            self.mismatch = ""

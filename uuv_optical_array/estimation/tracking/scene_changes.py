@@ -13,6 +13,7 @@ from uuv_optical_array.forward.prior import GRADIENTS, LOGARITHMS, POWER, RESPON
 from uuv_optical_array.forward.scene import GROUPS
 
 BEYOND = 3.0  # standard deviations of its prior by which a constant is off
+SURE = 6.0  # or more than one, where it is so many of what is known of it by now
 LEAST_CHANGE = 5e-3  # of the reference reading, which a scene gives no closer
 
 
@@ -40,13 +41,15 @@ def scene_changes(
     - model: the scene's forward model.
     - constants: what the scene does not know.
     - learnt: what is known of it by now, as `Track.constants` has it.
-    - beyond: standard deviations of its prior by which a constant must be off to be named.
+    - beyond: standard deviations of its prior by which a constant must be off to be named; one that
+      is known to be off (`SURE`) is named before.
     """
     scene = model.scene
     off = {
         name: learnt[name].mean / std
         for name, std in zip(constants.names, constants.stds, strict=True)
-        if name in learnt and abs(learnt[name].mean) > beyond * std
+        if name in learnt
+        and abs(learnt[name].mean) > min(beyond * std, max(SURE * learnt[name].std, std))
     }
     changes = []
     for name in off:

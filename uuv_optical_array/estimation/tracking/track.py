@@ -63,7 +63,7 @@ class Track:
         Whether the follower's commands are known at that instant, or contradicted by the images.
     mismatch
         What would explain best that the frames of the last half minute are not of the scene; empty
-        where they may be. The covariance then has how far that moves the pose.
+        where they may be. The covariance then says that next to nothing is known of the pose.
     """
 
     stamp_ns: int

@@ -82,6 +82,8 @@ POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unkno
 # A manoeuvre changes the rate by so much from one frame to the next, m/s and rad/s, in one frame of
 # a hundred; its cost is twice the negative logarithm of that.
 MANOEUVRE_STD, MANOEUVRE_COST = np.array([0.2, 0.2, 0.2, 0.3, 0.3]), 2 * math.log(100)
+# Standard deviation of a pose whose images are not of the scene: a share of its range, and rad.
+UNKNOWN = 0.5
 # Readings correct constants once in so long, s.
 LEARN_EVERY_S = 4.0
 # Least standard deviation, as a share of the prior's, at which readings correct constants: of those
@@ -245,8 +247,9 @@ class Tracker:
             near = newest.frame.relinearise(mean[self._space.linear])
             with suppress(ValueError):  # not finite there
                 self._residuals.add(stamp_ns, checked_readings(near, self._constants))
-        shift = self._residuals.shift
-        joint[POSE, POSE] += np.outer(shift, shift)
+        if self._residuals.mismatch:
+            unknown = UNKNOWN * np.array([*[np.linalg.norm(mean[:3])] * 3, 1.0, 1.0])
+            joint[POSE, POSE] += np.diag(unknown**2)
         return Track(
             stamp_ns,
             mean[POSE].copy(),

@@ -61,6 +61,11 @@ REFUSALS = {
         "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect.",
         "If it lasts, raise these two; where `own_motion` changes often, see there.",
     ),
+    "too uncertain": Reason(
+        "The standard deviation of the range is so large that the pose steers nothing: the images "
+        "are not of the scene (`mismatch`), or nearly dark.",
+        "Look at the estimator's diagnostics, and cure what they name.",
+    ),
     "late frame": Reason(
         "The frame came after a newer one. With a pose of `buffer_s` or less of age it entered the "
         "track; its pose is not published.",
@@ -145,8 +150,8 @@ WARNINGS = {
     ),
     "mismatch": Reason(
         "The images of the last half minute differ from the scene by more than its prior says. The "
-        "text names what would explain them best, and the track's covariance has what that does to "
-        "the pose.",
+        "text names what would explain them best. The track's covariance says that next to "
+        "nothing is known of the pose, so that the follower stops.",
         "Look at what is named: clean or repair the detector, cover other lamps, check the lamp's "
         "battery; then calibrate, or widen the scene's `prior`.",
     ),

@@ -28,6 +28,7 @@ from uuv_optical_array.commands import build_parser
 from uuv_optical_array.commands.scenes import schema_text
 from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.prior import PRIORS
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
@@ -426,7 +427,7 @@ def scene() -> list[str]:
         "`config/scene.schema.json`, which `uuv_array scenes schema` prints, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
-    for group, owner in GROUPS.items():
+    for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         parts += [
             f"## `{group}`",
             first_sentence(owner.__doc__) + ".",

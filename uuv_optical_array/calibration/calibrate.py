@@ -265,5 +265,5 @@ def _calibrated_scene(
     settings["prior"] |= calibrated_prior(
         scene.prior, values, errors, fit.unknown, "sea" in effects
     )
-    settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array), 0.0)
+    settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array, scene.lamps), 0.0)
     return scene_from_settings(settings, scene.name)

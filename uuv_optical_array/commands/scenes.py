@@ -13,6 +13,7 @@ from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import yaml_text
 from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.scene_files import (
     is_file_name,
@@ -42,6 +43,7 @@ the aligned array is at most 0.2 m and 10 deg, with all that the scene's prior l
 
 OWNERS: dict[str, Callable[..., Any]] = {
     **GROUPS,
+    "lamps": BeaconLamp,
     **{f"effects.{name}": effect.function for name, effect in EFFECTS.items()},
 }
 

@@ -237,6 +237,15 @@ def turned_about_lamp(pose: Array) -> Array:
     return np.array([by_pitch, (y, -x, 0.0, 0.0, -1.0)]).T
 
 
+def turned_with_beam(poses: Array) -> Array:
+    """Return the slope of poses ``(..., 5)`` by a turn of the follower about the beacon's x."""
+    _, y, z, pitch, yaw = np.moveaxis(poses, -1, 0)
+    slopes = np.zeros_like(poses)
+    slopes[..., Y], slopes[..., Z] = -z, y
+    slopes[..., PITCH], slopes[..., YAW] = -np.sin(yaw), np.tan(pitch) * np.cos(yaw)
+    return slopes
+
+
 def turned_about_beam(poses: Array, roll: float) -> Array:
     """Turn level followers, ``(..., 5)``, about the beam axis by an angle, rad, until they roll.
 
@@ -249,21 +258,37 @@ def turned_about_beam(poses: Array, roll: float) -> Array:
     return np.stack(turned_components(x, y, z, pitch, yaw, roll), axis=-1)
 
 
-def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float) -> Array:
+def rolled(pose: Array, roll: float, angle: float) -> tuple[Array, float]:
+    """Return pose ``(5,)`` and roll of a follower after a turn about the beacon's x, rad."""
+    turn = rotation_matrix(0.0, 0.0, angle)
+    roll_after, pitch, yaw = roll_pitch_yaw(turn @ rotation_matrix(pose[PITCH], pose[YAW], roll))
+    return np.array([*(turn @ pose[:3]), pitch, yaw]), float(roll_after)
+
+
+def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float | Array) -> Array:
     """Expand a 5-DOF covariance to that of a ROS pose, shape ``(6, 6)``.
 
-    The beam is axisymmetric, so a turn of the whole follower about the beam axis changes nothing
-    in the image: an uncertain roll moves y, z and the attitude together. That adds a term of rank
-    one to the mapped 5x5.
+    The beam of one lamp is axisymmetric, so a turn of the whole follower about its axis changes
+    nothing in the image: an uncertain roll moves y, z and the attitude together. That adds a term
+    of rank one to the mapped 5x5. Several lamps show the roll.
 
     - pose: ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
       pitch and the beam have one axis.
     - covariance: of `pose`, shape ``(5, 5)``.
-    - roll_std: standard deviation of the roll about the beam axis, rad, > 0.
+    - roll_std: standard deviation of the roll about the beam axis, rad, > 0; or, by several lamps,
+      the covariance of the follower's roll with the pose, and its variance, shape ``(6,)``.
     """
-    _, y, z, _, yaw = np.asarray(pose, dtype=float)
+    _, y, z, pitch, yaw = np.asarray(pose, dtype=float)
     jacobian = np.eye(6, 5)
     jacobian[3:, PITCH:] = (-sin(yaw), 0.0), (cos(yaw), 0.0), (0.0, 1.0)
-    gauge = roll_std * np.array([0.0, -z, y, 1.0, 0.0, 0.0])
-    mapped = jacobian @ np.asarray(covariance, float) @ jacobian.T + gauge[:, None] * gauge
+    joint = np.zeros((6, 6))
+    joint[:5, :5] = covariance
+    if isinstance(roll_std, np.ndarray):
+        ahead = cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), -sin(pitch)
+        jacobian = np.column_stack([jacobian, [0.0, 0.0, 0.0, *ahead]])
+        joint[5], joint[:, 5] = roll_std, roll_std
+    else:
+        jacobian = np.column_stack([jacobian, [0.0, -z, y, 1.0, 0.0, 0.0]])
+        joint[5, 5] = roll_std**2
+    mapped = jacobian @ joint @ jacobian.T
     return (mapped + mapped.T) / 2

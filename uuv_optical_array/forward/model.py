@@ -14,31 +14,34 @@ from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.effects import forms
+from uuv_optical_array.forward.effects.electronics import detection
 from uuv_optical_array.forward.effects.forms import Background, Blur, Gain, Shade
+from uuv_optical_array.forward.lamps import GEOMETRY, TURN, lamps_in_numbers, one_of_lamps
 from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.optics import (
     BACKGROUND,
-    BEAM_ROWS,
     BLUR,
     GAIN,
-    LIGHT,
     SHADE,
     Optics,
     ReadingNoise,
     detect,
-    illuminate,
-    project,
     reading_variance,
     trace,
     variance_slope,
+    write_light,
 )
 from uuv_optical_array.forward.prior import (
     AMBIENT,
     BEAM_SIGMA,
     DAYLIGHT,
+    OWN_GEOMETRY,
+    OWN_POWER,
     POWER,
     RADIUS,
+    ROLL,
     SCATTERING,
+    of_lamp,
     unknown_forms,
 )
 from uuv_optical_array.forward.scene import Scene
@@ -53,7 +56,7 @@ class ForwardModel:
     """Images of a scene's array at given poses.
 
     Images have shape ``(..., side, side)``, in counts; row 0 is the top of the array,
-    column 0 its port edge.
+    column 0 its port edge. The images of L lamps lie below one another, ``(..., L side, side)``.
 
     Parameters
     ----------
@@ -92,8 +95,10 @@ class ForwardModel:
             # Daylight leaves the readings, and stays in their noise.
             level = sum(form.level for form in self._of(Background) if form.nuisance == AMBIENT)
             self._forms = tuple(f for f in self._forms if getattr(f, "nuisance", "") != AMBIENT)
-            factor, black = demodulations[0].noise_factor, demodulations[0].black_counts
-            variance, slope = factor * (variance + slope * level), factor * slope
+            found = detection(demodulations[0].waveform, scene.lamp_count)
+            black = demodulations[0].black_counts
+            variance = found.noise_factor * (variance + slope * level)
+            slope *= found.light_factor
             if np.isfinite(self._saturation_counts):
                 self._saturation_counts = scene.full_scale_counts
         highest = [form.largest for form in converters]
@@ -119,11 +124,19 @@ class ForwardModel:
         self._unknown = {
             name: form for name, form in unknown_forms(self.array.side).items() if name not in known
         }
+        lamps = range(len(scene.lamps))
+        for i, own in zip(lamps, np.eye(len(lamps)), strict=True):
+            name = of_lamp(i, OWN_POWER)
+            self._unknown[name] = Shade(np.repeat(own, self.array.side**2), name)
         if self._of(forms.Scattering):
             named.append(SCATTERING)
         own = POWER, BEAM_SIGMA, RADIUS  # the radius of a planar array changes nothing
-        self.nuisances = tuple(dict.fromkeys((*own, *named, *self._unknown)))
-        self.power = 1.0
+        geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]
+        geometry += [ROLL] if lamps else []
+        self.nuisances = tuple(dict.fromkeys((*own, *named, *self._unknown, *geometry)))
+        # The power of all lamps is that of one at the origin.
+        sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
+        self.power, self._lamps = 1.0, lamps_in_numbers((), sigma_rad)
         aligned = np.array([-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0])
         # The slope by the power's logarithm is the lamp's light, without rounding by daylight.
         _, slopes = self.linearised(aligned, offsets={POWER: np.zeros(())})
@@ -134,6 +147,8 @@ class ForwardModel:
                 "gives the aligned array no light; give a range at which the array sees the lamp"
             )
         self.power = scene.lamp.reference_counts / unit_reading
+        self._lamps = lamps_in_numbers(scene.lamps, sigma_rad)
+        self.image_shape = self._lamps.shape[1] * self.array.side, self.array.side
 
     def _of(self, kind: type[T]) -> list[T]:
         return [form for form in self._forms if isinstance(form, kind)]
@@ -164,15 +179,21 @@ class ForwardModel:
         steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
         blurs = [step.matrix for step in steps if isinstance(step, Blur)]
         kinds = np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64)
-        values = np.zeros((len(steps), self.array.side**2))
+        count = self._lamps.shape[1]
+        values = np.zeros((len(steps), count * self.array.side**2))
         scales, places = np.zeros(len(steps)), np.full(len(steps), -1, dtype=np.int64)
         for i, step in enumerate(steps):
             if isinstance(step, Blur):
                 continue
             places[i] = index_of(step.nuisance)
-            values[i] = step.gains if isinstance(step, Gain) else step.pattern
+            values[i] = np.resize(
+                step.gains if isinstance(step, Gain) else step.pattern, values.shape[1]
+            )
             if not isinstance(step, Shade):
                 scales[i] = step.slope if isinstance(step, Gain) else step.level
+        lamp_at = np.full((GEOMETRY, count), index_of(ROLL), dtype=np.int64)
+        for i in range(count):
+            lamp_at[:TURN, i] = [index_of(of_lamp(i, setting)) for setting in OWN_GEOMETRY]
         laws: Any = tuple(form.law for form in passed)
         if compiled:
             laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
@@ -180,7 +201,8 @@ class ForwardModel:
             detectors=np.ascontiguousarray(np.hstack([self.array.positions, self.array.normals]).T),
             radius_m=float(self.scene.array.radius_m or 0.0),
             power=float(self.power),
-            beam_sigma_rad=float(np.radians(self.scene.lamp.beam_sigma_deg)),
+            lamps=self._lamps,
+            lamp_at=lamp_at,
             scattering_per_m=float(sum(form.scattering_per_m for form in scattering)),
             nuisances=len(nuisances),
             power_at=index_of(POWER),
@@ -231,7 +253,7 @@ class ForwardModel:
             scene does not have.
         """
         image, shape = self._propagate(poses, roll, offsets, time_s, False)
-        return image[0].reshape(*shape, self.array.side, self.array.side)
+        return image[0].reshape(*shape, *self.image_shape)
 
     def linearised(
         self,
@@ -251,10 +273,10 @@ class ForwardModel:
         Returns
         -------
         image : Array
-            Light, shape ``(..., side * side)``, counts.
+            Light, shape ``(..., n)``, counts, of the n readings.
         jacobian : Array
             By x, y, z, pitch, yaw and each of `offsets`, in counts per m, rad and the
-            setting's unit, shape ``(..., side * side, 5 + len(offsets))``.
+            setting's unit, shape ``(..., n, 5 + len(offsets))``.
 
         Raises
         ------
@@ -263,7 +285,7 @@ class ForwardModel:
         """
         image, shape = self._propagate(poses, roll, offsets, None, True)
         jacobian = np.moveaxis(image[1:], 0, -1)
-        n = self.array.side**2
+        n = image.shape[-1]
         return image[0].reshape(*shape, n), jacobian.reshape(*shape, n, len(image) - 1)
 
     def _propagate(
@@ -285,7 +307,7 @@ class ForwardModel:
         flat = np.ascontiguousarray(np.broadcast_to(poses, (*shape, 5)).reshape(-1, 5).T)[..., None]
         rolls = np.broadcast_to(np.asarray(roll, dtype=float), shape).reshape(-1, 1)
         optics = self.optics(tuple(offsets))
-        count, n, size = flat.shape[1], self.array.side**2, len(offsets)
+        count, n, size = flat.shape[1], self._lamps.shape[1] * self.array.side**2, len(offsets)
         nuisances = np.empty((size, count, 1))
         for row, offset in zip(nuisances, offsets.values(), strict=True):
             row[:, 0] = np.broadcast_to(offset, shape).reshape(-1)
@@ -303,15 +325,27 @@ class ForwardModel:
                 slopes = np.zeros((6, 5 if differentiate else 0, *lamp.shape[1:]))
                 if differentiate:
                     write_lamp_slopes(flat[:, part], rolls[part], lamp, slopes)
-                rays = workspace(RAY_ROWS, lamp[0], n)
-                beam = workspace(BEAM_ROWS + len(optics.laws), lamp[0], n)
-                offset = nuisances[:, part]
-                illuminate(optics, lamp, offset, rays, beam, differentiate)
-                for factor in moving:
-                    beam[LIGHT] *= factor(times[part], rays, lamp[3:])
-                project(optics, lamp, slopes, offset, rays, beam, image[:, part])
+                offset, attitude = nuisances[:, part], (pitch, yaw, rolls[part])
+                write_light(optics, lamp, slopes, attitude, offset, image[:, part])
+                if moving:
+                    image[0, part] *= self._moved(optics, lamp, attitude, offset, times[part])
                 detect(optics, offset, image[:, part])
         return image, shape
+
+    def _moved(
+        self, optics: Optics, lamp: Array, attitude: Any, offset: Array, time_s: Array
+    ) -> Array:
+        """Return the factor of what moves, for each reading, shape ``(m, n)``."""
+        factors = []
+        for i in range(optics.lamps.shape[1]):
+            known, none = (optics.lamps, optics.lamp_at, i, attitude, offset), np.zeros((6, 0))
+            one = one_of_lamps(*known, lamp, none, none, none)
+            rays = workspace(RAY_ROWS, lamp[0], self.array.side**2)
+            trace(optics, one, offset, rays)
+            axis = np.stack(np.broadcast_arrays(*one[3:]))
+            parts = [form(time_s, rays, axis) for form in self._moving]
+            factors.append(np.prod(np.broadcast_arrays(*parts), axis=0))
+        return np.concatenate(factors, axis=-1)
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
@@ -347,6 +381,15 @@ class ForwardModel:
             Shape ``(..., side, side)``, counts.
         """
         return self.read(self.light(poses, roll, offsets, time_s), rng)
+
+    def with_gains(self, light: Array, gains: Array) -> Array:
+        """Return light, ``(..., L side, side)``, as detectors of other gains read it.
+
+        Gains have shape ``(..., side, side)``; a pedestal is added behind them.
+        """
+        count = self._lamps.shape[1]
+        black = self.noise.black
+        return black + np.concatenate([gains] * count, axis=-2) * (light - black)
 
     def read(self, light: Array, rng: np.random.Generator | None = None) -> Array:
         """Return the readings of light, of any shape: noise, saturation, converter.

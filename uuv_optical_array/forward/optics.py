@@ -5,7 +5,6 @@ Components come first: a position is ``(3, ...)``, an image with its derivatives
 compiled code it is a number, of one pose.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +12,16 @@ from numpy import exp, maximum, sqrt
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.numerics.elementwise import (
+    beside,
     choose,
     indices,
     law,
     sandwich,
     transmit,
     workspace,
+    zeros,
 )
+from uuv_optical_array.forward.lamps import DEGREE, GEOMETRY, SHARE, SIGMA, one_of_lamps
 from uuv_optical_array.forward.light import (
     ALONG,
     AXIAL,
@@ -30,6 +32,7 @@ from uuv_optical_array.forward.light import (
     NORMAL_Y,
     NORMAL_Z,
     RANGE,
+    RAY_ROWS,
     TO_X,
     TO_Y,
     TO_Z,
@@ -51,7 +54,6 @@ WITH_SLOPES: Any = np.True_
 WITHOUT_SLOPES: Any = np.False_
 # Kinds of step on the array.
 BACKGROUND, GAIN, BLUR, SHADE = range(4)
-DEGREE = math.pi / 180
 LEAST_DEPTH = 1e-6  # squared, of a detector on the sphere's rim, as a share of the radius
 # A scene without noise is read as if to a thousandth of a count.
 MIN_VARIANCE = 1e-6
@@ -81,7 +83,9 @@ class Optics(NamedTuple):
 
     - detectors: their positions, m, and normals, shape ``(6, n)``.
     - radius_m: of the sphere that carries the detectors, m; 0: there is none.
-    - power, beam_sigma_rad: as in `light.lamp_light`.
+    - power: of all lamps, as in `light.lamp_light`.
+    - lamps, lamp_at: as in `lamps.one_of_lamps`; with the share of the power and the beam's
+      standard deviation of each.
     - scattering_per_m: of the water, 1/m; 0: it does not scatter.
     - nuisances: number of settings that have offsets.
     - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offset of the
@@ -99,7 +103,8 @@ class Optics(NamedTuple):
     detectors: Array
     radius_m: float
     power: float
-    beam_sigma_rad: float
+    lamps: Array
+    lamp_at: Any
     scattering_per_m: float
     nuisances: int
     power_at: int
@@ -195,16 +200,54 @@ def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, b
         beam[LIGHT, j] *= facing
 
 
-def illuminate(
-    optics: Optics, lamp: Any, nuisances: Any, rays: Any, beam: Any, differentiate: bool
+def write_light(
+    optics: Optics, lamp: Any, slopes: Any, attitude: Any, nuisances: Any, image: Any
 ) -> None:
-    """Write the rays to each detector and the light that arrives there.
+    """Write the light on the array, of one lamp below the other, and its slopes.
+
+    - lamp, slopes: as in `project`, of a lamp at the origin of ``beacon``.
+    - attitude: pitch, yaw and roll of the follower, rad.
+    - nuisances: as in `illuminate`.
+    - image: as of `project`, of L times the detectors.
+    """
+    count, n = optics.lamps.shape[1], optics.detectors.shape[1]
+    rays, beam = (
+        workspace(RAY_ROWS, lamp[0], n),
+        workspace(BEAM_ROWS + len(optics.laws), lamp[0], n),
+    )
+    by_geometry, differentiate = zeros(6, GEOMETRY, lamp[0]), len(image) > 1
+    if count == 1:
+        illuminate(optics, 0, lamp, nuisances, rays, beam, differentiate)
+        project(optics, 0, lamp, slopes, by_geometry, nuisances, rays, beam, image)
+    else:
+        own_slopes, own = zeros(6, slopes.shape[1], lamp[0]), workspace(len(image), lamp[0], n)
+        for i in range(count):
+            one = one_of_lamps(
+                optics.lamps,
+                optics.lamp_at,
+                i,
+                attitude,
+                nuisances,
+                lamp,
+                slopes,
+                own_slopes,
+                by_geometry,
+            )
+            illuminate(optics, i, one, nuisances, rays, beam, differentiate)
+            project(optics, i, one, own_slopes, by_geometry, nuisances, rays, beam, own)
+            beside(own, i, image)
+
+
+def illuminate(
+    optics: Optics, i: int, lamp: Any, nuisances: Any, rays: Any, beam: Any, differentiate: bool
+) -> None:
+    """Write the rays from lamp i to each detector and the light that arrives there.
 
     Lamp and axis of the beam in ``base_link``, m, are six components; offsets of nuisances have
     shape ``(q, ...)``. Results are the rows of `light.ray`, shape ``(13, ..., n)``, and in `beam`
     the light, its slopes and those by settings of the laws, shape ``(11 + laws, ..., n)``.
     """
-    power, beam_sigma_rad = optics.power, optics.beam_sigma_rad
+    power, beam_sigma_rad = optics.power * optics.lamps[SHARE, i], optics.lamps[SIGMA, i]
     scattering_per_m = optics.scattering_per_m
     if optics.power_at >= 0:
         power = power * exp(nuisances[optics.power_at])
@@ -228,16 +271,19 @@ def illuminate(
 
 def project(
     optics: Optics,
+    i: int,
     lamp: Any,
     lamp_slopes: Any,
+    by_geometry: Any,
     nuisances: Any,
     rays: Any,
     beam: Any,
     image: Any,
 ) -> None:
-    """Write the light on the array, and its slopes by p coordinates and q nuisances.
+    """Write the light of lamp i on the array, and its slopes by p coordinates and q nuisances.
 
-    `lamp_slopes` are those of lamp and axis by the coordinates, shape ``(6, p, ...)``. The image is
+    `lamp_slopes` are those of lamp and axis by the coordinates, shape ``(6, p, ...)``, and
+    `by_geometry` those by what ``optics.lamp_at`` has. The image is
     light, slopes by the coordinates and by the nuisances, shape ``(1 + p + q, ..., n)``, or light
     alone, shape ``(1, ..., n)``.
     """
@@ -310,10 +356,17 @@ def project(
             turned = turn_x * (ahead - rays[NORMAL_X, j])
             turned = turned - turn_y * rays[NORMAL_Y, j] - turn_z * rays[NORMAL_Z, j]
             image[first + optics.radius_at, j] = turned - vectors[0, j] * radius_m * ahead
-    for i in range(len(optics.law_at)):
-        if optics.law_at[i] >= 0:
+    for k in range(len(optics.law_at)):
+        if optics.law_at[k] >= 0:
             for j in indices(n):
-                image[first + optics.law_at[i], j] = image[0, j] * beam[BEAM_ROWS + i, j]
+                image[first + optics.law_at[k], j] = image[0, j] * beam[BEAM_ROWS + k, j]
+    for q in range(GEOMETRY):
+        if optics.lamp_at[q, i] >= 0:
+            for j in indices(n):
+                slope = vectors[0, j] * by_geometry[0, q]
+                for k in range(1, 6):
+                    slope = slope + vectors[k, j] * by_geometry[k, q]
+                image[first + optics.lamp_at[q, i], j] = slope
 
 
 def detect(optics: Optics, nuisances: Any, image: Any) -> None:

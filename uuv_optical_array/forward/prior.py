@@ -21,6 +21,10 @@ POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
 RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
+ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beacon's x
+# What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
+OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
+OWN_POWER = "power"
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 DAYLIGHT = AMBIENT, *GRADIENTS
@@ -52,6 +56,10 @@ PRIORS: dict[str, dict[str, float]] = {
         "radius_std": 0.02,
         "aim_std_deg": 0.3,
         "lamp_aim_std_deg": 0.5,
+        "lamps_power_std": 0.03,
+        "lamps_aim_std_deg": 0.2,
+        "lamps_place_std_m": 0.002,
+        "roll_std_deg": 1.15,
         "ambient_std_counts": 5.0,
         "gain_std": 0.005,
         "uneven_probability": 0.02,
@@ -66,6 +74,10 @@ PRIORS: dict[str, dict[str, float]] = {
         "radius_std": 0.03,
         "aim_std_deg": 0.5,
         "lamp_aim_std_deg": 1.0,
+        "lamps_power_std": 0.1,
+        "lamps_aim_std_deg": 0.5,
+        "lamps_place_std_m": 0.01,
+        "roll_std_deg": 1.15,
         "ambient_std_counts": 10.0,
         "gain_std": 0.01,
         "uneven_probability": 0.02,
@@ -142,6 +154,18 @@ class PriorSettings:
         float,
         Quantity("standard deviation of the lamp's pitch and yaw on the leader", "deg", 0, 10),
     ] = 0.0
+    lamps_power_std: Annotated[
+        float, Quantity("of several lamps, relative, of each by itself; 0: known", "", 0, 1)
+    ] = 0.0
+    lamps_aim_std_deg: Annotated[
+        float, Quantity("of pitch and yaw of each of several lamps; 0: known", "deg", 0, 10)
+    ] = 0.0
+    lamps_place_std_m: Annotated[
+        float, Quantity("of the place of each of several lamps, by axis; 0: known", "m", 0, 1)
+    ] = 0.0
+    roll_std_deg: Annotated[
+        float, Quantity("of the follower's roll, which several lamps show; 0: known", "deg", 0, 45)
+    ] = 0.0
     shade_probability: Annotated[
         float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
     ] = 0.0
@@ -176,6 +200,15 @@ class PriorSettings:
             **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
             "responsivity.temperature_c": self.temperature_std_c,
         }
+        return {name: std for name, std in stds.items() if std > 0}
+
+    def lamps_std(self, count: int) -> dict[str, float]:
+        """Return the standard deviation of what is each of several lamps' own, and of the roll."""
+        places = dict.fromkeys(OWN_GEOMETRY[:3], self.lamps_place_std_m)
+        aims = dict.fromkeys(OWN_GEOMETRY[3:], self.lamps_aim_std_deg)
+        own = {OWN_POWER: self.lamps_power_std, **aims, **places}
+        stds = {of_lamp(i, key): std for i in range(count) for key, std in own.items()}
+        stds[ROLL] = math.radians(self.roll_std_deg) if count else 0.0
         return {name: std for name, std in stds.items() if std > 0}
 
     def lights(self, daylight_scale_counts: float) -> list[FrameLight]:
@@ -220,6 +253,11 @@ class PriorSettings:
     def gain_std_in(self, light: FrameLight) -> float:
         """Return the relative spread of readings by gains and shades beyond the modes."""
         return math.hypot(self.gain_std, light.depth * SHADE_DECAY ** max(SHADE_ORDERS))
+
+
+def of_lamp(i: int, setting: str) -> str:
+    """Return the dotted name of a setting of one of several lamps."""
+    return f"lamps.{i}.{setting}"
 
 
 def over_array(side: int) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,6 +13,7 @@ from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.array import ArraySettings, Shape
 from uuv_optical_array.forward.effects import check_effects
 from uuv_optical_array.forward.effects.electronics import largest_demodulated
+from uuv_optical_array.forward.lamps import BeaconLamp, checked_lamps
 from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
@@ -78,6 +79,8 @@ class Scene:
     lamp, array, effects, signature, table, prior
         Settings by group; `effects` maps the name of each effect to its settings, in
         physical order.
+    lamps
+        Several lamps that together have the power of the `lamp`; empty: it is one, at the origin.
     """
 
     name: str
@@ -87,6 +90,17 @@ class Scene:
     signature: SignatureSettings
     table: TableSettings
     prior: PriorSettings
+    lamps: tuple[BeaconLamp, ...] = ()
+
+    @property
+    def black_counts(self) -> float:
+        """Reading of darkness, counts."""
+        return float(self.effects.get("demodulation", {}).get("pedestal_counts", 0.0))
+
+    @property
+    def lamp_count(self) -> int:
+        """How many lamps there are."""
+        return max(len(self.lamps), 1)
 
     @property
     def full_scale_counts(self) -> float:
@@ -99,7 +113,7 @@ class Scene:
             level = self.effects["saturation"]["level_counts"]
             if demodulation := self.effects.get("demodulation"):
                 daylight = self.effects.get("ambient", {}).get("level_counts", 0.0)
-                level = largest_demodulated(level, daylight, **demodulation)
+                level = largest_demodulated(level, daylight, self.lamp_count, **demodulation)
             limits.append(level)
         if "adc" in self.effects:
             limits.append(2.0 ** self.effects["adc"]["bits"] - 1)
@@ -117,13 +131,17 @@ class Scene:
             return ABSORPTION, float(self.effects["sea"]["absorption_per_m"])
         return ATTENUATION, float(self.effects.get("attenuation", {}).get("k_per_m", 0.0))
 
+    def nuisance_std(self) -> dict[str, float]:
+        """Return the standard deviation of each uncertain setting, by dotted name."""
+        return {**self.prior.nuisance_std(), **self.prior.lamps_std(len(self.lamps))}
+
     def constants_std(self) -> dict[str, float]:
-        """Return the prior's `nuisance_std`, with that of the gradient of daylight.
+        """Return `nuisance_std`, with that of the gradient of daylight.
 
         In one image the gradient looks like a turn of the array, but many images determine it.
         Where the scene names neither daylight nor a shade, it is as uncertain as daylight itself.
         """
-        stds = self.prior.nuisance_std()
+        stds = self.nuisance_std()
         if AMBIENT in stds and "ambient" not in self.effects and not self.prior.shade_probability:
             for name in GRADIENTS:
                 stds.setdefault(name, stds[AMBIENT])
@@ -143,7 +161,11 @@ class Scene:
             }
             for group in GROUPS
         }
-        return {**groups, "effects": {name: dict(values) for name, values in self.effects.items()}}
+        plain = {**groups, "effects": {name: dict(values) for name, values in self.effects.items()}}
+        if self.lamps:
+            lamps = map(dataclasses.asdict, self.lamps)
+            plain["lamps"] = [{k: v for k, v in lamp.items() if v is not None} for lamp in lamps]
+        return plain
 
     @property
     def fingerprint(self) -> str:
@@ -178,13 +200,19 @@ NEEDS = {
     "scattering_std": "effects.sea",
     "temperature_std_c": "effects.responsivity",
     "radius_std": "array.radius_m",
+    "lamps_power_std": "lamps",
+    "lamps_aim_std_deg": "lamps",
+    "lamps_place_std_m": "lamps",
+    "roll_std_deg": "lamps",
 }
 DAYLIGHT_STDS = "ambient_std_counts", "ambient_gradient_std_counts"  # which demodulation removes
 
 
-def without_meaning(effects: Mapping[str, Any], array: ArraySettings) -> list[str]:
+def without_meaning(
+    effects: Mapping[str, Any], array: ArraySettings, lamps: Sequence[BeaconLamp]
+) -> list[str]:
     """Return the keys of the prior that are about what a scene does not have."""
-    there = {f"effects.{name}" for name in effects}
+    there = {f"effects.{name}" for name in effects} | ({"lamps"} if lamps else set())
     there |= {f"array.{name}" for name, value in vars(array).items() if value is not None}
     unused = [key for key, needed in NEEDS.items() if needed not in there]
     return [*unused, *DAYLIGHT_STDS] if "demodulation" in effects else unused
@@ -203,9 +231,10 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
         if not isinstance(settings, Mapping):
             raise ValueError(f"{settings!r} is not a mapping of groups")
         for group in settings:
-            if group not in (*GROUPS, "effects"):
-                raise unknown(group, (*GROUPS, "effects"), "")
+            if group not in (*GROUPS, "effects", "lamps"):
+                raise unknown(group, (*GROUPS, "effects", "lamps"), "")
         effects = check_effects(settings.get("effects"))
+        lamps = checked_lamps(settings.get("lamps"))
         groups: dict[str, Any] = {}
         for group, declared in GROUPS.items():
             values = check_all(declared, settings.get(group), group)
@@ -213,20 +242,24 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
                 values |= {key: std for key, std in defaults.items() if key not in given}
                 # A set's values do not apply to what the scene does not have.
-                unused = without_meaning(effects, groups["array"])
+                unused = without_meaning(effects, groups["array"], lamps)
                 values |= {key: 0.0 for key in unused if key not in given}
             try:
                 groups[group] = declared(**values)
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
-        scene = Scene(name=name, effects=effects, **groups)
-        for key in without_meaning(effects, scene.array):
+        scene = Scene(name=name, effects=effects, lamps=lamps, **groups)
+        for key in without_meaning(effects, scene.array, lamps):
             if getattr(scene.prior, key) > 0:
                 if key in DAYLIGHT_STDS:
                     raise ValueError(f"prior.{key}: demodulation removes daylight; give 0")
                 raise ValueError(f"prior.{key}: the scene has no {NEEDS[key]}; add it")
         if "sea" in effects and "attenuation" in effects:
             raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
+        if lamps and "demodulation" not in effects:
+            raise ValueError("lamps: nothing tells them apart; add effects.demodulation")
+        if lamps and "forward_scatter" in effects:
+            raise ValueError("effects.forward_scatter: of one lamp only; use sea")
     except ValueError as error:
         raise ValueError(f"scene {name}: {error}") from None
     return scene

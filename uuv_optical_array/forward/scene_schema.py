@@ -19,6 +19,7 @@ from uuv_optical_array.core.settings import (
     summary,
 )
 from uuv_optical_array.forward.effects import EFFECTS
+from uuv_optical_array.forward.lamps import MOST_LAMPS, BeaconLamp
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import EXTENDS, ready_scenes
 
@@ -45,6 +46,8 @@ def _scene(whole: bool) -> Schema:
     }
     groups = {name: _mapping(owner, whole) for name, owner in GROUPS.items()}
     groups["effects"] = _object(effects, "Only what is named is simulated.")
+    lamps = _list(_mapping(BeaconLamp, whole=True))
+    groups["lamps"] = {**lamps, "description": summary(BeaconLamp), "maxItems": MOST_LAMPS}
     required = [name for name, group in groups.items() if "required" in group]
     return {
         "type": "object",

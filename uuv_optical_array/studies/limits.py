@@ -107,7 +107,7 @@ def report(model: ForwardModel, pose: Array) -> str:
     names = [name for name, known in zip(DOF_NAMES, bound.observable, strict=True) if known]
     lines += ["", f"observable: {', '.join(names) or 'nothing'}"]
     lines.append(f"condition number of the information, in m and rad: {bound.condition:.2g}")
-    if stds := scene.prior.nuisance_std():
+    if stds := scene.nuisance_std():
         along = ", ".join(f"{name} +-{std:g}" for name, std in stds.items())
         lines.append(f"estimated along with the pose: {along}")
     return "\n".join(lines)

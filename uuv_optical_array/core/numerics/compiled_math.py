@@ -214,6 +214,15 @@ def sandwich(matrix, images):
         np.dot(matrix, half[i : i + side], rows[i : i + side])
 
 
+@inlined
+def beside(own, i, image):
+    """As `elementwise.beside`."""
+    rows, n = own.shape
+    for row in range(rows):
+        for j in range(n):
+            image[row, i * n + j] = own[row, j]
+
+
 def _without_owner(context, builder, kind, value):
     if isinstance(kind, types.BaseTuple):
         parts = cgutils.unpack_tuple(builder, value)
@@ -375,6 +384,7 @@ REPLACED: dict[Any, Any] = {
     elementwise.stack: stack,
     elementwise.zeros: zeros,
     elementwise.sandwich: sandwich,
+    elementwise.beside: beside,
     elementwise.unowned: unowned,
     elementwise.transmit: transmit,
     np.maximum: larger,

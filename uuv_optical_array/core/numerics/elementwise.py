@@ -84,6 +84,12 @@ def sandwich(matrix: Any, images: Any) -> None:
         image[...] = (matrix @ planes @ matrix.T).reshape(image.shape)
 
 
+def beside(own: Any, i: int, image: Any) -> None:
+    """Write the i-th of several images of one size, side by side on the last axis."""
+    n = own.shape[-1]
+    image[..., i * n : (i + 1) * n] = own
+
+
 def unowned(values: Arrays) -> Arrays:
     """Return the same arrays, in named tuples too, without reference counting in compiled code.
 

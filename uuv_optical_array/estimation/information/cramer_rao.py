@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.errors import expect
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, turned_with_beam
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.aim import aim_slopes
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import ROLL
 
 # An eigenvalue this small beside the largest is what rounding leaves of zero.
 ROUNDING = 1e-13
@@ -76,9 +77,13 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     poses = np.asarray(poses, dtype=float)
     if not np.isfinite(poses).all():
         raise ValueError("poses: not finite; give metres and radians")
-    stds = model.scene.prior.nuisance_std()
+    stds = model.scene.nuisance_std()
     offsets = {name: np.zeros(poses.shape[:-1]) for name in stds}
     light, jacobian = model.linearised(poses, roll, offsets)
+    if ROLL in stds:
+        # At a given pose: the light is that of one turned back about the beam.
+        by_roll = jacobian[..., :5] @ turned_with_beam(poses)[..., None]
+        jacobian[..., 5 + list(stds).index(ROLL)] -= by_roll[..., 0]
     # What is too small for a float64 tells nothing.
     with np.errstate(under="ignore"):
         weights = information(light, model.noise)

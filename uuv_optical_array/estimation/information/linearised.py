@@ -1,26 +1,26 @@
 """What the readings of one frame say of pose and constants, as a linear problem."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
-from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import workspace, zeros
-from uuv_optical_array.estimation.information.likelihood import likelihood_of
-from uuv_optical_array.forward.light import RAY_ROWS
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.optics import (
-    BEAM_ROWS,
-    WITH_SLOPES,
-    Optics,
-    ReadingNoise,
-    detect,
-    illuminate,
-    project,
+from uuv_optical_array.core.geometry import (
+    PITCH,
+    YAW,
+    Array,
+    lamp_in_body,
+    turned_with_beam,
+    write_lamp_slopes,
 )
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.numerics.elementwise import zeros
+from uuv_optical_array.estimation.information.likelihood import likelihood_of
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import Optics, ReadingNoise, detect, write_light
+from uuv_optical_array.forward.prior import ROLL
 
 LEAST_CURVATURE = 1e-12  # of a reading's log-likelihood, 1/counts^2, below which it says nothing
 
@@ -59,6 +59,11 @@ class LinearisedReadings(NamedTuple):
         slopes = np.linalg.solve(weighted @ fitted + precision, weighted @ given)
         return np.asarray(-slopes[:5])
 
+    def covariance(self, precision: Array, gain_std: float) -> Array:
+        """Return the covariance of pose and constants under a prior of this inverse covariance."""
+        weighted = self.slopes.T / (self.variances + np.square(gain_std * self.light))
+        return np.asarray(np.linalg.inv(weighted @ self.slopes + precision))
+
 
 class Lineariser:
     """Linearises the likelihood of images of one scene.
@@ -72,11 +77,12 @@ class Lineariser:
         self, model: ForwardModel, constants: Sequence[str], compiled: bool = False
     ) -> None:
         self._size = 5 + len(constants)
+        self._roll = 5 + constants.index(ROLL) if ROLL in constants else None
         self._optics = model.optics(constants, compiled)
         self._noise = model.noise._replace(square=0.0)
         self._write: Callable[..., None] = write_linear
         if compiled:
-            count = model.array.side**2
+            count = math.prod(model.image_shape)
             image, likelihood = np.empty((1 + self._size, count)), np.empty((3, count))
             arguments = self._optics, self._noise, np.zeros(count), np.zeros(self._size), 0.0
             self._write = compilation.prepare(write_linear, *arguments, image, likelihood)
@@ -86,14 +92,22 @@ class Lineariser:
         """Linearise the likelihood of an image.
 
         - readings: the image, counts, of n readings in any shape.
-        - at: pose, m and rad, then offsets of the constants, shape ``(5 + q,)``.
+        - at: pose, m and rad, then offsets of the constants, shape ``(5 + q,)``; that of the roll
+          is at this pose.
         - roll: roll of the follower, rad.
         """
         readings = np.array(readings, dtype=float).reshape(-1)
         place = np.array(at, dtype=float)
         image = np.empty((1 + self._size, len(readings)))
         likelihood = np.empty((3, len(readings)))
-        self._write(self._optics, self._noise, readings, place, float(roll), image, likelihood)
+        at, r = place.copy(), self._roll
+        if r is not None:
+            roll, at[r] = roll + at[r], 0.0
+        self._write(self._optics, self._noise, readings, at, float(roll), image, likelihood)
+        if r is not None:
+            # A turn about the beam is one of the roll, after which the pose is turned back.
+            image[1 + r] -= turned_with_beam(at[:5]) @ image[1:6]
+            image[1 + r] *= math.cos(at[PITCH]) / math.cos(at[YAW])
         _, score, curvature = likelihood
         says = curvature > LEAST_CURVATURE
         variances = np.divide(1.0, curvature, out=np.full(len(says), np.inf), where=says)
@@ -113,11 +127,9 @@ def write_linear(
     likelihood: Any,
 ) -> None:
     """Write light and likelihood at a place."""
-    n, nuisances = len(readings), at[5:]
+    nuisances = at[5:]
     lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
-    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, nuisances, rays, beam, WITH_SLOPES)
-    project(optics, lamp, slopes, nuisances, rays, beam, image)
+    write_light(optics, lamp, slopes, (at[PITCH], at[YAW], roll), nuisances, image)
     detect(optics, nuisances, image)
     likelihood_of(readings, image[0], noise, likelihood)

@@ -24,7 +24,7 @@ def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
     - returned: errors in x, y, z, pitch and yaw, m and rad, shape ``(5,)``, by what is wrong.
     """
     model = ForwardModel(scene)
-    stds = scene.prior.nuisance_std()
+    stds = scene.nuisance_std()
     light, jacobian = model.linearised(pose, offsets={name: np.zeros(()) for name in stds})
     weighted = jacobian.T * information(light, model.noise)
     precision = np.diag([*np.zeros(5), *(std**-2.0 for std in stds.values())])

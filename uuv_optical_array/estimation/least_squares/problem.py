@@ -1,5 +1,6 @@
 """The posterior of one image over coordinates of the pose and the scene's nuisances."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -7,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import sqrt
 
-from uuv_optical_array.core.geometry import PITCH, Array, turned_components
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, turned_components
 from uuv_optical_array.core.numerics.elementwise import indices, total, workspace, zeros
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
@@ -24,18 +25,13 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     to_lamp,
     write_slopes,
 )
-from uuv_optical_array.forward.light import RAY_ROWS
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import (
-    BEAM_ROWS,
-    WITH_SLOPES,
-    WITHOUT_SLOPES,
     Optics,
     ReadingNoise,
     detect,
-    illuminate,
-    project,
     reading_variance,
+    write_light,
 )
 
 MAX_STEP = 0.3  # in every coordinate: farther, the linear model is no guide
@@ -132,8 +128,8 @@ def problem_of(
         np.zeros(len(nuisance_std)),
         np.diag(1 / np.square(nuisance_std)),
         np.concatenate([np.full(5, MAX_STEP), 2 * nuisance_std]),
-        np.zeros(model.array.side**2),
-        np.ones(model.array.side**2),
+        np.zeros(math.prod(model.image_shape)),
+        np.ones(math.prod(model.image_shape)),
         0.0,
     )
 
@@ -191,10 +187,8 @@ def evaluate(problem: Problem, at: Array) -> State:
     lamp, pose, log_volume = to_lamp(frame, at, roll)
     lamp_slopes, pose_slopes = zeros(6, 5, at[0]), zeros(5, 5, at[0])
     write_slopes(frame, at, roll, lamp, lamp_slopes, pose_slopes)
-    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, nuisances, rays, beam, WITH_SLOPES)
     image = workspace(1 + size, at[0], n)
-    project(optics, lamp, lamp_slopes, nuisances, rays, beam, image)
+    write_light(optics, lamp, lamp_slopes, (at[PITCH], at[YAW], roll), nuisances, image)
     detect(optics, nuisances, image)
     likelihood = workspace(3, at[0], n)
     likelihood_of(problem.readings, image[0], problem.noise, likelihood)
@@ -293,10 +287,9 @@ def light_at(problem: Problem, at: Array) -> Array:
     """Return the light of the readings at a place, counts, shape ``(n,)``."""
     optics, n = problem.optics, len(problem.readings)
     lamp, _, _ = to_lamp(problem.frame, at, problem.roll)
-    rays, beam = workspace(RAY_ROWS, at[0], n), workspace(BEAM_ROWS + len(optics.laws), at[0], n)
-    illuminate(optics, lamp, at[5:], rays, beam, WITHOUT_SLOPES)
     image = np.empty((1, n))
-    project(optics, lamp, zeros(6, 0, at[0]), at[5:], rays, beam, image)
+    attitude = at[PITCH], at[YAW], problem.roll
+    write_light(optics, lamp, zeros(6, 0, at[0]), attitude, at[5:], image)
     detect(optics, at[5:], image)
     return image[0]
 

@@ -41,6 +41,7 @@ class Constants:
       clear.
     - uneven: share of frames that are lit unevenly in a way that the scene does not name, in [0,
       1].
+    - lamps: how many each detector reads.
     - ValueError: for standard deviations that are not > 0 or not one for each name, or for gain
       errors of no detector.
     """
@@ -52,6 +53,7 @@ class Constants:
     frame: CoordinateFrame | None = None
     unclear_lasts_s: float = 0.0
     uneven: float = 0.0
+    lamps: int = 1
 
     def __post_init__(self) -> None:
         if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
@@ -66,6 +68,11 @@ class Constants:
         if self.gain_std > 0 and not self.detectors:
             raise ValueError(f"detectors: 0, with gain_std {self.gain_std}; give their number")
 
+    @property
+    def by_detector(self) -> Array:
+        """Which detector each reading is of, shape ``(lamps * detectors, detectors)``."""
+        return np.tile(np.eye(self.detectors), (self.lamps, 1))
+
 
 def constants_of(model: ForwardModel) -> Constants:
     """Return what the prior of a model's scene leaves unknown."""
@@ -78,6 +85,7 @@ def constants_of(model: ForwardModel) -> Constants:
         frame_of(model),
         prior.unclear_lasts_s,
         prior.uneven_share,
+        model.scene.lamp_count,
     )
 
 

@@ -25,6 +25,7 @@ from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
 from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import choose, law, stack
+from uuv_optical_array.forward.lamps import SIGMA
 from uuv_optical_array.forward.light import off_axis
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scattering import scattered_light
@@ -58,7 +59,7 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
     In water that scatters, attenuation and width are those of the light in the table's middle.
     """
     scene, optics = model.scene, model.optics()
-    sigma, (_, absorption) = optics.beam_sigma_rad, scene.attenuation
+    sigma, (_, absorption) = float(optics.lamps[SIGMA].mean()), scene.attenuation
     scattered = 0.0
     if optics.scattering_per_m > 0:
         range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)

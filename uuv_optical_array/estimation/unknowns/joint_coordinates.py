@@ -28,7 +28,7 @@ from uuv_optical_array.estimation.unknowns.coordinates import (
     to_lamp,
     write_slopes,
 )
-from uuv_optical_array.forward.optics import DEGREE
+from uuv_optical_array.forward.lamps import DEGREE
 from uuv_optical_array.forward.prior import (
     ABSORPTION,
     ATTENUATION,

@@ -116,22 +116,30 @@ class Detection(NamedTuple):
 
     With a lamp of mean 1 and waveform m(t), the reading is the mean of the signal times a reference
     w(t), where the means of w and of w m are 0 and 1. The variance of white noise grows by the mean
-    of w^2, and that of the lamp's shot noise by the mean of w^2 m, which is the same here.
+    of w^2, that of the lamp's shot noise by the mean of w^2 m. For L lamps as bright as each other:
+
+    - noise_factor: mean of w^2.
+    - light_factor: mean of w^2 times the light of all, over that of one.
+    - peak_factor: highest light of all together, over the mean of one.
     """
 
     noise_factor: float
+    light_factor: float
     peak_factor: float
 
 
 Waveform: TypeAlias = Literal["square", "sine", "slots"]
-WAVEFORMS: dict[Waveform, Detection] = {
-    # On for half of the period, and its fundamental as the reference: w = pi / 2 sin.
-    "square": Detection(math.pi**2 / 8, 2.0),
-    # m = 1 + sin, and w = 2 sin.
-    "sine": Detection(2.0, 2.0),
-    # Lit in one slot and dark in the next, and their difference: w = 1 and -1.
-    "slots": Detection(1.0, 2.0),
-}
+
+
+def detection(waveform: Waveform, lamps: int) -> Detection:
+    """Return how a waveform detects each of some lamps."""
+    if waveform == "slots":
+        # One lamp lit in each slot and none in the last, and the difference: w = 1, -1 and 0.
+        return Detection(2 / (lamps + 1), 1.0, lamps + 1.0)
+    # Each at a frequency of its own. A square wave, on for half of the period, with its fundamental
+    # as the reference: w = pi / 2 sin; or m = 1 + sin, and w = 2 sin.
+    factor = math.pi**2 / 8 if waveform == "square" else 2.0
+    return Detection(factor, factor * lamps, 2.0 * lamps)
 
 
 def demodulation(
@@ -142,20 +150,25 @@ def demodulation(
         float, Quantity("reading of darkness, so that noise stays above 0", "counts", 0, 1e4)
     ] = 20.0,
 ) -> tuple[Demodulation, Background]:
-    """Modulate the lamp and detect it synchronously, which takes the daylight out of the reading.
+    """Modulate the lamps and detect them synchronously, which takes daylight out of the readings.
 
-    Counts are of the lamp's mean power, as without it. Daylight stays in the shot noise, and where
-    it saturates: ``saturation`` limits lamp and daylight together, at the lamp's peak. Daylight has
-    to be slow beside the modulation, as waves and clouds are at some kHz.
+    Counts are of a lamp's mean power, as without it. Daylight stays in the shot noise and in what
+    saturates: ``saturation`` limits daylight and the peak of the lamps, as if all were as bright,
+    together. Daylight has to be slow beside the modulation, as waves and clouds are at some kHz.
+    Several lamps need frequencies of which none is an odd multiple of another, or slots.
     """
     black = Background(np.ones(array.side**2), pedestal_counts)
-    return Demodulation(WAVEFORMS[waveform].noise_factor, pedestal_counts), black
+    return Demodulation(waveform, pedestal_counts), black
 
 
 def largest_demodulated(
-    level_counts: float, daylight_counts: float, waveform: Waveform, pedestal_counts: float
+    level_counts: float,
+    daylight_counts: float,
+    lamps: int,
+    waveform: Waveform,
+    pedestal_counts: float,
 ) -> float:
-    """Return the reading, counts, where daylight and the lamp's peak together reach a level.
+    """Return the reading, counts, where daylight and the lamps' peak together reach a level.
 
     ValueError where daylight alone reaches it.
     """
@@ -164,7 +177,7 @@ def largest_demodulated(
             f"effects.saturation.level_counts: {level_counts:g}: daylight of {daylight_counts:g} "
             "counts alone reaches it; give more"
         )
-    peak = WAVEFORMS[waveform].peak_factor
+    peak = detection(waveform, lamps).peak_factor
     return pedestal_counts + (level_counts - daylight_counts) / peak
 
 

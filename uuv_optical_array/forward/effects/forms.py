@@ -5,7 +5,7 @@ The forward model and the estimator's compiled loops know these forms and no sin
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from uuv_optical_array.core.geometry import Array
 
@@ -110,11 +110,11 @@ class Saturation:
 class Demodulation:
     """Synchronous detection of a modulated lamp: daylight is in the noise and not in the reading.
 
-    - noise_factor: of the variance of all noise, beside a plain mean over the same time.
+    - waveform: as of `electronics.detection`.
     - black_counts: reading of darkness, which keeps noise above zero.
     """
 
-    noise_factor: float
+    waveform: Literal["square", "sine", "slots"]
     black_counts: float
 
 

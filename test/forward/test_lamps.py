@@ -1,0 +1,190 @@
+"""Several lamps: each beside one lamp seen from its own frame, and what they show together."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import second_forward
+from differences import extrapolated_slopes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.core.geometry import covariance_6x6, rolled
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.linearised import Lineariser
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import ROLL, PriorSettings
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+
+SCENE = load_scene("leading_lights")
+MODEL = ForwardModel(SCENE)
+PEDESTAL = SCENE.effects["demodulation"]["pedestal_counts"]
+reproducible = settings(max_examples=15, deadline=None)
+poses = st.tuples(
+    st.floats(-8, -3),
+    *[st.floats(-0.9, 0.9)] * 2,
+    *[st.floats(-0.35, 0.35)] * 2,
+).map(np.array)
+rolls = st.floats(-0.5, 0.5)
+
+
+def with_lamps(*lamps, scene="leading_lights", **effects):
+    plain = load_scene(scene).settings()
+    plain["effects"] |= effects
+    plain["effects"] = {key: value for key, value in plain["effects"].items() if value is not None}
+    return scene_from_settings({**plain, "lamps": list(lamps)}, "lamps")
+
+
+def seen_from(lamp, pose, roll):
+    """Pose and roll of a follower in the frame of a lamp, by SciPy."""
+    angles = [lamp.get("yaw_deg", 0.0), lamp.get("pitch_deg", 0.0)]
+    turn = Rotation.from_euler("ZY", angles, degrees=True).inv()
+    place = [lamp.get(f"{axis}_m", 0.0) for axis in "xyz"]
+    body = turn * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    yaw, pitch, roll = body.as_euler("ZYX")
+    return np.array([*turn.apply(pose[:3] - place), pitch, yaw]), roll
+
+
+@given(pose=poses, roll=rolls, data=st.data())
+@reproducible
+def test_each_lamp_gives_the_light_of_one_lamp_in_its_own_frame(pose, roll, data):
+    numbers = st.floats(-0.5, 0.5)
+    lamps = [
+        {
+            **{f"{axis}_m": data.draw(numbers) for axis in "xyz"},
+            **{f"{axis}_deg": 10 * data.draw(numbers) for axis in ("pitch", "yaw")},
+            "power": power,
+        }
+        for power in (1.0, 3.0)
+    ]
+    lamps[1]["beam_sigma_deg"] = 11.0
+    found = ForwardModel(with_lamps(*lamps)).light(pose, roll).reshape(2, 5, 5) - PEDESTAL
+    alone = SCENE.settings()
+    power = second_forward.power_of(alone)
+    for lamp, image, share in zip(lamps, found, (0.25, 0.75), strict=True):
+        alone["lamp"]["beam_sigma_deg"] = lamp.get("beam_sigma_deg", 8.0)
+        one = second_forward.light(alone, *seen_from(lamp, pose, roll), power=share * power)
+        np.testing.assert_allclose(image, one - PEDESTAL, rtol=1e-8, atol=1e-9)
+
+
+def offsets_of(rng):
+    """Offsets of all that may be unknown; a tenth of a metre moves a lamp."""
+    return {name: np.array(0.05 * rng.standard_normal()) for name in MODEL.nuisances}
+
+
+@given(pose=poses, roll=rolls, seed=st.integers(0, 2**31))
+@reproducible
+def test_the_jacobian_is_that_of_finite_differences(pose, roll, seed):
+    offsets = offsets_of(np.random.default_rng(seed))
+    values = np.array([*pose, *offsets.values()])
+
+    def light(at):
+        moved = {name: at[..., 5 + i] for i, name in enumerate(offsets)}
+        return MODEL.light(at[..., :5], roll, moved).reshape(*at.shape[:-1], -1)
+
+    _, jacobian = MODEL.linearised(pose, roll, offsets)
+    expected, error = extrapolated_slopes(light, values, 1e-2)
+    scale = np.abs(expected).max(axis=0)
+    assert (np.abs(jacobian - expected) <= 10 * error + 1e-7 * scale + 1e-9).all()
+
+
+@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+def test_compiled_light_and_slopes_are_those_of_numpy():
+    offsets = offsets_of(np.random.default_rng(4))
+    at, dark = np.array([-5, 0.3, -0.2, 0.1, 0.2, *offsets.values()]), np.zeros(75)
+    plain, found = (Lineariser(MODEL, tuple(offsets), way)(dark, at, 0.1) for way in (False, True))
+    np.testing.assert_allclose(found.light, plain.light, rtol=1e-12)
+    np.testing.assert_allclose(found.slopes, plain.slopes, rtol=1e-9, atol=1e-11)
+
+
+@given(pose=poses, roll=rolls, angle=st.floats(-0.3, 0.3))
+@reproducible
+def test_the_unknown_roll_is_a_turn_of_the_follower_about_the_beam(pose, roll, angle):
+    turned, turned_roll = rolled(pose, roll, angle)
+    body = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+    expected = Rotation.from_euler("x", angle) * body
+    found = Rotation.from_euler("ZYX", [turned[4], turned[3], turned_roll])
+    assert (found.inv() * expected).magnitude() < 1e-9
+    light = MODEL.light(pose, roll, {ROLL: np.array(angle)})
+    np.testing.assert_allclose(MODEL.light(turned, turned_roll), light, rtol=1e-9)
+
+
+def test_one_lamp_does_not_show_the_roll_and_three_do():
+    pose, angle = np.array([-5.0, 0.4, -0.3, 0.1, 0.15]), 0.1
+    for name, shows in (("sunlit_modulated", False), ("leading_lights", True)):
+        model = ForwardModel(load_scene(name))
+        same = model.light(*rolled(pose, 0.0, angle)) - model.light(pose)
+        assert (np.abs(same).max() > 1) == shows
+
+
+def test_the_bound_is_that_of_pose_and_roll_together():
+    """By differences of the light at a pose and a roll, with the prior of the roll, inverted."""
+    known = PriorSettings(roll_std_deg=2.0)
+    model = ForwardModel(dataclasses.replace(SCENE, prior=known))
+    pose = np.array([-5.0, 0.4, -0.3, 0.1, 0.15])
+
+    def light(at):
+        turned = [rolled(p, 0.0, angle) for p, angle in zip(at[..., :5], at[..., 5], strict=True)]
+        level = np.array([each[0] for each in turned])
+        return model.light(level, np.array([each[1] for each in turned])).reshape(len(at), -1)
+
+    step = 1e-5 * np.eye(6)
+    at = np.append(pose, 0.0)
+    slopes = ((light(at + step) - light(at - step)) / 2e-5).T
+    # By the pose as it is: what a turn adds to it is taken off.
+    turn = (rolled(pose, 0.0, 1e-6)[0] - rolled(pose, 0.0, -1e-6)[0]) / 2e-6
+    slopes[:, 5] -= slopes[:, :5] @ turn
+    weights = 1 / model.variance(model.light(pose).ravel())[0]
+    joint = slopes.T @ (weights[:, None] * slopes)
+    joint[5, 5] += np.radians(2.0) ** -2
+    expected = np.linalg.inv(joint)[:5, :5]
+    np.testing.assert_allclose(cramer_rao_bound(model, pose).covariance, expected, rtol=1e-4)
+
+
+def test_a_turn_that_goes_with_the_pose_moves_the_ros_covariance():
+    """Beside drawn poses and turns, carried through `rolled`."""
+    rng = np.random.default_rng(5)
+    pose = np.array([-5.0, 0.4, -0.3, 0.1, 0.15])
+    root = 1e-4 * rng.standard_normal((6, 6))
+    draws = (root @ rng.standard_normal((6, 20_000))).T
+    here = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0])
+    off = []
+    for draw in draws:
+        place, roll = rolled(pose + draw[:5], 0.0, draw[5])
+        body = Rotation.from_euler("ZYX", [place[4], place[3], roll])
+        off.append([*(place[:3] - pose[:3]), *(body * here.inv()).as_rotvec()])
+    joint = root @ root.T
+    found = covariance_6x6(pose, joint[:5, :5], joint[5])
+    expected = np.cov(np.array(off).T)
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    assert (np.abs(found - expected) < 0.04 * scale).all()
+
+
+@pytest.mark.parametrize(
+    ("lamps", "effects", "message"),
+    [
+        ([{"y_m": 0.1}], {}, "no list of 2 to 8 lamps; one lamp is the group lamp alone"),
+        ([{"y_m": i} for i in range(9)], {}, "no list of 2 to 8 lamps"),
+        (
+            [{"y_m": 0.1}, {"y_m": 0.105}],
+            {},
+            r"lamps\[1\]: within 0.01 m and 0.1 deg of lamps\[0\]",
+        ),
+        ([{"y_m": 0.1}, {"y_m": 20}], {}, r"lamps\[1\].y_m: 20 is out of bounds"),
+        ([{"y_m": 0.1}, {"yaw": 3}], {}, r"lamps\[1\].yaw"),
+        ([{"y_m": 0.1}, {}], {"demodulation": None}, "nothing tells them apart"),
+        ([{"y_m": 0.1}, {}], {"forward_scatter": {"window_m": 0.2}}, "of one lamp only"),
+    ],
+)
+def test_lamps_that_cannot_work_are_refused_with_the_reason(lamps, effects, message):
+    with pytest.raises(ValueError, match=message):
+        with_lamps(*lamps, **effects)
+
+
+def test_a_prior_of_several_lamps_needs_them():
+    plain = load_scene("follow").settings()
+    plain["prior"]["lamps_power_std"] = 0.03
+    with pytest.raises(ValueError, match=r"prior.lamps_power_std: the scene has no lamps"):
+        scene_from_settings(plain, "one")

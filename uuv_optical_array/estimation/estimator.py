@@ -42,6 +42,7 @@ from uuv_optical_array.estimation.signature_table import (
 )
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.aim import aim_slopes
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
@@ -106,6 +107,11 @@ class Estimate:
     left_out
         Rows and columns, from 0, of detectors whose readings were left out as faulty: dead, stuck,
         dirty or in a glint.
+    roll
+        By several lamps, how much more the follower rolls than was given, rad.
+    turn
+        By several lamps, the covariance of the follower's roll with the pose, and its variance,
+        shape ``(6,)``; ``None`` by one, which does not show the roll.
     """
 
     pose: Array
@@ -120,6 +126,8 @@ class Estimate:
     stretch: float = 1.0
     clear: float = 1.0
     left_out: tuple[tuple[int, int], ...] = ()
+    roll: float = 0.0
+    turn: Array | None = None
 
 
 class Estimator:
@@ -293,10 +301,9 @@ class Estimator:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._least_squares(None, readings, roll, expected)
-            scene, side = self.scene, self._side
-            parameters = key_parameters(
-                readings.reshape(side, side), scene.full_scale_counts, scene.signature.peak
-            )
+            scene = self.scene
+            image = together(readings.reshape(self._model.image_shape))
+            parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
         # A copy, as compiled code is made anew for every layout of the memory.
         parameters = np.array(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.
@@ -317,9 +324,9 @@ class Estimator:
 
     def check_shape(self, image: ArrayLike | None) -> None:
         """Raise `NoPose` for what is no image of the scene's array."""
-        side, shape = self._side, np.asarray(image).shape
-        if shape != (side, side):
-            raise NoPose(f"no image: of shape {shape}, not ({side}, {side})")
+        wanted, shape = self._model.image_shape, np.asarray(image).shape
+        if shape != wanted:
+            raise NoPose(f"no image: of shape {shape}, not {wanted}")
 
     def _readings(self, image: ArrayLike | None) -> Array:
         self.check_shape(image)
@@ -372,7 +379,7 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted, clear, _, _ = self._fit(readings, parameters, roll, expected, near)
+        fitted, clear, *_ = self._fit(readings, parameters, roll, expected, near)
         off = wrapped(match.pose - fitted.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
@@ -398,7 +405,8 @@ class Estimator:
         expected: Expected | None,
     ) -> Estimate:
         fit = self._fit
-        fitted, clear, near, left_out = fit(readings, parameters, roll, expected)
+        found = fit(readings, parameters, roll, expected)
+        fitted, clear, near, left_out, rolls, turn = found
         runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
         return Estimate(
             fitted.pose,
@@ -413,6 +421,8 @@ class Estimator:
             fitted.stretch,
             clear,
             tuple(divmod(place, self._side) for place in left_out.tolist()),
+            rolls,
+            turn,
         )
 
     def lineariser(

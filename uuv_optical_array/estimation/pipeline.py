@@ -62,7 +62,7 @@ class Pipeline:
         min_peak_counts: float = FeatureSettings.min_peak_counts,
     ) -> None:
         expect(estimator, Estimator, "estimator", "Estimator(scene)")
-        self._min_peak_counts = min_peak_counts
+        self._min_peak_counts = min_peak_counts + estimator.scene.black_counts
         self._frozen = FrozenFrames(ForwardModel(estimator.scene))
         self.estimator = estimator
         self.track_with(tracking)

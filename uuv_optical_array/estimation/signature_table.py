@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
 
@@ -98,9 +99,9 @@ def grid_parameters(
     size = min(BLOCK_POSES, max(BLOCK_READINGS // scene.array.detectors_per_side**2, 1))
     for start in progress(range(0, len(rows), size)):
         images = model.expected(grid_poses(axes, rows[start : start + size]))
-        lit = images.max(axis=(1, 2)) >= min_peak_counts
+        lit = images.max(axis=(1, 2)) - model.noise.black >= min_peak_counts
         parameters[start : start + size][lit] = key_parameters(
-            images[lit], scene.full_scale_counts, scene.signature.peak
+            together(images[lit]), scene.full_scale_counts, scene.signature.peak
         )
     return parameters
 

@@ -49,9 +49,6 @@ from uuv_optical_array.forward.scattering import scattered_light
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
 IN_RANGE, IN_HALF_SQUARE, IN_COSINE, IN_AXIAL, IN_SIGMA = range(6, 11)
 BEAM_ROWS = 11
-# Whether slopes are wanted; of NumPy's kind, as Numba compiles anew for each literal.
-WITH_SLOPES: Any = np.True_
-WITHOUT_SLOPES: Any = np.False_
 # Kinds of step on the array.
 BACKGROUND, GAIN, BLUR, SHADE = range(4)
 LEAST_DEPTH = 1e-6  # squared, of a detector on the sphere's rim, as a share of the radius

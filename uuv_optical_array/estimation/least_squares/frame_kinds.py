@@ -72,7 +72,7 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
     known, constants = model.scene.prior, model.scene.constants_std()
     kinds = []
     for light in known.lights(model.scene.daylight_scale_counts):
-        stds = known.std_in(light)
+        stds = {**model.scene.nuisance_std(), **known.std_in(light)}
         names = list(stds)
         given = [name for name in constants if name not in stds]
         problem = problem_of(model, replace(prior, nuisance_std=stds), compiled, given)

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, wrapped
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, rolled, turned_with_beam, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
@@ -36,7 +36,9 @@ from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import ROLL
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
 # wide to be seen where the image says much, and finite where it says nothing.
@@ -68,12 +70,27 @@ class Fitted(NamedTuple):
     - readings: the likelihood of the image near its best fit as a clear one, where the fit was told
       what is expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
     - left_out: places of the readings that are probably those of faulty detectors.
+    - roll, turn: by several lamps, how much more the follower rolls than was given, rad; its
+      covariance with the pose, and its variance, shape ``(6,)``.
     """
 
     result: FrameResult
     clear: float
     readings: LinearisedReadings | None
     left_out: NDArray[np.intp]
+    roll: float = 0.0
+    turn: Array | None = None
+
+
+def turned_result(result: FrameResult, roll: float, angle: float, turn: Array) -> FrameResult:
+    """Return a result as the follower stands after a turn about the beam, and the uncertain roll.
+
+    The turn's angle is in rad; `turn` is as of `Fitted`.
+    """
+    by_turn = turned_with_beam(result.pose)
+    shared = np.outer(turn[:5] - turn[5] * by_turn, by_turn)
+    covariance = result.covariance + shared + shared.T + turn[5] * np.outer(by_turn, by_turn)
+    return result._replace(pose=rolled(result.pose, roll, angle)[0], covariance=covariance)
 
 
 def nearly_gaussian(frame: FrameResult) -> bool:
@@ -102,19 +119,19 @@ class ImageFit:
         compiled: bool,
     ) -> None:
         scene = model.scene
-        self._model, self._constants = model, constants
+        self._model, self._constants, self._lamps = model, constants, bool(scene.lamps)
         self._max_misfit = max_misfit
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
         prior_std = PRIOR_HALF_EXTENTS * np.maximum(half, 0.2)
         self._unobservable_variance = (UNOBSERVABLE * prior_std) ** 2
-        self._prior = PosePrior(middle, prior_std, scene.prior.nuisance_std())
+        self._prior = PosePrior(middle, prior_std, scene.nuisance_std())
         self._pose_precision = np.diag(1 / np.square(prior_std))
         poses, images = self._starts(axes)
         full_scale, peak = scene.full_scale_counts, scene.signature.peak
         side = model.array.side
-        first = key_parameters(images[:BY_SIGNATURE], full_scale, peak)
+        first = key_parameters(together(images[:BY_SIGNATURE]), full_scale, peak)
         vectors, flat = lifted(first, scene.signature, side), images.reshape(len(poses), -1)
         self.guide = Guide(
             np.ascontiguousarray(unit_vectors(vectors).T),
@@ -123,7 +140,7 @@ class ImageFit:
             lifted(np.ones(5), scene.signature, side),
             candidates,
             float(-ndtri(max_misfit)),
-            False,
+            bool(scene.lamps),
             side,
             float(full_scale),
             peak == "subdetector",
@@ -157,7 +174,7 @@ class ImageFit:
         near[:, :3] *= rng.uniform(NEAREST, 1, (len(near), 1))
         poses = np.concatenate([poses, near])
         images = self._model.converted(self._model.light(poses))
-        lit = images.max(axis=(1, 2)) >= MIN_PEAK_COUNTS
+        lit = images.max(axis=(1, 2)) - self._model.noise.black >= MIN_PEAK_COUNTS
         if not lit.any():
             raise no_light(self._model.scene)
         return poses[lit], images[lit]
@@ -181,7 +198,13 @@ class ImageFit:
         - guide: ``None``: that of all images.
         - NoPose: for an image that no pose of the scene explains.
         """
-        guide = guide or self.guide
+        match, guide = guide is not None, guide or self.guide
+        if parameters is None and self._lamps:
+            image = together(readings.reshape(self._model.image_shape))
+            scene = self._model.scene
+            parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)[
+                :, None
+            ]
         if parameters is None:
             parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
         kinds = expecting(self._kinds, expected)
@@ -218,10 +241,25 @@ class ImageFit:
             raise NoPose("no fit: the image leaves the pose without a covariance")
         fitted, best = len(kinds[0].places), frames[main].best
         left_out = np.flatnonzero(problems[main].weights == 0)
-        if expected is None or (guide.gaussian and len(expected.mean) == fitted):
+        if not self._lamps and (expected is None or (match and len(expected.mean) == fitted)):
             return Fitted(result, clear, None, left_out)
+        if expected is None:
+            nothing = np.zeros(len(self._constants.names))
+            expected = Expected(nothing, np.diag(np.square(self._constants.stds)))
         at = np.concatenate([best[:5], kinds[0].constants(best[5:], expected)])
+        rolls, turn = 0.0, None
+        if ROLL in self._constants.names:
+            place = 5 + self._constants.names.index(ROLL)
+            angle = float(at[place])
+            at[:5], at[place] = rolled(at[:5], roll, angle)
+            at[place] -= roll
+            rolls = float(at[place])
         near = self.near(readings, at, roll, result.stretch, left_out)
+        if ROLL in self._constants.names:
+            prior = block_diag(self._pose_precision, np.linalg.inv(expected.covariance))
+            joint = result.stretch * near.covariance(prior, self._constants.gain_std)
+            turn = joint[[0, 1, 2, 3, 4, place], place]
+            result = turned_result(result, roll, angle, turn)
         if len(expected.mean) > fitted and clear > 0:
             # What the clear fit was given is not known exactly.
             precision = block_diag(self._pose_precision, problems[main].nuisance_precision)
@@ -229,7 +267,8 @@ class ImageFit:
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
             covariance = result.covariance + 0.5 * (spread + spread.T)
             result = result._replace(covariance=covariance)
-        return Fitted(result, clear, near if nearly_gaussian(frames[main]) else None, left_out)
+        near_result = near if nearly_gaussian(frames[main]) else None
+        return Fitted(result, clear, near_result, left_out, rolls, turn)
 
     def _add_faults(
         self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]

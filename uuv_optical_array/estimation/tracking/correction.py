@@ -186,8 +186,9 @@ class Correction:
         by_state = np.zeros((len(valid), space.size))
         by_state[:, POSE], by_state[:, space.constants] = slopes[:, POSE], slopes[:, 5:]
         if space.gains.stop > space.gains.start:
-            by_state[:, space.gains] = np.diag(light)
-            innovation -= light * state.mean[space.gains]
+            by_gains = light[:, None] * self._constants.by_detector
+            by_state[:, space.gains] = by_gains
+            innovation -= by_gains @ state.mean[space.gains]
         noise = np.sqrt(np.where(valid, readings.variances, 1.0))
         consider = self._constants.gain_std * light if space.consider else np.zeros(0)
         return Observation(innovation, by_state, noise, consider)

@@ -69,7 +69,9 @@ def checked_readings(readings: LinearisedReadings, constants: Constants) -> Line
     """
     readings = LinearisedReadings(*(np.array(part, dtype=float) for part in readings))
     width = 5 + len(constants.names)
-    count = constants.detectors if constants.gain_std > 0 else readings.residuals.size
+    count = readings.residuals.size
+    if constants.gain_std > 0:
+        count = constants.detectors * constants.lamps
     shapes = ((width,), (count,), (count, width), (count,), (count,))
     for name, part, shape in zip(readings._fields, readings, shapes, strict=True):
         if part.shape != shape:

@@ -36,6 +36,7 @@ class LastingResiduals:
         side, q = round(constants.detectors**0.5), len(constants.names)
         self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
         self.mismatch = ""
+        self._by_detector = constants.by_detector
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
         if not self._tests:
             return
@@ -77,7 +78,8 @@ class LastingResiduals:
         if self._power >= 0:
             since_s = (stamp_ns - self._start_ns) * 1e-9
             with_time = since_s * of_constants[:, self._power : self._power + 1]
-        lasting = np.hstack([of_constants, np.diag(whiten[:, 0] * readings.light), with_time])
+        of_gains = whiten * readings.light[:, None] * self._by_detector
+        lasting = np.hstack([of_constants, of_gains, with_time])
         left = whiten[:, 0] * readings.residuals + of_constants @ readings.at[5:]
         basis, root = np.linalg.qr(of_pose)
         if abs(root.diagonal()).min() <= NEGLIGIBLE * abs(root.diagonal()).max():

@@ -64,6 +64,9 @@ class Track:
     mismatch
         What would explain best that the frames of the last half minute are not of the scene; empty
         where they may be. The covariance then says that next to nothing is known of the pose.
+    turn
+        By several lamps, the covariance of the follower's roll with the pose, and its variance,
+        shape ``(6,)``; ``None`` by one.
     """
 
     stamp_ns: int
@@ -76,6 +79,7 @@ class Track:
     gains: Array = field(default_factory=lambda: np.zeros(0))
     own_motion: OwnMotionIs = "not told"
     mismatch: str = ""
+    turn: Array | None = None
 
     @property
     def covariance(self) -> Array:
@@ -104,6 +108,7 @@ def relative_odometry(track: Track, roll: float, roll_std: float) -> RelativeOdo
     - track: of a frame, as `Pipeline.track` returns it.
     - roll, roll_std: of the follower, and its standard deviation, rad.
     """
-    covariance = covariance_6x6(track.pose, track.covariance, roll_std)
+    shown = roll_std if track.turn is None else track.turn
+    covariance = covariance_6x6(track.pose, track.covariance, shown)
     twist, spread = body_twist(track.pose, track.rate, track.joint_covariance, roll)
     return RelativeOdometry(track.pose, covariance, twist, spread)

@@ -75,7 +75,7 @@ from uuv_optical_array.estimation.tracking.track import (
     Track,
 )
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected, drift
-from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER
+from uuv_optical_array.forward.prior import ABSORPTION, ATTENUATION, BEAM_SIGMA, POWER, ROLL
 
 RATE_STD = np.array([0.5, 0.5, 0.5, 0.1, 0.1])  # m/s and rad/s, at the start of a track
 POSE_STD = np.array([100.0, 100.0, 100.0, 10.0, 10.0])  # m and rad, of an unknown pose
@@ -233,7 +233,8 @@ class Tracker:
         newest = self._history[-1][1]
         state, stamp_ns = newest.corrected(), newest.frame.stamp_ns
         mean, covariance = state.mean, state.covariance
-        constants = self._space.constants
+        constants, names = self._space.constants, self._constants.names
+        rolls = constants.start + names.index(ROLL) if ROLL in names else None
         stds = np.sqrt(covariance.diagonal()[constants]).tolist()
         learnt = map(Learnt, mean[constants].tolist(), stds)
         joint = covariance[:SLOW, :SLOW].copy()
@@ -261,6 +262,7 @@ class Tracker:
             mean[self._space.gains].copy(),
             own_motion,
             self._residuals.mismatch,
+            None if rolls is None else covariance[rolls, [*range(5), rolls]],
         )
 
     def expected(self, stamp_ns: int) -> Expected:

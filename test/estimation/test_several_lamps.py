@@ -1,0 +1,63 @@
+"""Poses by several lamps: as good as the bound, in seas and lamps drawn from the prior."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import rolled
+from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import ROLL
+from uuv_optical_array.forward.scene import load_scene
+
+# Without the aim of the whole lamp and of the array, which no image tells.
+LOADED = load_scene("leading_lights")
+SCENE = dataclasses.replace(
+    LOADED, prior=dataclasses.replace(LOADED.prior, aim_std_deg=0.0, lamp_aim_std_deg=0.0)
+)
+MODEL = ForwardModel(SCENE)
+LOW, HIGH = [-8, -0.9, -0.9, -0.35, -0.35], [-4, 0.9, 0.9, 0.35, 0.35]
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    return Estimator(SCENE, compiled=compilation.installed())
+
+
+def drawn(rng):
+    """Return an image in a drawn sea, with the pose and the roll that the follower has."""
+    pose = rng.uniform(LOW, HIGH)
+    offsets = {
+        name: np.array(std * rng.standard_normal()) for name, std in SCENE.nuisance_std().items()
+    }
+    gains = np.tile(1 + SCENE.prior.gain_std * rng.standard_normal((5, 5)), (3, 1))
+    black = MODEL.noise.black
+    light = black + gains * (MODEL.light(pose, 0.0, offsets) - black)
+    return MODEL.read(light, rng), *rolled(pose, 0.0, float(offsets[ROLL]))
+
+
+def test_errors_are_those_of_the_bound_and_of_the_covariance(estimator):
+    rng = np.random.default_rng(1)
+    off, bounds, nees, rolls = [], [], [], []
+    for _ in range(200 if compilation.installed() else 20):
+        image, pose, roll = drawn(rng)
+        found = estimator.estimate(image)
+        off.append(found.pose - pose)
+        bounds.append(cramer_rao_bound(MODEL, pose).covariance.diagonal())
+        nees.append(off[-1] @ np.linalg.solve(found.covariance, off[-1]))
+        rolls.append((found.roll - roll) / np.sqrt(found.turn[5]))
+    ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(bounds, axis=0))
+    count = len(nees)
+    assert (ratio < 1.1 + 2 / np.sqrt(count)).all()
+    assert abs(np.mean(nees) - 5) < 4 * np.sqrt(10 / count)
+    assert max(nees) < 36
+    assert np.std(rolls) < 1.1 + 2 / np.sqrt(count)
+
+
+def test_an_image_of_one_lamp_is_refused_by_its_shape(estimator):
+    with pytest.raises(NoPose, match=r"of shape \(5, 5\), not \(15, 5\)"):
+        estimator.estimate(np.ones((5, 5)))

@@ -78,4 +78,5 @@ def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) 
         args.max_gap_s,
         lambda messages: progress.over(messages, "message"),
         poses_needed,
+        scene.lamp_count,
     )

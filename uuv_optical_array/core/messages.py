@@ -42,8 +42,10 @@ class Readout(Protocol):
 
 
 def in_place(pixels: Array, wiring: Sequence[int] | None) -> Array:
-    """Return the image, shape ``(side, side)``, of readings in the order of the wires."""
-    return pixels if wiring is None else pixels.ravel()[list(wiring)].reshape(pixels.shape)
+    """Return the images, ``(lamps side, side)``, of readings in the order of the wires."""
+    if wiring is None:
+        return pixels
+    return pixels.reshape(-1, len(wiring))[:, list(wiring)].reshape(pixels.shape)
 
 
 def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
@@ -51,31 +53,32 @@ def as_wired(image: Array, wiring: Sequence[int] | None) -> Array:
     if wiring is None:
         return image
     pixels = np.empty_like(image)
-    pixels.ravel()[list(wiring)] = image.ravel()
+    pixels.reshape(-1, len(wiring))[:, list(wiring)] = image.reshape(-1, len(wiring))
     return pixels
 
 
-def image_from_message(message: Any, array: Readout) -> Array:
+def image_from_message(message: Any, array: Readout, lamps: int = 1) -> Array:
     """Unpack a mono16 ``sensor_msgs/Image`` of counts, whatever its padding and byte order.
 
-    Each reading of the result is at the place of its detector, shape ``(side, side)``. Refused for
-    another encoding or size, or a truncated message.
+    Each reading of the result is at the place of its detector, shape ``(lamps side, side)``.
+    Refused for another encoding or size, or a truncated message.
     """
     side = array.detectors_per_side
+    rows = lamps * side
     if message.encoding not in ("mono16", "16UC1"):
         raise Refused(f"wrong encoding: {message.encoding!r}, not mono16")
-    if (message.height, message.width) != (side, side):
+    if (message.height, message.width) != (rows, side):
         raise Refused(
-            f"wrong size: {message.height} x {message.width}, but the scene has {side} x {side}"
+            f"wrong size: {message.height} x {message.width}, but the scene has {rows} x {side}"
         )
     if message.step < 2 * side or message.step % 2:
         raise Refused(f"wrong step: {message.step} bytes a row, not {2 * side}")
-    if len(message.data) != message.step * side:
+    if len(message.data) != message.step * rows:
         raise Refused(
-            f"truncated: {len(message.data)} bytes of data, but {side} rows of {message.step}"
+            f"truncated: {len(message.data)} bytes of data, but {rows} rows of {message.step}"
         )
     pixels = np.frombuffer(message.data, dtype=">u2" if message.is_bigendian else "<u2")
-    return in_place(pixels.reshape(side, -1)[:, :side].astype(float), array.wiring)
+    return in_place(pixels.reshape(rows, -1)[:, :side].astype(float), array.wiring)
 
 
 def checked_pose(pose: Any) -> tuple[Array, Array]:

@@ -245,7 +245,7 @@ class EstimatorNode(Node):
         try:
             parameters, counts = features_from_message(features), None
             if parameters is not None and image is not None:
-                counts = image_from_message(image, self.scene.array)
+                counts = image_from_message(image, self.scene.array, self.scene.lamp_count)
                 # They are worked out a second time to refuse two exposures under one stamp.
                 check_image(parameters, counts, self.scene)
         except (NoPose, ValueError) as reason:
@@ -308,8 +308,10 @@ class EstimatorNode(Node):
             self.diagnostics.refuse(str(reason))
             return
         header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
+        roll_std, shown = self.parameters["roll_std_rad"], estimate.turn
+        roll += estimate.roll
         covariance = covariance_6x6(
-            estimate.pose, estimate.covariance, self.parameters["roll_std_rad"]
+            estimate.pose, estimate.covariance, roll_std if shown is None else shown
         )
         pose = pose_to_message(estimate.pose, covariance, header, roll)
         if self.poses.publish(pose):

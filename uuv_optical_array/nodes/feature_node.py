@@ -16,6 +16,7 @@ from uuv_optical_array.estimation.signature.features import (
     no_pattern,
 )
 from uuv_optical_array.estimation.signature.plausibility import check_full_scale
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
@@ -61,18 +62,18 @@ class FeatureNode(Node):
         self.afterwards.finish()
         try:
             self.order.check(message.header, self.get_clock().now().nanoseconds)
-            image = image_from_message(message, self.scene.array)
+            image = image_from_message(message, self.scene.array, self.scene.lamp_count)
             check_full_scale(image, self.scene)
         except (NoPose, Refused) as reason:
             self.diagnostics.refuse(str(reason))
             return
-        refusal = no_pattern(image, self.parameters["min_peak_counts"])
+        refusal = no_pattern(image, self.parameters["min_peak_counts"] + self.scene.black_counts)
         if refusal:
             self.diagnostics.refuse(refusal)
             parameters = None
         else:
             parameters = key_parameters(
-                image, self.scene.full_scale_counts, self.scene.signature.peak
+                together(image), self.scene.full_scale_counts, self.scene.signature.peak
             )
         if self.hand_over is None:
             self.publish_result(message.header, parameters, image)

@@ -89,7 +89,7 @@ class ViewNode(Node):
         """Let an image wait, and show those before it that need not wait longer."""
         stamp = stamp_ns(message.header)
         try:
-            image = image_from_message(message, self.scene.array)
+            image = image_from_message(message, self.scene.array, self.scene.lamp_count)
         except Refused as reason:
             self.diagnostics.refuse(str(reason))
             return

@@ -6,6 +6,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import DOF_NAMES, Array
 from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import array_image, detector_ticks, new_figure, shades
@@ -56,7 +57,9 @@ def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None
     colours = shades("viridis", 0, 0.85, len(RANGES_M))
     grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
     detectors = np.arange(side)
-    peaks = key_parameters(images, full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
+    peaks = (
+        key_parameters(together(images), full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
+    )
     at = np.rint(peaks).astype(int)
     for place, column in enumerate(PROFILED):
         for across, axes in ((True, grid[:, 2 * place]), (False, grid[:, 2 * place + 1])):

@@ -76,14 +76,13 @@ def detector_ticks(*axes: "Axis", most: int = 6) -> None:
 
 
 def array_image(axes: "Axes", image: Array, cmap: str = IMAGES, **style: Any) -> Any:
-    """Draw an image of an array, counts, ``(side, side)``, rows from the top, as vectors.
+    """Draw an image of an array, counts, ``(rows, columns)``, rows from the top, as vectors.
 
     Style is that of `Axes.pcolormesh`, whose mesh is returned for a colour bar.
     """
-    side = len(image)
-    edges = np.arange(side + 1) - 0.5
-    mesh = axes.pcolormesh(edges, edges, image, cmap=cmap, **style)
-    axes.set(xlim=(-0.5, side - 0.5), ylim=(side - 0.5, -0.5), aspect="equal")
+    rows, columns = (np.arange(count + 1) - 0.5 for count in image.shape)
+    mesh = axes.pcolormesh(columns, rows, image, cmap=cmap, **style)
+    axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], aspect="equal")
     detector_ticks(axes.xaxis, axes.yaxis)
     return mesh
 

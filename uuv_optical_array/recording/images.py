@@ -130,6 +130,7 @@ def read_recording(
     max_gap_s: float = MAX_GAP_S,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
     poses_needed: bool = True,
+    lamps: int = 1,
 ) -> Recording:
     """Read the images of a bag and the poses that they were taken at.
 
@@ -143,6 +144,7 @@ def read_recording(
     - axes: of both odometries, see `odometry_pose`.
     - max_gap_s: longest gap in an odometry that is interpolated, s.
     - progress: wraps the messages, to show progress.
+    - lamps: how many lamps it reads.
     - poses_needed: whether images without a known pose are left out; otherwise odometries may be
       missing.
     - ValueError: for a bag that cannot be read, a topic that is missing or of another type,
@@ -176,7 +178,7 @@ def read_recording(
             message = reader.deserialize(data, connection.msgtype)
             try:
                 if connection.msgtype == IMAGE:
-                    value: Any = image_from_message(message, array)
+                    value: Any = image_from_message(message, array, lamps)
                 elif connection.msgtype == TWIST:
                     value = twist_from_message(message)
                 else:

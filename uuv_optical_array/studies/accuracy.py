@@ -19,7 +19,7 @@ from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import Known
+from uuv_optical_array.forward.prior import ROLL, Known
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, save
@@ -125,13 +125,15 @@ def exposed(
     """
     truth = np.random.default_rng((seed, 1))
     times_s = truth.uniform(0, DAY_S, len(poses)) if moving else None
-    stds = model.scene.prior.nuisance_std() if drawn else {}
+    stds = model.scene.nuisance_std() if drawn else {}
     offsets = {name: std * truth.standard_normal(len(poses)) for name, std in stds.items()}
+    roll = offsets.pop(ROLL, 0.0)
     if drawn:
         poses = apparent(model.scene, poses, truth.standard_normal((len(poses), 4)))
-    light = model.light(poses, 0.0, offsets, times_s)
+    light, side = model.light(poses, roll, offsets, times_s), model.array.side
     if drawn:
-        light = light * (1 + model.scene.prior.gain_std * truth.standard_normal(light.shape))
+        gains = 1 + model.scene.prior.gain_std * truth.standard_normal((len(poses), side, side))
+        light = model.with_gains(light, gains)
     return model.read(light, rng)
 
 
@@ -279,7 +281,7 @@ def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
     if args.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
         raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
-    if args.drawn and not scene.prior.nuisance_std():
+    if args.drawn and not scene.nuisance_std():
         raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
 
 

@@ -19,6 +19,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.working_volume import HIGH, LOW
 from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -66,8 +67,9 @@ def drive(
     scene = estimator.scene
     model, prior = ForwardModel(scene), scene.prior
     offsets = {
-        name: np.array(std * rng.standard_normal()) for name, std in prior.nuisance_std().items()
+        name: np.array(std * rng.standard_normal()) for name, std in scene.nuisance_std().items()
     }
+    roll = offsets.pop(ROLL, 0.0)
     aims = rng.standard_normal((1, 4))
     gains = 1 + prior.gain_std * rng.standard_normal((model.array.side, model.array.side))
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
@@ -77,7 +79,7 @@ def drive(
     tracks, singles = [], []
     for time_s, pose in zip(times_s, poses, strict=True):
         (seen,) = apparent(scene, pose[None], aims)
-        image = model.read(gains * model.light(seen, 0.0, offsets), rng)
+        image = model.read(model.with_gains(model.light(seen, roll, offsets), gains), rng)
         track = pipeline.answer(round((1 + time_s) * 1e9), image).track
         tracks.append(nothing if track is None else (track.pose, track.covariance))
         if time_s >= duration_s - LAST_S:
@@ -153,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
     count, seconds, rate, seed = args.drives, args.seconds, args.rate, args.seed
     scene = options.scene_of(args)
-    if not scene.prior.nuisance_std():
+    if not scene.nuisance_std():
         raise options.OptionError(
             f"--scene: {scene.name} has no prior to draw seas from; give it one"
         )

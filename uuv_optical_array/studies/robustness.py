@@ -93,7 +93,7 @@ def log_ratio(
     if not posed.any():
         return ratio
     readings = images[posed].reshape(int(posed.sum()), -1)
-    stds = model.scene.prior.nuisance_std()
+    stds = model.scene.nuisance_std()
     offsets = {name: np.zeros(len(readings)) for name in stds}
     expected, jacobian = model.linearised(poses[posed], 0.0, offsets)
     low, high = model.noise.low, model.noise.high

@@ -12,7 +12,7 @@ from odometries import odometry, time_of
 from std_msgs.msg import Header
 
 from uuv_optical_array.control.follow_record import FollowRecord
-from uuv_optical_array.forward.array import ArraySettings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.bringup.demo import RecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
 
@@ -20,7 +20,7 @@ from uuv_optical_array.nodes.shared.messages import image_to_message
 def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
     lab.begin()
     record = FollowRecord((-6.0, 0.0, 0.0))
-    recorder = RecorderNode(record, ArraySettings("planar", 2), "leader/odometry")
+    recorder = RecorderNode(record, load_scene("follow"), "leader/odometry")
     lab.nodes.append(recorder)
 
     def take(tenths):
@@ -28,7 +28,7 @@ def test_what_comes_before_the_leader_sets_off_is_no_part_of_the_run(lab):
         pose = PoseWithCovarianceStamped(header=header)
         pose.pose.pose.orientation.w = 1.0
         recorder.on_follower(odometry(tenths * 10**8, [-6.0, 0.0, 0.0]))
-        recorder.on_image(image_to_message(np.full((2, 2), tenths), header))
+        recorder.on_image(image_to_message(np.full((5, 5), tenths), header))
         recorder.on_truth(header, np.full(5, -tenths))
         recorder.on_pose(pose)
 

@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.forward.array import ArraySettings
+from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
@@ -51,11 +51,9 @@ class RecorderNode(Node):
     vehicle. `options` are those of `Node`.
     """
 
-    def __init__(
-        self, record: FollowRecord, array: ArraySettings, leader: str, **options: Any
-    ) -> None:
+    def __init__(self, record: FollowRecord, scene: Scene, leader: str, **options: Any) -> None:
         super().__init__("recorder_node", **options)
-        self.record, self.array = record, array
+        self.record, self.scene = record, scene
         self.started_ns: int | None = None
         for message_type, topic, callback in (
             (Odometry, leader, self.on_leader),
@@ -87,7 +85,7 @@ class RecorderNode(Node):
 
     def on_image(self, message: Image) -> None:
         """Record the image."""
-        image = image_from_message(message, self.array)
+        image = image_from_message(message, self.scene.array, self.scene.lamp_count)
         self.add(self.record.images, message.header, image)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -134,7 +132,7 @@ def follower_nodes(leader: str, options: dict[str, Any]) -> tuple[RecorderNode, 
     """Return the recorder of a follower, as `RecorderNode`, and its nodes without the vehicle."""
     simulator, formation = SimulatorNode(**options), FormationNode(**options)
     record = FollowRecord(tuple(formation.parameters["station_m"]))
-    recorder = RecorderNode(record, simulator.scene.array, leader, **options)
+    recorder = RecorderNode(record, simulator.scene, leader, **options)
     simulator.hand_over = recorder.on_truth
     nodes = [formation, recorder, simulator, FeatureNode(**options), EstimatorNode(**options)]
     return recorder, nodes

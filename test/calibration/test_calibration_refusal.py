@@ -332,3 +332,9 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     forced = load_scene(output)
     run(*words)
     assert load_scene(output).settings() != forced.settings()
+
+
+def test_several_lamps_are_calibrated_one_by_one():
+    scene = load_scene("leading_lights")
+    with pytest.raises(ValueError, match="leading_lights: lamps: a calibration is of one lamp"):
+        calibrate(scene, np.ones((3, 15, 5)), np.zeros((3, 5)))

@@ -58,6 +58,20 @@ def test_errors_are_those_of_the_bound_and_of_the_covariance(estimator):
     assert np.std(rolls) < 1.1 + 2 / np.sqrt(count)
 
 
+@pytest.mark.parametrize("dark", range(3))
+def test_a_lamp_that_is_off_is_left_out(estimator, dark):
+    rng, rows = np.random.default_rng(dark), slice(5 * dark, 5 * dark + 5)
+    for _ in range(20 if compilation.installed() else 4):
+        image, pose, _ = drawn(rng)
+        image[rows] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
+        found = estimator.estimate(image)
+        off = found.pose - pose
+        assert off @ np.linalg.solve(found.covariance, off) < 36
+        assert found.left_out == tuple(
+            (row, column) for row in range(15)[rows] for column in range(5)
+        )
+
+
 def test_an_image_of_one_lamp_is_refused_by_its_shape(estimator):
     with pytest.raises(NoPose, match=r"of shape \(5, 5\), not \(15, 5\)"):
         estimator.estimate(np.ones((5, 5)))

@@ -143,8 +143,8 @@ def test_the_bound_is_that_of_pose_and_roll_together():
     np.testing.assert_allclose(cramer_rao_bound(model, pose).covariance, expected, rtol=1e-4)
 
 
-def test_a_turn_that_goes_with_the_pose_moves_the_ros_covariance():
-    """Beside drawn poses and turns, carried through `rolled`."""
+def test_a_roll_that_goes_with_the_pose_is_in_the_ros_covariance():
+    """Beside drawn poses and rolls, as SciPy turns them."""
     rng = np.random.default_rng(5)
     pose = np.array([-5.0, 0.4, -0.3, 0.1, 0.15])
     root = 1e-4 * rng.standard_normal((6, 6))
@@ -152,9 +152,8 @@ def test_a_turn_that_goes_with_the_pose_moves_the_ros_covariance():
     here = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0])
     off = []
     for draw in draws:
-        place, roll = rolled(pose + draw[:5], 0.0, draw[5])
-        body = Rotation.from_euler("ZYX", [place[4], place[3], roll])
-        off.append([*(place[:3] - pose[:3]), *(body * here.inv()).as_rotvec()])
+        body = Rotation.from_euler("ZYX", [pose[4] + draw[4], pose[3] + draw[3], draw[5]])
+        off.append([*draw[:3], *(body * here.inv()).as_rotvec()])
     joint = root @ root.T
     found = covariance_6x6(pose, joint[:5, :5], joint[5])
     expected = np.cov(np.array(off).T)

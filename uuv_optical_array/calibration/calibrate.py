@@ -124,6 +124,11 @@ def calibrate(
       unknown name in `hold`, a noise to fit that the scene does not have, no reading that can be
       used, or results out of the bounds of a scene.
     """
+    if scene.lamps:
+        raise ValueError(
+            f"scene {scene.name}: lamps: a calibration is of one lamp; record each alone, and give "
+            "a scene without lamps"
+        )
     side = scene.array.detectors_per_side
     images, poses = np.asarray(images, float), np.asarray(poses, float)
     if images.ndim != 3 or images.shape[1:] != (side, side) or not len(images):

@@ -396,6 +396,9 @@ class EstimatorNode(Node):
 
 def faults(estimate: Estimate) -> str:
     """Name the detectors that an estimate left out; empty where it left out none."""
+    side = 1 + max((column for _, column in estimate.left_out), default=0)
+    if len(estimate.left_out) == side**2 > 1:
+        return f"dark lamp: lamps[{estimate.left_out[0][0] // side}] is off or hidden"
     places = ", ".join(f"row {row} column {column}" for row, column in estimate.left_out)
     return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
 

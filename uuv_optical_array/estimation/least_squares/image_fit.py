@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import ndtr, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, rolled, turned_with_beam, wrapped
@@ -57,6 +57,9 @@ BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and t
 DOUBTED = 2.576
 # Score up to which the readings of the others have to fit: that of one image of fifty.
 MENDED = 2.054
+# Probability that one of several lamps is off or hidden, and chance of noise from which a lamp that
+# shows nothing may be.
+LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 # Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
 MOSTLY_CLEAR = 0.8
 
@@ -226,7 +229,8 @@ class ImageFit:
                 frames.pop()
             frames.append(self._frame(problems[-1], guide, parameters, 0))
         kinds, problems = kinds[: len(frames)], problems[: len(frames)]
-        faults = not guide.gaussian and self._add_faults(kinds, problems, frames)
+        add = self._add_dark_lamp if self._lamps else self._add_faults
+        faults = not match and add(kinds, problems, frames)
         result, shares = frames[0], np.ones(1)
         if len(frames) > 1:
             result, shares = weighed(kinds, problems, frames)
@@ -288,6 +292,33 @@ class ImageFit:
         if frame.outcome != FITTED or frame.strict_score > MENDED:
             return False
         share = kinds[0].share * np.exp(log_evidence(problem))
+        kinds.append(kinds[0]._replace(share=share))
+        problems.append(problem)
+        frames.append(frame)
+        return True
+
+    def _add_dark_lamp(
+        self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
+    ) -> bool:
+        """Add a clear frame without a lamp that shows nothing, as if it were off or hidden."""
+        noise, side = self._model.noise, self._model.array.side
+        images = problems[0].readings.reshape(-1, side**2)
+        squares = (np.square(images - noise.black) / noise.variance).sum(axis=1)
+        dark = int(squares.argmin())
+        if chdtrc(side**2, squares[dark]) < LIKELY_DARK:
+            return False
+        weights = np.ones_like(images)
+        weights[dark] = 0.0
+        problem = problems[0]._replace(weights=weights.ravel())
+        together_without = together((weights * images).reshape(self._model.image_shape))
+        scene = self._model.scene
+        parameters = key_parameters(
+            together_without, scene.full_scale_counts, scene.signature.peak
+        )[:, None]
+        frame = self._frame(problem, self.guide, parameters, 0)
+        if frame.outcome != FITTED or frame.strict_score > MENDED:
+            return False
+        share = kinds[0].share * LAMP_OFF * np.exp(-0.5 * squares[dark])
         kinds.append(kinds[0]._replace(share=share))
         problems.append(problem)
         frames.append(frame)

@@ -162,6 +162,10 @@ WARNINGS = {
         "Start what publishes `/clock`, such as the simulator, or set `use_sim_time` to false.",
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
+    "dark lamp": Reason(
+        "One of several lamps shows nothing, though the pose by the others says that it should.",
+        "Look whether it is switched on, and whether something hides it.",
+    ),
     "faulty detector": Reason(
         "A reading fits no pose that explains the others: a detector is dead, stuck or dirty, or "
         "in a glint. The pose is that of the others.",

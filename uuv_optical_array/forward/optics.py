@@ -7,7 +7,6 @@ compiled code it is a number, of one pose.
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy import exp, maximum, sqrt
 
 from uuv_optical_array.core.geometry import Array

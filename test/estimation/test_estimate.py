@@ -256,6 +256,17 @@ def test_an_image_without_a_pattern_is_refused_by_each_method_as_by_the_pipeline
             assert Pipeline(estimator).answer(0, image).reason == str(refused.value)
 
 
+def test_an_image_of_full_and_dark_readings_alone_is_refused(small):
+    # From 2 m in the water of a harbour; its posterior has walls that no lattice about a fit has.
+    image = np.full((5, 5), 1023.0)
+    image[[0, 4], 4] = 0
+    for method in METHODS:
+        with pytest.raises(NoPose, match="no pattern: no detector reads more than darkness"):
+            Estimator(small.table, method, compiled=False).estimate(image)
+    image[0, 4] = 600
+    assert Estimator(small.scene, compiled=False).estimate(image).pose[0] > -4
+
+
 def test_an_image_beyond_the_converter_is_refused():
     image = ForwardModel(load_scene("follow")).expose(
         [-5.0, 0.1, 0.0, 0.0, 0.1], np.random.default_rng(1)

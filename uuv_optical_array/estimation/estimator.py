@@ -334,8 +334,12 @@ class Estimator:
         if not np.isfinite(readings).all():
             raise NoPose("no image: nan or infinite readings")
         check_full_scale(readings, self.scene)
-        if readings.max() > 0 and (reason := no_pattern(readings, 0.0)):
-            raise NoPose(reason)
+        noise = self._model.noise
+        if readings.max() > 0:
+            if reason := no_pattern(readings, 0.0):
+                raise NoPose(reason)
+            if not ((readings > noise.low) & (readings < noise.high)).any():
+                raise NoPose("no pattern: no detector reads more than darkness and less than full")
         return readings.reshape(-1)
 
     def _match(self, vector: Array, roll: float) -> tuple[Estimate, NDArray[np.intp], Array]:

@@ -23,8 +23,9 @@ REFUSALS = {
         "Look at `array/image`. Bring the lamp into view; check its supply and the window.",
     ),
     "no pattern": Reason(
-        "Every detector reads the same: a shorted or saturated array, or daylight alone.",
-        "Look at `array/image`; check the array's cable and gain.",
+        "Every detector reads the same, or is dark or at full scale: the lamp is too near, the "
+        "array is shorted, or it sees daylight alone.",
+        "Look at `array/image`; back off from the lamp; check the array's cable and gain.",
     ),
     "above full scale": Reason(
         "A reading is larger than the scene's converter can give.",

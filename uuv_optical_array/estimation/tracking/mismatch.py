@@ -19,6 +19,7 @@ from uuv_optical_array.estimation.unknowns.constants import Constants
 from uuv_optical_array.forward.prior import POWER, shade_modes
 
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
+EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
@@ -37,6 +38,7 @@ class LastingResiduals:
         self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
         self.mismatch = ""
         self._by_detector = constants.by_detector
+        self._uneven, self._light_ns = 0.0, 0  # share of uneven frames, and stamp of the last one
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
         if not self._tests:
             return
@@ -47,7 +49,7 @@ class LastingResiduals:
             f"{POWER} with time, per s,",
             *(f"the row {i} of detectors" for i in range(side)),
             *(f"the column {k} of detectors" for k in range(side)),
-            *["the evenness of the light"] * 5,
+            *[EVENNESS] * 5,
         ]
         gain = max(constants.gain_std, LEAST_GAIN)
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
@@ -68,6 +70,7 @@ class LastingResiduals:
 
     def add(self, stamp_ns: int, readings: LinearisedReadings) -> None:
         """Take the readings of a frame of the track, linearised at the track's own place."""
+        self.add_light(stamp_ns, False)
         if not self._tests:
             return
         if not 0 <= stamp_ns - self._start_ns <= WINDOW_S * 1e9:
@@ -90,6 +93,16 @@ class LastingResiduals:
         if stamp_ns - self._checked_ns >= CHECK_S * 1e9:
             self._checked_ns = stamp_ns
             self._check(stamp_ns - self._start_ns > (WINDOW_S - CHECK_S) * 1e9)
+
+    def add_light(self, stamp_ns: int, uneven: bool) -> None:
+        """Take whether a frame of the track is lit unevenly, as in a scene few are."""
+        step_s = np.clip((stamp_ns - self._light_ns) * 1e-9, 0.0, CHECK_S)
+        self._light_ns, kept = stamp_ns, float(np.exp(-step_s / WINDOW_S))
+        self._uneven = kept * self._uneven + (1 - kept) * uneven
+        if self._uneven > MOST_UNEVEN:
+            self.mismatch = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s"
+        elif self.mismatch.startswith(EVENNESS):
+            self.mismatch = ""
 
     def _check(self, last: bool) -> None:
         """Test what was summed; what was found stays until the last test of a window clears it."""

@@ -243,6 +243,8 @@ class Tracker:
         if newest.frame.readings is None:
             root = newest.frame.root
             joint[POSE, POSE] += self._settings.common_share * (root @ root.T)
+            if self._constants.uneven:
+                self._residuals.add_light(stamp_ns, newest.frame.shaded > 0.5)
         elif newest.frame.relinearise and stamp_ns > self._tested_ns:
             self._tested_ns = stamp_ns
             near = newest.frame.relinearise(mean[self._space.linear])

@@ -96,8 +96,8 @@ def lamps_in_numbers(lamps: tuple[BeaconLamp, ...], sigma_rad: float) -> Array:
 
 def together(images: Array) -> Array:
     """Return the sum of the images of all lamps, shape ``(..., side, side)``."""
-    side = images.shape[-1]
-    return images.reshape(*images.shape[:-2], -1, side, side).sum(axis=-3)
+    *shape, rows, side = images.shape
+    return images.reshape(*shape, rows // side, side, side).sum(axis=-3)
 
 
 @law

@@ -186,7 +186,7 @@ def test_cost_and_gradient_are_those_of_the_posterior_of_the_pose(effects, shape
         def cost(x):
             return np.array(fit.cost(problem.readings, fit.pose(x, roll), roll, x[5:]))
 
-        slopes = differentiate(cost, at)
+        slopes = differentiate(cost, at, 5e-5)
         np.testing.assert_allclose(
             -state.parts[GRADIENT], slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max() + 1e-6
         )

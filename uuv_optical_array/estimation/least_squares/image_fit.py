@@ -271,8 +271,9 @@ class ImageFit:
             spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
             covariance = result.covariance + 0.5 * (spread + spread.T)
             result = result._replace(covariance=covariance)
-        near_result = near if nearly_gaussian(frames[main]) else None
-        return Fitted(result, clear, near_result, left_out, rolls, turn)
+        # A reading at full scale says only how little the light is at least, which is not linear.
+        linear = nearly_gaussian(frames[main]) and readings.max() < self._model.noise.high
+        return Fitted(result, clear, near if linear else None, left_out, rolls, turn)
 
     def _add_faults(
         self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]

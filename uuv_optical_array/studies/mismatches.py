@@ -51,6 +51,10 @@ class Sea(NamedTuple):
         """Return the light where a constant is so many times as large, given by its logarithm."""
         return self.offset(name, np.log(by))
 
+    def for_each_lamp(self, pattern: Any) -> Any:
+        """Repeat a pattern on the array, ``(..., side, side)``, for the image of each lamp."""
+        return np.concatenate([pattern] * self.model.scene.lamp_count, axis=-2)
+
     def lamp_and_rest(self) -> tuple[Array, Array]:
         """Return the light of the lamp, and that of all else."""
         dark = self.offset(prior.POWER, -np.inf)
@@ -85,8 +89,9 @@ def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) 
 
 def other_gains(sea: Sea, by: float) -> Array:
     """Give each detector a gain of its own, in each frame another."""
-    image = sea.light()
-    return image * np.maximum(1 + by * sea.rng.standard_normal(image.shape), 0.0)
+    side = sea.model.array.side
+    gains = 1 + by * sea.rng.standard_normal((len(sea.poses), side, side))
+    return sea.model.with_gains(sea.light(), np.maximum(gains, 0.0))
 
 
 def response_power(percent: float) -> float:
@@ -119,10 +124,10 @@ def some_detectors(sea: Sea, number: int, gain: float = 1.0, counts: float = 0.0
 
 def two_rows(sea: Sea, gain: float) -> Array:
     """Let two neighbouring rows, in each frame others, read a share of their light."""
-    image, side = sea.light(), sea.model.array.side
-    first, row = sea.rng.integers(side - 1, size=(len(image), 1)), np.arange(side)
-    image[(row == first) | (row == first + 1)] *= gain
-    return image
+    side, count = sea.model.array.side, len(sea.poses)
+    first, row = sea.rng.integers(side - 1, size=(count, 1, 1)), np.arange(side)[:, None]
+    gains = np.where((row == first) | (row == first + 1), gain, 1.0)
+    return sea.model.with_gains(sea.light(), np.broadcast_to(gains, (count, side, side)))
 
 
 def wider(sea: Sea, by: float) -> Array:
@@ -161,7 +166,7 @@ def shade(sea: Sea, by: float) -> Array:
     modes /= np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
     depths = sea.rng.standard_normal((len(sea.poses), len(MODES))) * by / np.sqrt(len(MODES))
     lamp, rest = sea.lamp_and_rest()
-    return lamp * np.exp(np.tensordot(depths, modes, axes=1)) + rest
+    return lamp * sea.for_each_lamp(np.exp(np.tensordot(depths, modes, axes=1))) + rest
 
 
 def half_shadow(sea: Sea) -> Array:
@@ -169,7 +174,8 @@ def half_shadow(sea: Sea) -> Array:
     column, row = prior.over_array(sea.model.array.side)
     turn = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, 1))
     lamp, rest = sea.lamp_and_rest()
-    return np.where(np.cos(turn) * column + np.sin(turn) * row > 0, 0.0, lamp) + rest
+    dark = sea.for_each_lamp(np.cos(turn) * column + np.sin(turn) * row > 0)
+    return np.where(dark, 0.0, lamp) + rest
 
 
 def rolled(sea: Sea, by: float) -> Array:
@@ -200,7 +206,7 @@ def blob(sea: Sea) -> Array:
     width = sea.rng.uniform(0.3, 1, (2, count, 1, 1))
     peak = sea.rng.uniform(0.1, 1, (count, 1, 1)) * sea.model.scene.full_scale_counts
     squares = ((column - at[0]) / width[0]) ** 2 + ((row - at[1]) / width[1]) ** 2
-    return peak * np.exp(-squares / 2)
+    return sea.for_each_lamp(peak * np.exp(-squares / 2))
 
 
 def near_poses(count: int, rng: np.random.Generator) -> Array:
@@ -238,6 +244,11 @@ def needs_sphere(scene: Scene, by: float) -> str:
     radius_m, wider_by = scene.array.radius_m, max(by, 1 / by)
     holds = radius_m is not None and wider_by * scene.array.width_m < np.sqrt(2) * radius_m
     return "" if holds else "a curved array whose corners stay on the sphere"
+
+
+def needs_daylight(scene: Scene, by: float) -> str:
+    """Need readings that daylight is in."""
+    return "readings with daylight in them" if "demodulation" in scene.effects else ""
 
 
 def needs_beam(scene: Scene, by: float) -> str:
@@ -343,10 +354,10 @@ KINDS = (
             (0.8, 1.2, 0.5, 2.0), "lamp_power_std", lambda by: abs(by - 1)),
     *_kinds("ambient_{by:g}", partial(daylight, even=True),
             "Daylight adds {by:g} counts to every reading.", AMBIENT_CURE,
-            (10.0,), "ambient_std_counts"),
+            (10.0,), "ambient_std_counts", needs=needs_daylight),
     *_kinds("gradient_{by:g}", daylight,
             "Daylight adds 0 counts at the port edge and {by:g} at the starboard edge.",
-            GRADIENT_CURE, (10.0, 30.0)),
+            GRADIENT_CURE, (10.0, 30.0), needs=needs_daylight),
     *_kinds("second_lamp_{by:g}", partial(second_lamp, port_m=0.3),
             "A second lamp of {percent:g} % of the power is 0.3 m to port of the first.",
             LAMP_CURE, (0.1, 0.3)),

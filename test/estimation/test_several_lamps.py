@@ -10,6 +10,7 @@ from uuv_optical_array.core.geometry import rolled
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.scene import load_scene
@@ -75,3 +76,14 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
 def test_an_image_of_one_lamp_is_refused_by_its_shape(estimator):
     with pytest.raises(NoPose, match=r"of shape \(5, 5\), not \(15, 5\)"):
         estimator.estimate(np.ones((5, 5)))
+
+
+def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):
+    pose = np.array([-2.0, 0.1, 0.0, 0.0, 0.0])
+    image = MODEL.read(MODEL.light(pose), np.random.default_rng(6))
+    total = image.reshape(3, 5, 5).sum(axis=0)
+    parameters = key_parameters(total, SCENE.full_scale_counts, SCENE.signature.peak)
+    assert parameters[0] > 1
+    found = estimator.estimate(image, parameters)
+    off = found.pose - pose
+    assert off @ np.linalg.solve(found.covariance, off) < 36

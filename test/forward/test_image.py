@@ -109,3 +109,9 @@ def test_an_offset_is_another_lamp_in_other_water():
     other.power = 1.05 * ForwardModel(scene).power
     found = ForwardModel(scene).light(poses, 0.0, offsets)
     np.testing.assert_allclose(found, other.light(poses), rtol=1e-10, atol=1e-9)
+
+
+def test_the_largest_reading_is_at_the_limit_where_saturation_is_no_whole_count():
+    for level in (100.5, 101.5, 102.3):
+        model = make_model(saturation={"level_counts": level}, adc={"bits": 10})
+        assert model.converted(np.array([1e6])) == [model.noise.high]

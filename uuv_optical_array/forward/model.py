@@ -101,12 +101,12 @@ class ForwardModel:
             slope *= found.light_factor
             if np.isfinite(self._saturation_counts):
                 self._saturation_counts = scene.full_scale_counts
-        highest = [form.largest for form in converters]
+        highest = min([*(form.largest for form in converters), self._saturation_counts])
         self.analogue_noise = ReadingNoise(
             variance,
             slope,
             0.0 if converters else -np.inf,
-            min([*highest, self._saturation_counts]),
+            float(np.rint(highest)) if converters else highest,
             black=black,
         )
         # Rounding is uniform within a count.

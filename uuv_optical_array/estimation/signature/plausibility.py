@@ -36,6 +36,7 @@ def bounds(scene: Scene) -> Array:
         peak = max(1.0, round(full) / full)  # a saturated reading may be rounded up
     elif "saturation" not in scene.effects:
         peak = math.inf
+    peak *= scene.lamp_count  # of the sum of the lamps' images
     place, skewness = (side - 1) / 2, (side - 2) / math.sqrt(side - 1)
     return np.array([peak, place, place, skewness, skewness])
 

@@ -29,7 +29,7 @@ from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.signature.features import key_parameters, no_pattern
+from uuv_optical_array.estimation.signature.features import no_pattern, scene_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
     bounds,
     check_full_scale,
@@ -42,7 +42,6 @@ from uuv_optical_array.estimation.signature_table import (
 )
 from uuv_optical_array.estimation.unknowns.constants import Expected, constants_of
 from uuv_optical_array.forward.aim import aim_slopes
-from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 
@@ -301,9 +300,8 @@ class Estimator:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
                 return self._least_squares(None, readings, roll, expected)
-            scene = self.scene
-            image = together(readings.reshape(self._model.image_shape))
-            parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
+            image = readings.reshape(self._model.image_shape)
+            parameters = scene_parameters(image, self.scene)
         # A copy, as compiled code is made anew for every layout of the memory.
         parameters = np.array(parameters, dtype=float)
         # Far beyond any image's, and yet safe to weigh.

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.signature.features import key_parameters, lifted
+from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import SpectralIndex
-from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
 
@@ -100,9 +99,7 @@ def grid_parameters(
     for start in progress(range(0, len(rows), size)):
         images = model.expected(grid_poses(axes, rows[start : start + size]))
         lit = images.max(axis=(1, 2)) - model.noise.black >= min_peak_counts
-        parameters[start : start + size][lit] = key_parameters(
-            together(images[lit]), scene.full_scale_counts, scene.signature.peak
-        )
+        parameters[start : start + size][lit] = scene_parameters(images[lit], scene)
     return parameters
 
 

@@ -19,7 +19,6 @@ from uuv_optical_array.core.settings import Quantity, check_all
 MOST_LAMPS = 8
 # Rows of the lamps in numbers, and of where their unknown settings are among the nuisances.
 PLACE_X, PLACE_Y, PLACE_Z, AXIS_PITCH, AXIS_YAW, SHARE, SIGMA = range(7)
-LAMP_ROWS = 7
 TURN = 5  # of all lamps together about the beacon's x: a roll of the follower, in effect
 GEOMETRY = 6
 DEGREE = math.pi / 180

@@ -12,11 +12,10 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
-    key_parameters,
     no_pattern,
+    scene_parameters,
 )
 from uuv_optical_array.estimation.signature.plausibility import check_full_scale
-from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
@@ -72,9 +71,7 @@ class FeatureNode(Node):
             self.diagnostics.refuse(refusal)
             parameters = None
         else:
-            parameters = key_parameters(
-                together(image), self.scene.full_scale_counts, self.scene.signature.peak
-            )
+            parameters = scene_parameters(image, self.scene)
         if self.hand_over is None:
             self.publish_result(message.header, parameters, image)
         else:

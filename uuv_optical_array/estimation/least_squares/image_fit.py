@@ -31,12 +31,11 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
 )
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
 from uuv_optical_array.estimation.signature import features
-from uuv_optical_array.estimation.signature.features import key_parameters, lifted
+from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
 from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_axes, no_light
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
-from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL
 
@@ -83,6 +82,23 @@ class Fitted(NamedTuple):
     left_out: NDArray[np.intp]
     roll: float = 0.0
     turn: Array | None = None
+
+
+def _mended(
+    kinds: list[FrameKind],
+    problems: list[Problem],
+    frames: list[FrameResult],
+    problem: Problem,
+    frame: FrameResult,
+    chance: float,
+) -> bool:
+    """Add a frame of what is left where that fits, by its chance; returns whether it did."""
+    if frame.outcome != FITTED or frame.strict_score > MENDED:
+        return False
+    kinds.append(kinds[0]._replace(share=kinds[0].share * chance))
+    problems.append(problem)
+    frames.append(frame)
+    return True
 
 
 def turned_result(result: FrameResult, roll: float, angle: float, turn: Array) -> FrameResult:
@@ -134,7 +150,7 @@ class ImageFit:
         poses, images = self._starts(axes)
         full_scale, peak = scene.full_scale_counts, scene.signature.peak
         side = model.array.side
-        first = key_parameters(together(images[:BY_SIGNATURE]), full_scale, peak)
+        first = scene_parameters(images[:BY_SIGNATURE], scene)
         vectors, flat = lifted(first, scene.signature, side), images.reshape(len(poses), -1)
         self.guide = Guide(
             np.ascontiguousarray(unit_vectors(vectors).T),
@@ -203,11 +219,7 @@ class ImageFit:
         """
         match, guide = guide is not None, guide or self.guide
         if parameters is None and self._lamps:
-            image = together(readings.reshape(self._model.image_shape))
-            scene = self._model.scene
-            parameters = key_parameters(image, scene.full_scale_counts, scene.signature.peak)[
-                :, None
-            ]
+            parameters = self._parameters(readings)
         if parameters is None:
             parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
         kinds = expecting(self._kinds, expected)
@@ -290,13 +302,7 @@ class ImageFit:
             return False
         problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
         frame = self._frame(problem, guide, np.full((5, 1), np.nan), count)
-        if frame.outcome != FITTED or frame.strict_score > MENDED:
-            return False
-        share = kinds[0].share * np.exp(log_evidence(problem))
-        kinds.append(kinds[0]._replace(share=share))
-        problems.append(problem)
-        frames.append(frame)
-        return True
+        return _mended(kinds, problems, frames, problem, frame, np.exp(log_evidence(problem)))
 
     def _add_dark_lamp(
         self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
@@ -311,19 +317,14 @@ class ImageFit:
         weights = np.ones_like(images)
         weights[dark] = 0.0
         problem = problems[0]._replace(weights=weights.ravel())
-        together_without = together((weights * images).reshape(self._model.image_shape))
-        scene = self._model.scene
-        parameters = key_parameters(
-            together_without, scene.full_scale_counts, scene.signature.peak
-        )[:, None]
-        frame = self._frame(problem, self.guide, parameters, 0)
-        if frame.outcome != FITTED or frame.strict_score > MENDED:
-            return False
-        share = kinds[0].share * LAMP_OFF * np.exp(-0.5 * squares[dark])
-        kinds.append(kinds[0]._replace(share=share))
-        problems.append(problem)
-        frames.append(frame)
-        return True
+        frame = self._frame(problem, self.guide, self._parameters(weights * images), 0)
+        chance = LAMP_OFF * np.exp(-0.5 * squares[dark])
+        return _mended(kinds, problems, frames, problem, frame, chance)
+
+    def _parameters(self, readings: Array) -> Array:
+        """Return the key parameters of an image, shape ``(5, 1)``."""
+        image = readings.reshape(self._model.image_shape)
+        return scene_parameters(image, self._model.scene)[:, None]
 
     def near(
         self,

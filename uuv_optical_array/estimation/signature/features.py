@@ -19,7 +19,8 @@ from uuv_optical_array.core.numerics.elementwise import (
     zeros,
 )
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.forward.scene import SignatureSettings
+from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.forward.scene import Scene, SignatureSettings
 
 FEATURE_NAMES = ("peak", "column", "row", "skewness_horizontal", "skewness_vertical")
 LEAST = 1e-300  # scale of values that are next to nothing
@@ -263,6 +264,11 @@ def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Arr
     vectors[..., :5] = parameters * weights
     vectors[..., 5] = settings.lift
     return vectors
+
+
+def scene_parameters(images: Array, scene: Scene) -> Array:
+    """Return the key parameters of a scene's images, of all lamps together, shape ``(..., 5)``."""
+    return key_parameters(together(images), scene.full_scale_counts, scene.signature.peak)
 
 
 def no_pattern(image: Array, min_peak_counts: float) -> str | None:

@@ -14,8 +14,7 @@ import numpy as np
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.estimation.signature.features import FEATURE_NAMES, key_parameters
-from uuv_optical_array.forward.lamps import together
+from uuv_optical_array.estimation.signature.features import FEATURE_NAMES, scene_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
@@ -79,7 +78,7 @@ def check_image(parameters: Array, image: Array, scene: Scene) -> None:
     - scene: the scene of both.
     - NoPose: as of `check_parameters`, or with the parameter that differs and both of its values.
     """
-    own = key_parameters(together(image), scene.full_scale_counts, scene.signature.peak)
+    own = scene_parameters(image, scene)
     alike = np.abs(parameters - own) <= ROUNDING * np.maximum(1.0, np.abs(own))
     for i in np.flatnonzero(~alike)[:1]:
         check_parameters(parameters, bounds(scene))

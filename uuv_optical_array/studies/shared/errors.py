@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, PITCH, Array, X, Y, Z
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.signature.features import key_parameters
+from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.estimation.signature_table import Progress
-from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 
 # From an image to a pose and its covariance, nan where it has none; raises `NoPose`.
@@ -108,7 +107,7 @@ def answer_of(estimator: Estimator) -> Answer:
     scene = estimator.scene
 
     def answer(image: Array) -> tuple[Array, Array]:
-        parameters = key_parameters(together(image), scene.full_scale_counts, scene.signature.peak)
+        parameters = scene_parameters(image, scene)
         estimate = estimator.estimate(image, parameters)
         return estimate.pose, estimate.covariance
 

@@ -36,19 +36,20 @@ def test_the_pose_that_appears_has_every_detector_where_the_turned_lamp_sees_it(
         np.testing.assert_allclose([r.looks for r in rays], normals, atol=1e-12)
 
 
+@pytest.mark.parametrize("start", ["follow", "leading_lights"])
 @pytest.mark.parametrize("aims", [AIMS, np.zeros(4)])
-def test_slopes_are_those_of_the_light(aims):
-    scene = load_scene("follow")
+def test_slopes_are_those_of_the_light(aims, start):
+    scene = load_scene(start)
     model, bow_m = ForwardModel(scene), scene.array.bow_m
-    pose, roll = np.array([-4.0, 0.5, -0.4, 0.3, -0.35]), np.array([0.2])
+    turned = {"follower.roll_rad": np.zeros(1)} if scene.lamps else {}
 
     def light(x):
-        seen, rolls, slopes = appearing(x[None, :5], roll, x[5:], bow_m)
-        light, by_pose = model.linearised(seen, rolls)
-        return light[0], (by_pose @ slopes)[0]
+        seen, rolls, slopes = appearing(x[None, :5], x[5:6], x[6:], bow_m)
+        light, by_own = model.linearised(seen, rolls, turned)
+        return light[0], (by_own @ slopes[:, : by_own.shape[-1]])[0]
 
-    at = np.append(pose, aims)
+    at = np.array([-4.0, 0.5, -0.4, 0.3, -0.35, 0.2, *aims])
     _, slopes = light(at)
-    for i, step in enumerate(1e-6 * np.eye(9)):
+    for i, step in enumerate(1e-6 * np.eye(10)):
         differences = (light(at + step)[0] - light(at - step)[0]) / 2e-6
         np.testing.assert_allclose(slopes[:, i], differences, atol=1e-4 * np.abs(slopes).max())

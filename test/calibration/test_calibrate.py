@@ -410,10 +410,11 @@ from uuv_optical_array.commands import calibrate, main
 fit = calibrate.calibrate
 
 def slowly(*given):
+    *others, on_step, places = given
     def step():
-        given[-1]()
+        on_step()
         time.sleep(1)
-    return fit(*given[:-1], step)
+    return fit(*others, step, places)
 
 calibrate.calibrate = slowly
 main(sys.argv[1:])

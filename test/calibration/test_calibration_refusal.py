@@ -11,10 +11,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.calibrate import calibrate
-from uuv_optical_array.calibration.identifiability import LARGEST_STD
 from uuv_optical_array.calibration.parameters import (
     BACKGROUND,
     COSINE_POWER,
+    KINDS,
     LAMP_AIM,
     POWER,
     SCATTER,
@@ -135,7 +135,7 @@ def rig_like(start, rng):
     lamp, array, effects = settings["lamp"], settings["array"], settings["effects"]
 
     def off(kind):
-        return LARGEST_STD[kind] * rng.standard_normal()
+        return KINDS[kind].largest * rng.standard_normal()
 
     lamp["beam_sigma_deg"] *= np.exp(off(SIGMA))
     lamp["reference_counts"] *= np.exp(off(POWER))
@@ -145,7 +145,7 @@ def rig_like(start, rng):
     effects["field_of_view"] = {"cosine_power": 1 + off(COSINE_POWER)}
     effects["ambient"] = {"level_counts": abs(off(BACKGROUND)) * start.full_scale_counts}
     effects["responsivity"] = {"spread": 0.01, "seed": int(rng.integers(10**6))}
-    aims = LARGEST_STD[LAMP_AIM[0]] * rng.standard_normal(4)
+    aims = KINDS[LAMP_AIM[0]].largest * rng.standard_normal(4)
     return scene_from_settings(settings, "rig"), aims
 
 
@@ -332,9 +332,3 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     forced = load_scene(output)
     run(*words)
     assert load_scene(output).settings() != forced.settings()
-
-
-def test_several_lamps_are_calibrated_one_by_one():
-    scene = load_scene("leading_lights")
-    with pytest.raises(ValueError, match="leading_lights: lamps: a calibration is of one lamp"):
-        calibrate(scene, np.ones((3, 15, 5)), np.zeros((3, 5)))

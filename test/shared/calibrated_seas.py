@@ -1,5 +1,7 @@
 """Seas to calibrate in, drives through them, and their truth."""
 
+import dataclasses
+
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -36,6 +38,22 @@ def sea(start="reference", gains=(0.05, 9), **changes):
         home = plain if group in plain else plain["effects"]
         home[group] = {**home.get(group, {}), key: value}
     return scene_from_settings(plain, "sea")
+
+
+def lights(rng):
+    """Return a sea with three lamps that are not quite as `leading_lights` has them."""
+    scene = sea("leading_lights", gains=(0.03, 4))
+    lamps = tuple(
+        dataclasses.replace(
+            lamp,
+            **{key: getattr(lamp, key) + 0.01 * rng.normal() for key in ("x_m", "y_m", "z_m")},
+            pitch_deg=lamp.pitch_deg + 0.4 * rng.normal(),
+            yaw_deg=lamp.yaw_deg + 0.4 * rng.normal(),
+            power=np.exp(0.3 * rng.normal()),
+        )
+        for lamp in scene.lamps
+    )
+    return dataclasses.replace(scene, lamps=lamps)
 
 
 def drive(rng, count, low=LOWEST, high=HIGHEST):
@@ -84,6 +102,10 @@ def truth_of(scene, aims=STRAIGHT):
         "ambient.level_counts": effects.get("ambient", {"level_counts": 0})["level_counts"]
         * common,
     }
+    whole = stats.gmean([lamp.power for lamp in scene.lamps]) if scene.lamps else 1.0
+    for i, lamp in enumerate(scene.lamps):
+        own = {**dataclasses.asdict(lamp), "power": lamp.power / whole}
+        values |= {f"lamps.{i}.{key}": value for key, value in own.items()}
     for water in ("attenuation", "sea"):
         values |= {f"{water}.{key}": value for key, value in effects.get(water, {}).items()}
     return values, gains / common

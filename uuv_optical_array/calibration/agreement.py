@@ -1,7 +1,5 @@
 """How well the fit of a calibration agrees with its images."""
 
-import dataclasses
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +12,14 @@ from uuv_optical_array.core.geometry import Array
 
 @dataclass(frozen=True)
 class Agreement:
-    """Residuals of m images of n detectors, and their statistics.
+    """Residuals of m images of n readings, and their statistics.
 
     - residuals: in standard deviations, shape ``(m, n)``.
     - variance: of the readings, counts^2, shape ``(m, n)``.
     - uncensored: readings that are used and far from both limits, shape ``(m, n)``.
     - misfit: mean squared residual of these, 1 where the model explains the images.
     - freedoms: degrees of freedom of these: readings less what was fitted to them, 0 or more.
+    - side: of the array; an image of several lamps has several times as many readings.
     """
 
     residuals: Array
@@ -28,38 +27,30 @@ class Agreement:
     uncensored: NDArray[np.bool_]
     misfit: float
     freedoms: int
+    side: int
 
     def inflation(self) -> float:
         """Return the mean square of the images' mean residuals and tilts; 1 if independent.
 
-        An image's tilts are its residuals' moments about the middle column and the middle row.
+        Each lamp has an image. Its tilts are its residuals' moments about the middle column and the
+        middle row.
         """
-        side = math.isqrt(self.uncensored.shape[1])
-        across, down = np.meshgrid(*[np.arange(side) - (side - 1) / 2] * 2)
-        modes = np.array([np.ones(side * side), across.ravel(), down.ravel()])
-        return self._over_independent(modes)
+        across, down = np.meshgrid(*[np.arange(self.side) - (self.side - 1) / 2] * 2)
+        modes = np.array([np.ones(self.side**2), across.ravel(), down.ravel()])
+        return _over_independent(
+            self.residuals.reshape(-1, self.side**2),
+            self.uncensored.reshape(-1, self.side**2),
+            modes,
+            self.misfit,
+        )
 
     def pattern(self) -> float:
         """Return the mean square of the detectors' mean residuals; 1 if independent.
 
         It is below 1 where the gain of a detector was fitted.
         """
-        transposed = dataclasses.replace(
-            self, residuals=self.residuals.T, uncensored=self.uncensored.T
-        )
-        return transposed._over_independent(np.ones((1, len(self.uncensored))))
-
-    def _over_independent(self, modes: Array) -> float:
-        """Return the mean squared sum of each row weighted by modes, over that of independent ones.
-
-        The modes have shape ``(k, n)``.
-        """
-        expected = self.uncensored @ (modes**2).T
-        lit = expected > 0
-        if not lit.any():
-            return 1.0
-        total = np.where(self.uncensored, self.residuals, 0.0) @ modes.T
-        return float(np.mean(total[lit] ** 2 / expected[lit]) / max(self.misfit, 1e-12))
+        ones = np.ones((1, len(self.uncensored)))
+        return _over_independent(self.residuals.T, self.uncensored.T, ones, self.misfit)
 
     def noise(self, sigma_counts: float) -> tuple[float, float]:
         """Return the sensor noise for which the misfit is 1, and its standard error, counts.
@@ -84,6 +75,21 @@ class Agreement:
         return sigma, float(error / (2 * max(sigma, 1e-9)))
 
 
+def _over_independent(
+    residuals: Array, uncensored: NDArray[np.bool_], modes: Array, misfit: float
+) -> float:
+    """Return the mean squared sum of each row weighted by modes, over that of independent ones.
+
+    The modes have shape ``(k, n)``.
+    """
+    expected = uncensored @ (modes**2).T
+    lit = expected > 0
+    if not lit.any():
+        return 1.0
+    total = np.where(uncensored, residuals, 0.0) @ modes.T
+    return float(np.mean(total[lit] ** 2 / expected[lit]) / max(misfit, 1e-12))
+
+
 def agreement_of(
     likelihood: CalibrationLikelihood, state: CalibrationState, freedoms: int
 ) -> Agreement:
@@ -99,4 +105,5 @@ def agreement_of(
         seen = np.unique(likelihood.places[uncensored.any(axis=1)])
         total += float(((state.at.shifts[seen] / likelihood.pose_std[seen]) ** 2).sum())
     misfit = total / remaining if remaining > 0 else 1.0
-    return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)))
+    side = likelihood.scene.array.detectors_per_side
+    return Agreement(residuals, state.variance, uncensored, misfit, max(0, int(remaining)), side)

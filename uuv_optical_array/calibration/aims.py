@@ -17,6 +17,8 @@ from uuv_optical_array.core.geometry import (
     rotation_matrix,
 )
 
+TURN = 5  # about the beacon's x, beside the pose
+
 
 def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Array, Array, Array]:
     """Return the poses and rolls of which lamp and array would give the same light if they aimed.
@@ -26,8 +28,9 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
       ``(4,)``.
     - bow_m: how far ahead of ``base_link`` the array turns.
     - returned poses, rolls: shapes as given.
-    - returned slopes: from slopes of the light by the former poses to those by the given poses and
-      by the aims, shape ``(m, 5, 9)``. The follower's bow is not abeam.
+    - returned slopes: from slopes of the light by the former poses, and by a turn of the follower
+      about the beacon's x, to those by the given poses, by their rolls and by the aims, shape
+      ``(m, 6, 10)``. The follower's bow is not abeam.
     """
     lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
     body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])
@@ -38,17 +41,16 @@ def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Ar
     seen = np.column_stack([place @ lamp, pitch, yaw])
     # Each angle turns the array about an axis through a point, all in the beacon.
     turns = [
-        (_axes(poses[:, YAW]), given),
+        (np.dstack([_axes(poses[:, YAW]), body[..., :1]]), given),
         (-_axes(aims[1]), np.zeros(3)),
         (body @ _axes(aims[3]), bow),
     ]
-    motion = np.zeros((len(poses), 2, 3, 9))  # shift and turn
+    motion = np.zeros((len(poses), 2, 3, 10))  # shift and turn
     motion[:, 0, :, :3] = np.eye(3)
-    for i, (axes, pivot) in enumerate(turns):
-        columns = slice(3 + 2 * i, 5 + 2 * i)
+    for columns, (axes, pivot) in zip((slice(3, 6), slice(6, 8), slice(8, 10)), turns, strict=True):
         motion[:, 0, :, columns] = np.cross(axes, (place - pivot)[..., None], axis=-2)
         motion[:, 1, :, columns] = axes
-    return seen, roll, _by_motion(seen) @ (lamp.T @ motion).reshape(-1, 6, 9)
+    return seen, roll, _by_motion(seen) @ (lamp.T @ motion).reshape(-1, 6, 10)
 
 
 def _axes(yaw: Array | float) -> Array:
@@ -59,15 +61,16 @@ def _axes(yaw: Array | float) -> Array:
 
 
 def _by_motion(poses: Array) -> Array:
-    """Return how slopes by a pose give those by a shift and a turn of the body, ``(m, 5, 6)``.
+    """Return how slopes by a pose give those by a shift and a turn of the body, ``(m, 6, 6)``.
 
-    A turn of all about the beam changes nothing, so the slope by the turn about x follows.
+    The last slope by a pose is that of a turn of all about the beacon's x, which does not change
+    the light of a lamp at its origin; that by a turn of the body about x follows.
     """
     _, y, z, _, yaw = poses.T
-    slopes = np.zeros((len(poses), 5, 6))
+    slopes = np.zeros((len(poses), 6, 6))
     slopes[:, :3, :3] = np.eye(3)
-    slopes[:, Y, 3], slopes[:, Z, 3] = z, -y
+    slopes[:, Y, 3], slopes[:, Z, 3], slopes[:, TURN, 3] = z, -y, 1.0
+    slopes[:, :, 4] = slopes[:, :, 3] * np.tan(yaw)[:, None]
     slopes[:, PITCH, 4] = 1 / np.cos(yaw)
-    slopes[:, :3, 4] = slopes[:, :3, 3] * np.tan(yaw)[:, None]
     slopes[:, YAW, 5] = 1.0
     return slopes

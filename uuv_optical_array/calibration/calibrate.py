@@ -1,41 +1,49 @@
 """A scene fitted to images at known poses by maximum likelihood.
 
-Power and mean gain are one product, so the geometric mean of the gains is 1: the gauge. Parameters
-that the images do not determine keep their values and are named. Usage:
+Parameters that the images do not determine keep their values and are named. Usage:
 docs/tutorials/calibration.md.
 """
 
+import dataclasses
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import logsumexp, softmax
 
 from uuv_optical_array.calibration.fit import CalibrationFit
-from uuv_optical_array.calibration.likelihood import CalibrationLikelihood
-from uuv_optical_array.calibration.notes import MISFIT, advice, notes_of, refusal
+from uuv_optical_array.calibration.likelihood import POSE, CalibrationLikelihood
+from uuv_optical_array.calibration.notes import (
+    HARDLY,
+    LITTLE,
+    MISFIT,
+    advice,
+    little_told,
+    notes_of,
+    refusal,
+)
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     BACKGROUND,
     COSINE_POWER,
-    GAINS,
+    LAMP_AIM,
     NOISE,
     POWER,
     SCATTER,
+    SHARE,
     SIGMA,
     SIZE,
-    UNITS,
     K,
-    calibrated_prior,
-    is_logarithm,
-    names_in,
+    Layout,
 )
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.forward.prior import OWN_GEOMETRY, OWN_POWER
 from uuv_optical_array.forward.scene import Scene, scene_from_settings, without_meaning
 
 REFERENCE = "lamp.reference_counts"
 NOISE_ROUNDS = 4
+DARK, LEAST_LIT = 5.0, 0.01  # standard deviations of a dark reading; share of a lamp's readings
 
 
 @dataclass(frozen=True)
@@ -62,11 +70,12 @@ class Calibration:
     """The result of a calibration.
 
     - scene: the starting scene with the fitted values, and their standard errors in its prior.
-    - parameters: what `parameters.names_in` names and the scene has; the reference reading, which
+    - parameters: what `parameters.Layout` names and the scene has; the reference reading, which
       follows from them; the noise, where it was fitted.
     - gains, gain_std: geometric mean 1, shape ``(side, side)``; the standard error is nan where one
       was held.
-    - correlation: of the parameters before the gains, shape ``(11, 11)``; nan where one was held.
+    - correlation: of the k parameters before the reference reading, shape ``(k, k)``; nan where
+      one was held.
     - mean, residuals: of every reading, counts and standard deviations, shape ``(m, n)``.
     - used: readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
     - uncensored: used readings that are far from both limits, shape ``(m, n)``.
@@ -105,16 +114,16 @@ def calibrate(
     on_step: Callable[[], object] = int,
     places: ArrayLike | None = None,
 ) -> Calibration:
-    """Fit lamp, water, array, aims and background to images at known poses.
+    """Fit lamps, water, array, aims and background to images at known poses.
 
     - scene: where the fit starts; array, noise and every effect that is not fitted are taken as
       given.
-    - images: counts, finite, shape ``(m, side, side)``, m >= 1.
+    - images: counts, finite, shape ``(m, L side, side)``, m >= 1.
     - poses, rolls: of the follower in ``beacon``, m and rad, shape ``(m, 5)`` and broadcast to
       ``(m,)``.
-    - hold: parameters that keep the values of the scene: of `parameters.names_in`, or ``gains``.
+    - hold: parameters that keep the values of the scene: of `parameters.Layout`, or ``gains``.
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or ``(m, 5)``, > 0;
-      ``None``: exact.
+      ``None``: exact. To several lamps, which show it, the roll is known as well as the pitch.
     - fit_noise: whether ``sensor_noise.sigma_counts`` is fitted to the residuals too.
     - on_step: called at every step, to show progress.
     - places: of each image, a whole number from 0 on, shape ``(m,)``: the images of a place share
@@ -124,16 +133,12 @@ def calibrate(
       unknown name in `hold`, a noise to fit that the scene does not have, no reading that can be
       used, or results out of the bounds of a scene.
     """
-    if scene.lamps:
-        raise ValueError(
-            f"scene {scene.name}: lamps: a calibration is of one lamp; record each alone, and give "
-            "a scene without lamps"
-        )
     side = scene.array.detectors_per_side
+    rows = scene.lamp_count * side
     images, poses = np.asarray(images, float), np.asarray(poses, float)
-    if images.ndim != 3 or images.shape[1:] != (side, side) or not len(images):
+    if images.ndim != 3 or images.shape[1:] != (rows, side) or not len(images):
         raise ValueError(
-            f"images: shape {images.shape}; scene {scene.name} has (m, {side}, {side})"
+            f"images: shape {images.shape}; scene {scene.name} has (m, {rows}, {side})"
         )
     if poses.shape != (len(images), 5):
         raise ValueError(f"poses: shape {poses.shape}; give ({len(images)}, 5), one an image")
@@ -141,7 +146,8 @@ def calibrate(
     for name, values in (("images", images), ("poses", poses), ("rolls", rolls)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: not finite; leave such frames out")
-    names = names_in(scene)
+    layout = Layout(scene)
+    names = layout.names
     for name in hold:
         if name not in (*names, "gains"):
             raise ValueError(f"hold {name}: unknown; choose of {', '.join((*names, 'gains'))}")
@@ -157,9 +163,16 @@ def calibrate(
             )
     where = None if places is None else np.unique(places, return_inverse=True)[1]
     likelihood = CalibrationLikelihood(scene, images, poses, rolls, pose_std, where)
-    known = [i for i, name in enumerate(names) if name in hold or i in likelihood.lacking]
+    lit = likelihood.readings > DARK * np.sqrt(likelihood.noise.variance)
+    for i, share in enumerate(lit.reshape(len(images), -1, side**2).mean(axis=(0, 2)).tolist()):
+        if scene.lamps and share < LEAST_LIT:
+            raise ValueError(
+                f"lamps.{i}: it lights {share:.1%} of its readings; switch it on and record in its "
+                "beam, check which channel is which lamp, or take it out of the scene"
+            )
+    known = [i for i, name in enumerate(names) if name in hold or i in layout.lacking]
     if "gains" in hold:
-        known += range(GAINS, GAINS + side**2)
+        known += range(layout.gains, len(layout.kinds))
     fit = CalibrationFit(likelihood, known, on_step)
     reason = refusal(fit, fit_noise)
     if reason or not fit_noise:
@@ -179,44 +192,50 @@ def _result(
     scene: Scene, fit: CalibrationFit, noise: tuple[FittedParameter, ...], reason: str
 ) -> Calibration:
     """Return the calibration of a fit, refused where there is a reason."""
-    likelihood, values, held = fit.likelihood, fit.state.at.parameters, fit.held()
+    likelihood, held = fit.likelihood, fit.held()
+    layout, first = likelihood.layout, likelihood.layout.gains
     if POWER in fit.unknown and not reason:
         raise ValueError(f"images: {advice(fit, POWER)}")
     agreement = fit.agreement
     covariance = fit.covariance(agreement.misfit if agreement.misfit > MISFIT else 1.0)
+    values, covariance = _as_a_whole(layout, fit.state.at.parameters, fit.start, covariance)
     std = np.sqrt(np.diag(covariance))
     std[list(held)] = np.nan
-    logarithm = is_logarithm(len(values))
-    start, fitted = (np.where(logarithm, np.exp(x), x) for x in (fit.start, values))
-    errors = np.where(logarithm, fitted * std, std)
-    names = likelihood.names
-    together = {i: f"only together with {names[j]}" for i, j in fit.correlated.items() if j < GAINS}
+    start, fitted = (np.where(layout.logarithm, np.exp(x), x) for x in (fit.start, values))
+    errors = np.where(layout.logarithm, fitted * std, std)
+    if scene.lamps and held.isdisjoint(layout.own[:, 4:].flat):
+        errors[LAMP_AIM] = np.sqrt(np.diag(covariance)[LAMP_AIM])
+    names = layout.names
+    together = {i: f"only together with {names[j]}" for i, j in fit.correlated.items() if j < first}
+    little = [i for i in likelihood.taped.tolist() if std[i] > LITTLE * likelihood.tape_std_m]
     notes = {
         **together,
+        **dict.fromkeys(little, HARDLY),
         **dict.fromkeys(fit.at_bound, "at its bound"),
         **dict.fromkeys(fit.unknown, "not known"),
         **dict.fromkeys(fit.known, "held"),
     }
-    reference, slope = _reference(scene, fit)
+    reference, slope = _reference(scene, fit, values)
     reference_error = reference * float(np.sqrt(slope @ covariance @ slope))
     parameters = [
         FittedParameter(
             name, unit, float(start[i]), float(fitted[i]), float(errors[i]), notes.get(i, "")
         )
-        for i, (name, unit) in enumerate(zip(names, UNITS, strict=True))
-        if i not in likelihood.lacking
+        for i, (name, unit) in enumerate(zip(names, layout.units, strict=True))
+        if i not in layout.lacking
     ]
+    there = [i for i in range(first) if i not in layout.lacking]
     before = scene.lamp.reference_counts
     parameters.append(FittedParameter(REFERENCE, "counts", before, reference, reference_error))
-    outliers = ~likelihood.used & ~likelihood.faulty
+    outliers = ~likelihood.used & likelihood.works
     outliers[list(fit.outlying_images)] = False
     grid = (scene.array.detectors_per_side,) * 2
     return Calibration(
         scene=_calibrated_scene(scene, fit, fitted, reference, errors),
         parameters=(*parameters, *noise),
-        gains=fitted[GAINS:].reshape(grid),
-        gain_std=errors[GAINS:].reshape(grid),
-        correlation=covariance[:GAINS, :GAINS] / np.outer(std[:GAINS], std[:GAINS]),
+        gains=fitted[first:].reshape(grid),
+        gain_std=errors[first:].reshape(grid),
+        correlation=covariance[np.ix_(there, there)] / np.outer(std[there], std[there]),
         mean=fit.state.mean,
         residuals=agreement.residuals,
         used=likelihood.used,
@@ -224,22 +243,47 @@ def _result(
         misfit=agreement.misfit,
         outliers=int(outliers.sum()),
         outlying_images=fit.outlying_images,
-        notes=notes_of(scene, fit),
+        notes=(*notes_of(scene, fit), *little_told(fit, little)),
         refusal=reason,
     )
 
 
-def _reference(scene: Scene, fit: CalibrationFit) -> tuple[float, Array]:
-    """Return the reference reading, and the slope of its logarithm by the parameters."""
-    values = fit.state.at.parameters.copy()
-    values[[*AIMS, BACKGROUND]] = 0.0
+def _as_a_whole(
+    layout: Layout, values: Array, start: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Return values and covariance with the power of several lamps together, as scenes have it.
+
+    The aim, which their axes say, has the uncertainty of their mean.
+    """
+    shares, axes = layout.own[:, 0], layout.own[:, 4:]
+    if not len(shares):
+        return values, covariance
+    values, slopes = values.copy(), np.eye(len(values))
+    values[POWER] += logsumexp(values[shares]) - logsumexp(start[shares])
+    slopes[POWER, shares] = softmax(values[shares])
+    for aim, rows in zip(LAMP_AIM, axes.T, strict=True):
+        slopes[aim, rows] = np.radians(1) / len(rows)
+    return values, slopes @ covariance @ slopes.T
+
+
+def _reference(scene: Scene, fit: CalibrationFit, values: Array) -> tuple[float, Array]:
+    """Return the reference reading, and the slope of its logarithm by the parameters.
+
+    It is that of one lamp with the power of all.
+    """
+    likelihood, first = fit.likelihood, fit.likelihood.layout.gains
     aligned = np.array([[-scene.lamp.reference_range_m, 0.0, 0.0, 0.0, 0.0]])
-    light, slopes = fit.likelihood.light(values, aligned, np.zeros(1))
-    readings = light[0] * np.exp(values[GAINS:]) * ~fit.likelihood.faulty
+    dark = np.zeros((1, *[scene.array.detectors_per_side] * 2))
+    alone = dataclasses.replace(likelihood.scene, lamps=())
+    single = CalibrationLikelihood(alone, dark, aligned, np.zeros(1), None)
+    own = values[:SHARE].copy()
+    own[[*AIMS, BACKGROUND]] = 0.0
+    light, slopes = single.light(own, aligned, np.zeros(1))
+    readings = light[0] * np.exp(values[first:]) * ~likelihood.faulty
     brightest = int(readings.argmax())
     slope = np.zeros(len(values))
-    slope[:GAINS] = slopes[0, brightest, 5:] / light[0, brightest]
-    slope[[*AIMS, BACKGROUND]], slope[GAINS + brightest] = 0.0, 1.0
+    slope[:SHARE] = slopes[0, brightest, POSE:] / light[0, brightest]
+    slope[[*AIMS, BACKGROUND]], slope[first + brightest] = 0.0, 1.0
     return float(readings[brightest]), slope
 
 
@@ -247,11 +291,16 @@ def _calibrated_scene(
     scene: Scene, fit: CalibrationFit, values: Array, reference: float, errors: Array
 ) -> Scene:
     """Return the scene with the fitted values, and their standard errors as its prior."""
-    settings: dict[str, Any] = scene.settings()
+    settings, layout = scene.settings(), fit.likelihood.layout
     lamp, effects = settings["lamp"], settings["effects"]
     # Far more digits than are known, and few enough to read.
     values = np.array([float(f"{value:.9g}") for value in values])
+    wider = float(values[SIGMA]) - lamp["beam_sigma_deg"]
     lamp["beam_sigma_deg"] = float(values[SIGMA])
+    for one, own in zip(settings.get("lamps", ()), values[layout.own], strict=True):
+        one |= dict(zip((OWN_POWER, *OWN_GEOMETRY), own.tolist(), strict=True))
+        if "beam_sigma_deg" in one:
+            one["beam_sigma_deg"] += wider
     lamp["reference_counts"] = float(f"{reference:.9g}")
     if "sea" in effects:
         sea = {"absorption_per_m": float(values[K]), "scattering_per_m": float(values[SCATTER])}
@@ -264,11 +313,9 @@ def _calibrated_scene(
         effects["field_of_view"] = {"cosine_power": float(values[COSINE_POWER])}
     if SIZE not in fit.held():
         settings["array"]["radius_m"] = float(values[SIZE])
-    gains = values[GAINS:].reshape((scene.array.detectors_per_side,) * 2)
+    gains = values[layout.gains :].reshape((scene.array.detectors_per_side,) * 2)
     drift = {k: v for k, v in effects.get("responsivity", {}).items() if k == "drift_per_c"}
     effects["responsivity"] = {"gains": gains.tolist(), **drift}
-    settings["prior"] |= calibrated_prior(
-        scene.prior, values, errors, fit.unknown, "sea" in effects
-    )
+    settings["prior"] |= layout.prior(scene.prior, values, errors, fit.unknown)
     settings["prior"] |= dict.fromkeys(without_meaning(effects, scene.array, scene.lamps), 0.0)
     return scene_from_settings(settings, scene.name)

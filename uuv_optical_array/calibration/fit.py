@@ -10,7 +10,6 @@ from uuv_optical_array.calibration.agreement import Agreement, agreement_of
 from uuv_optical_array.calibration.identifiability import (
     covariance,
     held_shifts,
-    largest_stds,
     undetermined,
 )
 from uuv_optical_array.calibration.likelihood import (
@@ -18,13 +17,7 @@ from uuv_optical_array.calibration.likelihood import (
     CalibrationState,
     Unknowns,
 )
-from uuv_optical_array.calibration.parameters import (
-    BACKGROUND,
-    GAINS,
-    POWER,
-    SIGMA,
-    free_directions,
-)
+from uuv_optical_array.calibration.parameters import BACKGROUND, POWER, SHARE, SIGMA
 from uuv_optical_array.calibration.solver import CalibrationProblem, outward, refine
 from uuv_optical_array.core.geometry import Array
 
@@ -63,10 +56,8 @@ class CalibrationFit:
         known: Collection[int],
         on_step: Callable[[], object],
     ) -> None:
-        self.likelihood, self._on_step = likelihood, on_step
+        self.likelihood, self._on_step, self._layout = likelihood, on_step, likelihood.layout
         self.start = likelihood.start()
-        size = len(self.start)
-        self._largest = largest_stds(size, likelihood.scene.full_scale_counts)
         self.known, self.unknown = frozenset(known), frozenset[int]()
         self.correlated: dict[int, int] = {}
         self.outlying_images: tuple[int, ...] = ()
@@ -74,7 +65,8 @@ class CalibrationFit:
         self.state = likelihood.evaluate(start, expected=True)
         self.dead = self._exclude_dead_detectors()
         # From a lamp that starts far too dim or too bright nothing would seem to be determined.
-        self.unknown = frozenset(range(size)) - self._given() - {POWER, SIGMA, BACKGROUND}
+        others = ~np.isin(self._layout.kinds, [POWER, SIGMA, BACKGROUND, SHARE])
+        self.unknown = frozenset(np.flatnonzero(others).tolist()) - self._given()
         self.state = likelihood.evaluate(self._refined(start).at, expected=True)
         self.unknown = self._undetermined()
         self._fit_determined()
@@ -98,19 +90,24 @@ class CalibrationFit:
 
     def _exclude_dead_detectors(self) -> tuple[int, ...]:
         """Exclude detectors whose reading never changes though it should."""
-        likelihood = self.likelihood
-        constant = np.ptp(likelihood.readings, axis=0) == 0
+        likelihood, lamps = self.likelihood, max(1, len(self._layout.own))
         expected = np.clip(self.state.mean, likelihood.noise.low, likelihood.noise.high)
-        dead = constant & (np.ptp(expected, axis=0) > EXPECTED_CHANGE_COUNTS) & ~likelihood.faulty
+        changes, should_change = (
+            np.ptp(values, axis=0).reshape(lamps, -1).max(axis=0)
+            for values in (likelihood.readings, expected)
+        )
+        constant = changes == 0
+        dead = constant & (should_change > EXPECTED_CHANGE_COUNTS) & ~likelihood.faulty
         if len(likelihood.readings) < CONSTANT_IMAGES or constant.all():
             dead[:] = False
         likelihood.faulty |= dead
-        likelihood.used[:, likelihood.faulty] = False
+        likelihood.used &= likelihood.works
         return tuple(np.flatnonzero(dead).tolist())
 
     def _given(self) -> frozenset[int]:
         """Return the parameters that need no fit: those known, and gains of faulty detectors."""
-        return self.known | frozenset((GAINS + np.flatnonzero(self.likelihood.faulty)).tolist())
+        gains = self._layout.gains + np.flatnonzero(self.likelihood.faulty)
+        return self.known | frozenset(gains.tolist())
 
     def held(self) -> frozenset[int]:
         """Return the parameters that do not move."""
@@ -122,8 +119,9 @@ class CalibrationFit:
         It is the inverse information times the misfit, plus the effect of the errors of those
         parameters that are held because the images do not determine them.
         """
-        own = covariance(self.state.information, self.held(), self._largest)
-        shifts = held_shifts(self.state.information, own, self.unknown, self._largest)
+        layout, information = self._layout, self.state.information
+        own = covariance(layout, information, self.held())
+        shifts = held_shifts(layout, information, own, self.unknown)
         return misfit * own + shifts @ shifts.T
 
     def _undetermined(self, misfit: float = 1.0, keep: Collection[int] = ()) -> frozenset[int]:
@@ -132,7 +130,7 @@ class CalibrationFit:
         What is to `keep` counts as such.
         """
         unknown, self.correlated = undetermined(
-            self.state.information, self._given(), self._largest, misfit, keep
+            self._layout, self.state.information, self._given(), misfit, keep
         )
         return unknown
 
@@ -159,8 +157,8 @@ class CalibrationFit:
                 break
             likelihood.used = good
         self.state = likelihood.evaluate(at, expected=True)
-        self.at_bound = outward(self.state) - self.held()
-        freedoms = free_directions(self.held(), len(parameters)).shape[1]
+        self.at_bound = outward(self._layout, self.state) - self.held()
+        freedoms = self._layout.free_directions(self.held()).shape[1]
         self.agreement = agreement_of(likelihood, self.state, freedoms)
 
     def _without_outliers(
@@ -168,7 +166,7 @@ class CalibrationFit:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which readings are no outliers, ``(m, n)``, and which images are, ``(m,)``."""
         likelihood = self.likelihood
-        works = np.broadcast_to(~likelihood.faulty, likelihood.used.shape)
+        works = np.broadcast_to(likelihood.works, likelihood.used.shape)
         residuals = likelihood.residuals(state)
         uncensored = likelihood.uncensored(state) & works
         # Where the model is poor, outliers are judged by the actual spread of the residuals.

@@ -1,9 +1,10 @@
 """The likelihood of images at known poses as a function of the parameters of a calibration.
 
-A reading's mean is ``g L``, with its gain g and the light L of the scene's forward model. Where the
-poses have errors, each place has five shifts of its own, which all images of it share; they are
-eliminated by the Schur complement, as in bundle adjustment (Triggs et al. 2000), so that the work
-grows linearly with the number of images.
+A reading's mean is ``g L``, with the gain g of its detector and the light L of the scene's forward
+model. Where the poses have errors, each place has shifts of its own, which all images of it share:
+five, and with several lamps, which show it, that of the roll. They are eliminated by the Schur
+complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows linearly with the
+number of images. The places of several lamps were measured, too, with a tape.
 """
 
 from typing import NamedTuple
@@ -12,27 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.aims import appearing
-from uuv_optical_array.calibration.parameters import (
-    AIMS,
-    BACKGROUND,
-    GAINS,
-    POWER,
-    SIGMA,
-    lacking,
-    names_in,
-)
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.calibration.parameters import AIMS, BACKGROUND, BOUGHT, POWER, SIGMA, Layout
+from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
+from uuv_optical_array.forward.prior import OWN_GEOMETRY, ROLL
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 BLOCK_READINGS = 100_000
+POSE = 6  # slopes by a pose and its roll
 
 
 class Unknowns(NamedTuple):
-    """The parameters, shape ``(p,)``, and the shift of the pose of each place, ``(k, 5)``."""
+    """The parameters, shape ``(p,)``, and the shift of the pose of each place, ``(k, 5 or 6)``."""
 
     parameters: Array
     shifts: Array
@@ -47,7 +43,7 @@ class CalibrationState(NamedTuple):
       ``(p,)``, ``(p, p)``.
     - mean, variance: of every reading, counts and counts^2, shape ``(m, n)``.
     - shift_step, shift_by_parameters: step of the shifts at fixed parameters, and its slope by
-      them, shapes ``(k, 5)`` and ``(k, 5, p)``; empty where poses are exact.
+      them, shapes ``(k, s)`` and ``(k, s, p)``; empty where poses are exact.
     - shift_decrement: how much `shift_step` lowers the cost, to second order.
     """
 
@@ -63,15 +59,17 @@ class CalibrationState(NamedTuple):
 
 
 class CalibrationLikelihood:
-    """The likelihood of m images of n detectors.
+    """The likelihood of m images of n readings, of as many detectors for each lamp.
 
     - scene: where the fit starts.
-    - images: counts, finite, shape ``(m, side, side)``.
+    - images: counts, finite, shape ``(m, L side, side)``.
     - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
     - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or, by image, ``(m, 5)``;
-      ``None``: exact.
+      ``None``: exact. The roll is known as well as the pitch.
     - places: of each image, from 0 on, shape ``(m,)``: images of a place share the error of its
       pose. ``None``: each image has a place of its own.
+    - taped, tape_std_m: the parameters that are the places of several lamps, and how well these are
+      known without images: as a rig as bought, or as the scene says if that is worse.
     """
 
     def __init__(
@@ -109,24 +107,35 @@ class CalibrationLikelihood:
         self.poses, self.rolls = poses, rolls
         self.places = np.arange(len(poses)) if places is None else places
         self.pose_std = pose_std
+        self._lamps = scene.lamp_count
+        shifts = [*range(5), PITCH] if scene.lamps else [*range(5)]
+        self._shifts = len(shifts)
         if pose_std is not None:
             _, first = np.unique(self.places, return_index=True)
-            self.pose_std = np.broadcast_to(pose_std, poses.shape)[first]
-        self.used: NDArray[np.bool_] = np.broadcast_to(~self.faulty, self.readings.shape).copy()
-        self.names, self.lacking = names_in(self.scene), lacking(self.scene)
-        self._own = [i for i in range(GAINS) if i not in {*AIMS, *self.lacking}]
-        self._of_model = self.start()[:GAINS]
+            self.pose_std = np.broadcast_to(pose_std, poses.shape)[first][:, shifts]
+        self.used: NDArray[np.bool_] = np.broadcast_to(self.works, self.readings.shape).copy()
+        self.layout = Layout(self.scene)
+        self._own = [i for i in range(self.layout.gains) if i not in {*AIMS, *self.layout.lacking}]
+        self._of_model = self.start()[: self.layout.gains]
         self._of_model[POWER] = np.log(self.model.power)
+        self.taped = self.layout.own[:, 1:4].ravel()
+        self.tape_std_m = max(scene.prior.lamps_place_std_m, BOUGHT["lamps_place_std_m"])
         self._of_model[BACKGROUND] = self.scene.effects["ambient"]["level_counts"]
         # Without the prior's spread of the gains, which are fitted, and without the pedestal.
         low, high = noise.low - noise.black, noise.high - noise.black
         self.noise = noise._replace(square=0.0, black=0.0, low=low, high=high)
+
+    @property
+    def works(self) -> NDArray[np.bool_]:
+        """Whether the detector of a reading works, shape ``(n,)``."""
+        return np.tile(~self.faulty, self._lamps)
 
     def start(self) -> Array:
         """Return the parameters of the scene, gauge included, shape ``(p,)``."""
         gains = np.maximum(self.start_gains, 1e-3)
         scene, works = self.scene, ~self.faulty
         _, attenuation = scene.attenuation
+        level = scene.effects["ambient"]["level_counts"]
         common = np.exp(np.log(gains[works]).mean()) if works.any() else 1.0
         return np.array(
             [
@@ -137,23 +146,25 @@ class CalibrationLikelihood:
                 scene.effects.get("field_of_view", {}).get("cosine_power", 1.0),
                 np.log(scene.array.radius_m or 1.0),
                 *np.zeros(len(AIMS)),
-                scene.effects["ambient"]["level_counts"] * common,
+                0.0 if BACKGROUND in self.layout.lacking else level * common,
+                *(value for lamp in scene.lamps for value in _own_values(lamp)),
                 *np.log(gains / common),
             ]
         )
 
     def unshifted(self, parameters: Array) -> Unknowns:
         """Return unknowns with the poses as they were recorded."""
-        return Unknowns(parameters, np.zeros((self.places.max() + 1, 5)))
+        return Unknowns(parameters, np.zeros((self.places.max() + 1, self._shifts)))
 
     def light(self, parameters: Array, poses: Array, rolls: Array) -> tuple[Array, Array]:
         """Return the light before the gains, and its slopes.
 
-        These are by pose (5) and the parameters before the gains, shapes ``(m, n)`` and
-        ``(m, n, 5 + GAINS)``.
+        These are by pose and roll (6) and the parameters before the gains, shapes ``(m, n)`` and
+        ``(m, n, 6 + gains)``.
         """
+        names, turned = self.layout.names, {ROLL: np.zeros(len(poses))} if self.scene.lamps else {}
         sigma_deg = float(np.exp(parameters[SIGMA]))
-        offsets = parameters[:GAINS] - self._of_model
+        offsets = parameters[: self.layout.gains] - self._of_model
         offsets[SIGMA] = sigma_deg - self.scene.lamp.beam_sigma_deg
         seen, seen_rolls, by_seen = appearing(
             poses, rolls, parameters[AIMS], self.scene.array.bow_m
@@ -161,12 +172,14 @@ class CalibrationLikelihood:
         light, by_own = self.model.linearised(
             seen,
             seen_rolls,
-            {self.names[i]: np.full(len(poses), offsets[i]) for i in self._own},
+            {**turned, **{names[i]: np.full(len(poses), offsets[i]) for i in self._own}},
         )
-        slopes = np.zeros((*light.shape, 5 + GAINS))
-        slopes[..., [5 + i for i in self._own]] = by_own[..., 5:]
-        slopes[..., [*range(5), *(5 + i for i in AIMS)]] = by_own[..., :5] @ by_seen
-        slopes[..., 5 + SIGMA] *= sigma_deg
+        motions = 5 + len(turned)
+        slopes = np.zeros((*light.shape, POSE + self.layout.gains))
+        slopes[..., [POSE + i for i in self._own]] = by_own[..., motions:]
+        by_given = by_own[..., :motions] @ by_seen[:, :motions]
+        slopes[..., [*range(POSE), *(POSE + i for i in AIMS)]] = by_given
+        slopes[..., POSE + SIGMA] *= sigma_deg
         return light, slopes
 
     @np.errstate(under="ignore")
@@ -174,25 +187,24 @@ class CalibrationLikelihood:
         """Return the likelihood, with Fisher's `expected` information or that of Gauss-Newton."""
         parameters, shifts = at
         count, pixels = self.readings.shape
-        size = GAINS + pixels
-        gains = np.exp(parameters[GAINS:])
+        size, first = len(parameters), self.layout.gains
+        gains = np.tile(np.exp(parameters[first:]), self._lamps)
         cost, gradient, joint = 0.0, np.zeros(size), np.zeros((size, size))
         mean, variance = np.empty((2, count, pixels))
         free, shift_decrement = self.pose_std is not None, 0.0
         many = len(shifts) if free else 0
-        inner, cross = np.zeros((many, 5, 5)), np.zeros((many, size, 5))
-        pull: Array = np.zeros((many, 5))
+        inner: Array = np.zeros((many, self._shifts, self._shifts))
+        cross: Array = np.zeros((many, size, self._shifts))
+        pull: Array = np.zeros((many, self._shifts))
         shift_step: Array = pull
         by_parameters: Array = np.swapaxes(cross, 1, 2)
         block = max(1, BLOCK_READINGS // pixels)
-        diagonal = GAINS + np.arange(pixels)
+        diagonal = np.arange(first, size)
         for start in range(0, count, block):
             part = slice(start, start + block)
-            light, slopes = self.light(
-                parameters,
-                self.poses[part] + (shifts[self.places[part]] if free else 0.0),
-                self.rolls[part],
-            )
+            moved = shifts[self.places[part]]
+            poses, rolls = self.poses[part] + moved[:, :5], self.rolls[part] + moved[:, 5:].sum(1)
+            light, slopes = self.light(parameters, poses, rolls)
             mean[part] = light * gains
             slopes *= gains[:, None]
             variance[part] = reading_variance(mean[part], self.noise)
@@ -202,29 +214,36 @@ class CalibrationLikelihood:
             used = self.used[part]
             score, weight = score * used, weight * used
             cost -= float(values[used].sum())
-            lamp = slopes[..., 5:]
+            lamp = slopes[..., POSE:]
             weighted = lamp * weight[..., None]
             own = mean[part]  # the slope by the logarithm of the gain
-            gradient[:GAINS] += np.einsum("mn,mni->i", score, lamp)
-            gradient[GAINS:] += (score * own).sum(axis=0)
-            joint[:GAINS, :GAINS] += np.einsum("mni,mnj->ij", weighted, lamp)
-            joint[:GAINS, GAINS:] += np.einsum("mni,mn->in", weighted, own)
-            joint[diagonal, diagonal] += (weight * own**2).sum(axis=0)
+            gradient[:first] += np.einsum("mn,mni->i", score, lamp)
+            gradient[first:] += self._by_detector((score * own).sum(axis=0))
+            joint[:first, :first] += np.einsum("mni,mnj->ij", weighted, lamp)
+            crossed = np.einsum("mni,mn->ni", weighted, own)
+            joint[:first, first:] += self._by_detector(crossed).T
+            joint[diagonal, diagonal] += self._by_detector((weight * own**2).sum(axis=0))
             if free:
-                equations = _shift_equations(slopes, own, score, weight)
+                equations = self._shift_equations(slopes, own, score, weight)
                 for total, each in zip((inner, cross, pull), equations, strict=True):
                     np.add.at(total, self.places[part], each)
         if self.pose_std is not None:
             precision = self.pose_std**-2.0
             cost += 0.5 * float((shifts**2 * precision).sum())
             pull -= shifts * precision
-            inverse = np.asarray(np.linalg.inv(inner + precision[:, None] * np.eye(5)), float)
+            inverse = np.asarray(
+                np.linalg.inv(inner + precision[:, None] * np.eye(self._shifts)), float
+            )
             shift_step = np.einsum("mij,mj->mi", inverse, pull)
             shift_decrement = 0.5 * float((pull * shift_step).sum())
             by_parameters = -inverse @ np.swapaxes(cross, 1, 2)
             gradient -= np.einsum("mpi,mi->p", cross, shift_step)
             joint += np.swapaxes(cross, 0, 1).reshape(size, -1) @ by_parameters.reshape(-1, size)
-        joint[GAINS:, :GAINS] = joint[:GAINS, GAINS:].T
+        off = parameters[self.taped] - self._of_model[self.taped]
+        cost += 0.5 * float((off**2).sum()) / self.tape_std_m**2
+        gradient[self.taped] -= off / self.tape_std_m**2
+        joint[self.taped, self.taped] += self.tape_std_m**-2.0
+        joint[first:, :first] = joint[:first, first:].T
         shift = shift_step, by_parameters, shift_decrement
         return CalibrationState(cost, at, gradient, joint, mean, variance, *shift)
 
@@ -239,17 +258,25 @@ class CalibrationLikelihood:
         above = state.mean - margin > self.noise.low
         return above & (state.mean + margin < self.noise.high)
 
+    def _by_detector(self, values: Array) -> Array:
+        """Return the sum over the lamps of values by reading, shape ``(n, ...)``."""
+        return np.asarray(values.reshape(self._lamps, -1, *values.shape[1:]).sum(axis=0))
 
-def _shift_equations(
-    slopes: Array, own: Array, score: Array, weight: Array
-) -> tuple[Array, Array, Array]:
-    """Return the normal equations of the shifts of m poses, and their cross terms.
+    def _shift_equations(
+        self, slopes: Array, own: Array, score: Array, weight: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the normal equations of the s shifts of m poses, and their cross terms.
 
-    They are the information of the shifts, shape ``(m, 5, 5)``, that of parameters with shifts,
-    shape ``(m, p, 5)``, and the gradient by the shifts, shape ``(m, 5)``.
-    """
-    by_pose, lamp = slopes[..., :5], slopes[..., 5:]
-    weighted = by_pose * weight[..., None]
-    by_lamp = np.swapaxes(lamp, 1, 2) @ weighted
-    cross = np.concatenate([by_lamp, own[..., None] * weighted], axis=1)
-    return np.swapaxes(weighted, 1, 2) @ by_pose, cross, (score[:, None, :] @ by_pose)[:, 0]
+        They are the information of the shifts, shape ``(m, s, s)``, that of parameters with shifts,
+        shape ``(m, p, s)``, and the gradient by the shifts, shape ``(m, s)``.
+        """
+        by_pose, lamp = slopes[..., : self._shifts], slopes[..., POSE:]
+        weighted = by_pose * weight[..., None]
+        by_gain = np.stack([self._by_detector(each) for each in own[..., None] * weighted])
+        cross = np.concatenate([np.swapaxes(lamp, 1, 2) @ weighted, by_gain], axis=1)
+        return np.swapaxes(weighted, 1, 2) @ by_pose, cross, (score[:, None, :] @ by_pose)[:, 0]
+
+
+def _own_values(lamp: BeaconLamp) -> list[float]:
+    """Return the parameters of one of several lamps."""
+    return [np.log(lamp.power), *(getattr(lamp, key) for key in OWN_GEOMETRY)]

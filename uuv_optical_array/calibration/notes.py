@@ -1,5 +1,7 @@
 """What a user should know about the fit of a calibration, in words."""
 
+from collections.abc import Collection
+
 import numpy as np
 from scipy.special import chdtri
 
@@ -7,13 +9,16 @@ from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
     AIMS,
     ARRAY_AIM,
+    AXIS,
     BACKGROUND,
     COSINE_POWER,
     GAINS,
     LAMP_AIM,
     NOISE,
+    PLACE,
     POWER,
     SCATTER,
+    SHARE,
     SIGMA,
     SIZE,
     K,
@@ -30,6 +35,8 @@ RANGE_FACTOR = 2.0  # between the ranges that separate attenuation from power
 BEAM_SIGMAS = 2.0  # off the beam's axis, from where readings determine its width
 MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
 LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
+LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
+MOVED_M = 0.1  # of the place that a tape tells
 TURN = "turn the array up to 30 deg while the lamp shines on it"
 ASIDE = "record poses on all sides of the beam's axis"
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
@@ -46,7 +53,9 @@ def advice(fit: CalibrationFit, kind: int) -> str:
         SCATTER: _wider_angles(fit),
         COSINE_POWER: TURN,
         SIZE: TURN,
-        **dict.fromkeys(AIMS, ASIDE),
+        **dict.fromkeys([*AIMS, AXIS], ASIDE),
+        SHARE: "too little light of this lamp; switch it on, and record in its beam",
+        PLACE: "record closer to the lamps, on all sides of them and at several ranges",
         GAINS: "turn and shift the array so that the lamp shines on it",
     }[kind]
 
@@ -55,7 +64,8 @@ def _lit(fit: CalibrationFit, row: int) -> Array:
     """Return a row of the rays, of each used reading where the lamp exceeds the noise."""
     likelihood, state = fit.likelihood, fit.state
     values = state.at.parameters
-    lamp = state.mean - values[BACKGROUND] * np.exp(values[GAINS:])
+    background = values[BACKGROUND] * np.exp(values[likelihood.layout.gains :])
+    lamp = state.mean - np.resize(background, state.mean.shape[1])
     lit = likelihood.used & (lamp > np.sqrt(state.variance))
     rays = ForwardModel(likelihood.scene).rays(likelihood.poses, likelihood.rolls)
     return np.asarray(rays[row][lit])
@@ -95,7 +105,15 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
 
     With `fit_noise`, noise of any size is accepted if the residuals are independent.
     """
-    agreement = fit.agreement
+    agreement, places = fit.agreement, fit.likelihood.layout.own[:, 1:4]
+    shifts = np.linalg.norm((fit.state.at.parameters - fit.start)[places], axis=1).tolist()
+    if moved := [
+        f"lamps.{i} by {shift:.2f} m" for i, shift in enumerate(shifts) if shift > MOVED_M
+    ]:
+        return (
+            f"lamps shine from aside of where the scene has them, {', '.join(moved)}; check which "
+            "channel is which lamp, their places in the scene, and --beacon-position"
+        )
     limit = MAX_NOISE_FACTOR**2
     if agreement.freedoms > 0:
         limit *= chdtri(agreement.freedoms, FALSE_REFUSAL) / agreement.freedoms
@@ -107,7 +125,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
         f"{agreement.freedoms} degrees of freedom, where noise gives at most {limit:.3g}"
     )
     cures = [CHECK]
-    if unknown := [fit.likelihood.names[i] for i in range(GAINS) if i in fit.unknown]:
+    if unknown := [name for i, name in enumerate(fit.likelihood.layout.names) if i in fit.unknown]:
         cures.append(f"record what determines {', '.join(unknown)}")
     if independent:
         cures.append("give --noise: the residuals are independent")
@@ -116,7 +134,12 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
 
 def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
     """Return the notes of a fit, a line each; `scene` has the noise that the fit assumed."""
-    return (*_dead_detectors(fit), *_undetermined(fit), *_aim(fit), *_residuals(scene, fit))
+    return (
+        *_dead_detectors(fit),
+        *_undetermined(fit),
+        *_aim(fit),
+        *_residuals(scene, fit),
+    )
 
 
 def _aim(fit: CalibrationFit) -> list[str]:
@@ -138,6 +161,13 @@ def _aim(fit: CalibrationFit) -> list[str]:
     return notes
 
 
+def little_told(fit: CalibrationFit, places: Collection[int]) -> list[str]:
+    """Name the places of lamps of which the images tell little."""
+    names = ", ".join(fit.likelihood.layout.names[i] for i in places)
+    tape = f"{fit.likelihood.tape_std_m:g} m of the tape"
+    return [f"{names}: hardly better than the {tape}: {advice(fit, PLACE)}"] if names else []
+
+
 def _dead_detectors(fit: CalibrationFit) -> list[str]:
     side = fit.likelihood.scene.array.detectors_per_side
     return [
@@ -149,16 +179,20 @@ def _dead_detectors(fit: CalibrationFit) -> list[str]:
 
 def _undetermined(fit: CalibrationFit) -> list[str]:
     """Name what the images do not determine."""
-    side = fit.likelihood.scene.array.detectors_per_side
-    names = fit.likelihood.names
-    notes = [f"{names[i]} is not known: {advice(fit, i)}" for i in range(GAINS) if i in fit.unknown]
-    gains = sorted(i for i in fit.unknown if i >= GAINS)
+    layout, side = fit.likelihood.layout, fit.likelihood.scene.array.detectors_per_side
+    names, first = layout.names, layout.gains
+    notes, kinds = [], layout.kinds[:first]
+    for kind in dict.fromkeys(kinds.tolist()):
+        if told := [names[i] for i in np.flatnonzero(kinds == kind).tolist() if i in fit.unknown]:
+            verb = "is" if len(told) == 1 else "are"
+            notes.append(f"{', '.join(told)} {verb} not known: {advice(fit, kind)}")
+    gains = sorted(i for i in fit.unknown if i >= first)
     for cause in sorted({fit.correlated[i] for i in gains if i in fit.correlated}):
         notes.append(
             "the gains are not known: they are correlated with the parameters above that are not "
             f"known, most with {names[cause]}; they keep their values"
         )
-    if unlit := [divmod(i - GAINS, side) for i in gains if i not in fit.correlated]:
+    if unlit := [divmod(i - first, side) for i in gains if i not in fit.correlated]:
         cells = ", ".join(f"[{row}, {column}]" for row, column in unlit)
         notes.append(f"gain of {cells} is not known: {advice(fit, GAINS)}")
     return notes
@@ -166,12 +200,12 @@ def _undetermined(fit: CalibrationFit) -> list[str]:
 
 def _correlated(fit: CalibrationFit) -> tuple[bool, bool]:
     """Say whether the residuals of an image are correlated, and those of a detector."""
-    images, detectors = fit.likelihood.readings.shape
-    agreement = fit.agreement
+    images, readings = fit.likelihood.readings.shape
+    agreement, images = fit.agreement, images * fit.likelihood.scene.lamp_count
     # Of independent residuals both are 1, with these standard deviations.
     return (
         agreement.inflation() > 1 + 6 * np.sqrt(2 / (3 * images)),
-        agreement.pattern() > 1 + 6 * np.sqrt(2 / detectors),
+        agreement.pattern() > 1 + 6 * np.sqrt(2 / readings),
     )
 
 
@@ -179,7 +213,7 @@ def _residuals(scene: Scene, fit: CalibrationFit) -> list[str]:
     """Say what the residuals indicate."""
     agreement, notes = fit.agreement, []
     misfit = agreement.misfit
-    outliers = 1 - fit.likelihood.used[:, ~fit.likelihood.faulty].mean()
+    outliers = 1 - fit.likelihood.used[:, fit.likelihood.works].mean()
     if outliers > MANY_OUTLIERS:
         notes.append(f"{outliers:.0%} of the readings are outliers: look at the picture")
     common, pattern = _correlated(fit)

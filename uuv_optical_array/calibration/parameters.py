@@ -1,134 +1,159 @@
-"""What a calibration fits: the parameters in their order, their bounds, gauge and prior.
+"""What a calibration fits: the parameters of a scene in their order, their bounds, gauge and prior.
 
-In one row: the logarithm of the lamp's power, that of the beam's standard deviation, what dims the
-light with the range (K, or the absorption of a sea), the logarithm of the scattering, the power of
-the detectors' cosine, the logarithm of the sphere's radius, pitch and yaw of the lamp on the leader
-and of the array on its mount, the background, and the logarithm of each detector's gain. Power and
-mean gain are one product, so the geometric mean of the gains is 1: the gauge. What a scene does not
-have is held.
+First what is common to all lamps: the logarithm of their power, that of the beam's standard
+deviation, what dims the light with the range (K, or the absorption of a sea), the logarithm of the
+scattering, the power of the detectors' cosine, the logarithm of the sphere's radius, pitch and yaw
+of the lamp on the leader and of the array on its mount, and the background; then what is each of
+several lamps' own: the logarithm of its power, its place, pitch and yaw; and the logarithm of each
+detector's gain. Powers and mean gain are one product, so the geometric means of the gains and of
+the lamps' own powers stay as they were: the gauge. What a scene does not have is held, and so is
+the aim of several lamps, which turns all axes and places.
 """
 
 from collections.abc import Collection
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.forward.prior import (
-    ABSORPTION,
     AMBIENT,
-    ATTENUATION,
     BEAM_SIGMA,
+    OWN_GEOMETRY,
+    OWN_POWER,
     PRIORS,
     RADIUS,
     RESPONSE,
     SCATTERING,
     PriorSettings,
+    of_lamp,
 )
 from uuv_optical_array.forward.prior import POWER as LAMP_POWER
 from uuv_optical_array.forward.scene import Scene
 
+# Kinds of parameters. Up to the background there is one of each, at this place.
 POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE = range(6)
 LAMP_AIM, ARRAY_AIM = [6, 7], [8, 9]  # pitch and yaw
 AIMS = [*LAMP_AIM, *ARRAY_AIM]
-BACKGROUND, GAINS = 10, 11
+BACKGROUND, SHARE, PLACE, AXIS, GAINS = range(10, 15)
+OWN = SHARE, PLACE, PLACE, PLACE, AXIS, AXIS  # of each of several lamps
 AIM_NAMES = tuple(
     f"{part}.aim_{angle}_rad" for part in ("lamp", "array") for angle in ("pitch", "yaw")
 )
-WATERS = ATTENUATION, ABSORPTION  # of which a scene has one
-# Every name that a scene may have before its gains.
-NAMES = (LAMP_POWER, BEAM_SIGMA, *WATERS, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT)
-UNITS = ("counts m^2", "deg", "1/m", "1/m", "", "m", *["rad"] * len(AIMS), "counts")
 NOISE = "sensor_noise.sigma_counts"  # fitted to the residuals on request
-# Bounds in the order above, and of a gain's logarithm.
-LOWEST = (-50.0, np.log(0.1), 0.0, np.log(1e-6), 0.5, np.log(0.01), *[-0.3] * 4, 0.0)
-HIGHEST = (50.0, np.log(90), 10.0, np.log(10), 1000.0, np.log(100), *[0.3] * 4, 1e6)
-GAIN_BOUND = np.log(1e3)
-PRIOR_KEYS = {
-    POWER: "lamp_power_std",
-    SIGMA: "beam_sigma_std_deg",
-    K: "",  # by the scene's water
-    SCATTER: "scattering_std",
-    COSINE_POWER: "cosine_power_std",
-    SIZE: "radius_std",
-    LAMP_AIM[0]: "lamp_aim_std_deg",
-    ARRAY_AIM[0]: "aim_std_deg",
-    BACKGROUND: "ambient_std_counts",
-    GAINS: "gain_std",
-}
 
 
-def names_in(scene: Scene) -> tuple[str, ...]:
-    """Return the names of the parameters of a scene before its gains, dotted as in scenes."""
-    water, _ = scene.attenuation
-    return tuple(name for name in NAMES if name == water or name not in WATERS)
+class Kind(NamedTuple):
+    """What holds for parameters of a kind.
 
-
-def lacking(scene: Scene) -> frozenset[int]:
-    """Return the parameters that a scene does not have."""
-    housed = "half_angle_deg" in scene.effects.get("field_of_view", {})
-    has = {
-        SCATTER: "sea" in scene.effects,
-        COSINE_POWER: not housed,
-        SIZE: scene.array.radius_m is not None,
-        BACKGROUND: "demodulation" not in scene.effects,
-    }
-    return frozenset(i for i, there in has.items() if not there)
-
-
-def is_logarithm(size: int) -> NDArray[np.bool_]:
-    """Say which of the parameters are logarithms, shape ``(size,)``."""
-    return ~np.isin(np.arange(size), [K, COSINE_POWER, *AIMS, BACKGROUND])
-
-
-def bounds(size: int) -> tuple[Array, Array]:
-    """Return the lowest and the highest value of each parameter, shape ``(size,)`` each."""
-    gains = np.full(size - GAINS, GAIN_BOUND)
-    return np.append(LOWEST, -gains), np.append(HIGHEST, gains)
-
-
-def free_directions(held: Collection[int], size: int) -> Array:
-    """Return orthogonal directions of the `size` parameters that keep the gauge, as columns.
-
-    Parameters that are `held` do not move; the gains that do keep their geometric mean.
+    - low, high: bounds, of a logarithm if it is one.
+    - largest: standard error beyond which one counts as undetermined: a water type, a tape, or a
+      look at the array in the dark, tells as much. Of the background relative to full scale.
+    - prior: the key of the prior for their standard error; empty: by the scene's water.
     """
-    lamp = [i for i in range(GAINS) if i not in held]
-    gains = [i for i in range(GAINS, size) if i not in held]
-    across = null_space(np.ones((1, len(gains)))) if gains else np.zeros((0, 0))
-    basis = np.zeros((size, len(lamp) + across.shape[1]))
-    basis[lamp, np.arange(len(lamp))] = 1.0
-    basis[gains, len(lamp) :] = across
-    return basis
+
+    unit: str
+    low: float
+    high: float
+    largest: float
+    prior: str
+    logarithm: bool = False
 
 
-def calibrated_prior(
-    start: PriorSettings, values: Array, errors: Array, unknown: Collection[int], sea: bool
-) -> dict[str, Any]:
-    """Return the standard errors of a calibration as keys of `PriorSettings`, within their bounds.
+FACTOR, BOUGHT = float(np.log(1e3)), PRIORS["as_bought"]
+KINDS = (
+    Kind("counts m^2", -50.0, 50.0, 0.15, "lamp_power_std", True),
+    Kind("deg", np.log(0.1), np.log(90), 0.15, "beam_sigma_std_deg", True),
+    Kind("1/m", 0.0, 10.0, 0.02, ""),
+    Kind("1/m", np.log(1e-6), np.log(10), 0.5, "scattering_std", True),
+    Kind("", 0.5, 1000.0, 0.2, "cosine_power_std"),
+    Kind("m", np.log(0.01), np.log(100), 0.03, "radius_std", True),
+    *[Kind("rad", -0.3, 0.3, 0.02, "lamp_aim_std_deg")] * 2,
+    *[Kind("rad", -0.3, 0.3, 0.02, "aim_std_deg")] * 2,
+    Kind("counts", 0.0, 1e6, 0.02, "ambient_std_counts"),
+    Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", True),
+    Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m"),  # a tape tells more
+    Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg"),
+    Kind("", -FACTOR, FACTOR, 0.15, "gain_std", True),
+)
 
-    Parameters that were held, whose errors are nan, keep the prior of the starting scene. So do the
-    `unknown` ones, or they get that of a rig as bought where the start is exact. `sea` says whether
-    the scene has one. A scene takes lamp and array to point along their frames, so how far they do
-    not stays uncertain.
+
+class Layout:
+    """The p parameters of a scene.
+
+    - kinds: of each, shape ``(p,)``; own: places of those of each of several lamps, ``(L, 6)``.
+    - gains: the place of the first gain.
+    - names, units: of those before the gains, dotted as in scenes.
+    - lacking: those that the scene does not have.
+    - logarithm, low, high, largest: of each as in `Kind`, shape ``(p,)``.
     """
-    hints = get_type_hints(PriorSettings, include_extras=True)
-    prior: dict[str, Any] = {"known": "calibrated"}
-    relative = np.where(is_logarithm(len(values)), values, 1.0)
-    relative[SIGMA] = 1.0
-    sizes = errors / relative
-    sizes[AIMS] = np.degrees(np.hypot(errors[AIMS], values[AIMS]))
-    keys = {**PRIOR_KEYS, K: "absorption_std_per_m" if sea else "k_std_per_m"}
-    for i, key in keys.items():
-        count = len(values) - GAINS if i == GAINS else 2 if i in AIMS else 1
-        rows = range(i, i + count)
-        stds = sizes[rows]
-        stds, std = stds[np.isfinite(stds)], getattr(start, key)
-        if any(row in unknown for row in rows):
-            std = max([std or PRIORS["as_bought"][key], *stds])
-        elif stds.size:
-            std = float(np.sqrt((stds**2).mean()))
-        (quantity,) = hints[key].__metadata__
-        prior[key] = float(f"{min(std, quantity.high):.3g}")
-    return prior
+
+    def __init__(self, scene: Scene) -> None:
+        lamps, (water, _) = range(len(scene.lamps)), scene.attenuation
+        self.names = (
+            *(LAMP_POWER, BEAM_SIGMA, water, SCATTERING, RESPONSE, RADIUS, *AIM_NAMES, AMBIENT),
+            *(of_lamp(i, key) for i in lamps for key in (OWN_POWER, *OWN_GEOMETRY)),
+        )
+        self.gains = len(self.names)
+        self.own = np.arange(BACKGROUND + 1, self.gains).reshape(-1, len(OWN))
+        detectors = scene.array.detectors_per_side**2
+        self.kinds = np.array([*range(SHARE), *OWN * len(lamps), *[GAINS] * detectors])
+        has = {
+            SCATTER: "sea" in scene.effects,
+            COSINE_POWER: "half_angle_deg" not in scene.effects.get("field_of_view", {}),
+            SIZE: scene.array.radius_m is not None,
+            **dict.fromkeys(LAMP_AIM, not lamps),
+            BACKGROUND: "demodulation" not in scene.effects,
+        }
+        self.lacking = frozenset(i for i, there in has.items() if not there)
+        kinds = [KINDS[kind] for kind in self.kinds]
+        self.units = [kind.unit for kind in kinds[: self.gains]]
+        self.logarithm = np.array([kind.logarithm for kind in kinds])
+        self.low, self.high, self.largest = np.array(
+            [(kind.low, kind.high, kind.largest) for kind in kinds]
+        ).T
+        self.largest[BACKGROUND] *= scene.full_scale_counts
+
+    def free_directions(self, held: Collection[int]) -> Array:
+        """Return orthogonal directions of the parameters that keep the gauge, as columns.
+
+        Parameters that are `held` do not move; gains and shares that do keep their geometric mean.
+        """
+        free = np.setdiff1d(np.arange(len(self.kinds)), list(held))
+        bound = [free[self.kinds[free] == kind] for kind in (SHARE, GAINS)]
+        columns = [np.eye(len(self.kinds))[:, np.setdiff1d(free, np.concatenate(bound))]]
+        for rows in bound:
+            across = null_space(np.ones((1, len(rows)))) if len(rows) else np.zeros((0, 0))
+            columns.append(np.zeros((len(self.kinds), across.shape[1])))
+            columns[-1][rows] = across
+        return np.hstack(columns)
+
+    def prior(
+        self, start: PriorSettings, values: Array, errors: Array, unknown: Collection[int]
+    ) -> dict[str, Any]:
+        """Return standard errors as keys of `PriorSettings`, within their bounds.
+
+        Parameters whose errors are nan, as they were held, keep the prior of the starting scene. So
+        do the `unknown` ones, or they get that of a rig as bought where the start is exact. A scene
+        takes lamp and array to point along their frames, so how far they do not stays uncertain.
+        """
+        hints = get_type_hints(PriorSettings, include_extras=True)
+        prior: dict[str, Any] = {"known": "calibrated"}
+        relative = np.where(self.logarithm, values, 1.0)
+        relative[SIGMA] = 1.0
+        sizes = errors / relative
+        sizes[AIMS] = np.degrees(np.hypot(errors[AIMS], values[AIMS]))
+        water = "k_std_per_m" if SCATTER in self.lacking else "absorption_std_per_m"
+        keys = np.array([KINDS[kind].prior or water for kind in self.kinds])
+        for key in dict.fromkeys(keys.tolist()):
+            rows = np.flatnonzero(keys == key)
+            stds = sizes[rows]
+            stds, std = stds[np.isfinite(stds)], getattr(start, key)
+            if not set(rows.tolist()).isdisjoint(unknown):
+                std = max([std or BOUGHT[key], *stds])
+            elif stds.size:
+                std = float(np.sqrt((stds**2).mean()))
+            (quantity,) = hints[key].__metadata__
+            prior[key] = float(f"{min(std, quantity.high):.3g}")
+        return prior

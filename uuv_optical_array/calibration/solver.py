@@ -10,7 +10,7 @@ from uuv_optical_array.calibration.likelihood import (
     CalibrationState,
     Unknowns,
 )
-from uuv_optical_array.calibration.parameters import bounds, free_directions, is_logarithm
+from uuv_optical_array.calibration.parameters import Layout
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
 
 MAX_STEPS = 500  # where gains and response make up for each other, a long bent valley
@@ -27,11 +27,10 @@ class CalibrationProblem(NamedTuple):
     on_step: Callable[[], object]
 
 
-def outward(state: CalibrationState) -> frozenset[int]:
+def outward(layout: Layout, state: CalibrationState) -> frozenset[int]:
     """Return the parameters at a bound whose gradient points beyond it."""
     values, slope = state.at.parameters, state.gradient
-    low, high = bounds(len(values))
-    beyond = ((values <= low) & (slope < 0)) | ((values >= high) & (slope > 0))
+    beyond = ((values <= layout.low) & (slope < 0)) | ((values >= layout.high) & (slope > 0))
     return frozenset(np.flatnonzero(beyond).tolist())
 
 
@@ -45,17 +44,16 @@ def propose(
 ) -> tuple[Unknowns, float]:
     """Return the damped Gauss-Newton step from a state, and its decrement."""
     problem.on_step()
-    values, shifts = state.at
-    size = len(values)
-    basis = free_directions(problem.held | outward(state), size)
+    (values, shifts), layout = state.at, problem.likelihood.layout
+    basis = layout.free_directions(problem.held | outward(layout, state))
     reduced = basis.T @ state.information @ basis
     diagonal = np.diag(reduced)
     smallest = REGULARISATION * np.max(diagonal, initial=REGULARISATION)
     reduced = reduced + np.diag(damping * diagonal + smallest)
     step = basis @ np.linalg.solve(reduced, basis.T @ state.gradient)
     decrement = 0.5 * float(state.gradient @ step) + state.shift_decrement
-    step /= max(1.0, np.abs(step[is_logarithm(size)]).max() / MAX_STEP)
-    trial = np.clip(values + step, *bounds(size))
+    step /= max(1.0, np.abs(step[layout.logarithm]).max() / MAX_STEP)
+    trial = np.clip(values + step, layout.low, layout.high)
     if state.shift_step.size:
         shifts = shifts + state.shift_step + state.shift_by_parameters @ (trial - values)
     return Unknowns(trial, shifts), decrement

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
-from uuv_optical_array.calibration.parameters import NAMES, names_in
 from uuv_optical_array.cli import bag, options, outputs, progress
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, check
@@ -21,13 +20,14 @@ from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
 
 DESCRIPTION = """\
-Fit the lamp (power and width of the beam), the water (absorption and scattering, or K), the array
-(response, radius of the sphere, each detector's gain), the aim of lamp and array, and the
-background to a recorded bag whose poses are known from both odometries, or from a table of places
-measured on a rail, and write the resulting scene. Each value is printed with its standard error.
-What the bag does not determine keeps its value and is named, with what to record for it. Power and
-mean gain are one product, so the geometric mean of the gains is 1. Where the residuals show that
-the model is wrong, no scene is written; the exit code is 1."""
+Fit the lamp (power and width of the beam; of several lamps the power, place and axis of each), the
+water (absorption and scattering, or K), the array (response, radius of the sphere, each detector's
+gain), the aim of lamp and array, and the background, which demodulation removes, to a recorded bag
+whose poses are known from both odometries, or from a table of places measured on a rail, and write
+the resulting scene. Each value is printed with its standard error. What the bag does not determine
+keeps its value and is named, with what to record for it. Power and mean gain are one product, so
+the geometric mean of the gains is 1; that of several lamps' powers stays. Where the residuals show
+that the model is wrong, no scene is written; the exit code is 1."""
 
 EPILOG = """\
 examples:
@@ -74,8 +74,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--hold",
         action="append",
         default=[],
-        choices=(*NAMES, "gains"),
-        help="parameter that keeps the value of the scene; may be repeated",
+        metavar="NAME",
+        help="parameter that keeps the value of the scene, by the name that is printed, or gains; "
+        "may be repeated",
     )
     parser.add_argument(
         "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"
@@ -160,8 +161,8 @@ def report(
     correlations = np.tril(np.nan_to_num(result.correlation), -1)
     i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
     if correlations[i, j]:
-        names = names_in(result.scene)
-        pair = f"{names[i]} with {names[j]} {correlations[i, j]:+.2f}"
+        first, second = result.parameters[i].name, result.parameters[j].name
+        pair = f"{first} with {second} {correlations[i, j]:+.2f}"
         lines.append(f"strongest correlation: {pair}")
     lines.append(
         f"mean squared residual {result.misfit:.3f} of {int(result.uncensored.sum())} readings "

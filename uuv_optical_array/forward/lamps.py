@@ -33,16 +33,32 @@ class BeaconLamp:
     x_m: Annotated[float, Quantity("ahead of the beacon's origin", "m", -10, 10)] = 0.0
     y_m: Annotated[float, Quantity("to port", "m", -10, 10)] = 0.0
     z_m: Annotated[float, Quantity("up", "m", -10, 10)] = 0.0
-    pitch_deg: Annotated[
-        float, Quantity("of its frame; positive turns the beam up", "deg", -45, 45)
-    ] = 0.0
-    yaw_deg: Annotated[
-        float, Quantity("of its frame; positive turns the beam to starboard", "deg", -45, 45)
-    ] = 0.0
+    pitch_deg: Annotated[float, Quantity("positive turns the beam up", "deg", -45, 45)] = 0.0
+    yaw_deg: Annotated[float, Quantity("positive turns it to starboard", "deg", -45, 45)] = 0.0
     power: Annotated[float, Quantity("relative to that of the others", "", 1e-3, 1e3)] = 1.0
     beam_sigma_deg: Annotated[
         float | None, Quantity("of its beam; null: that of the scene's lamp", "deg", 0.1, 90)
     ] = None
+
+
+def ring_of_lamps(
+    *,
+    lamps: Annotated[int, Quantity("how many lamps", "", 1, MOST_LAMPS)],
+    spread_m: Annotated[float, Quantity("distance of each from the centre", "m", 0, 10)],
+    tilt_deg: Annotated[float, Quantity("of each axis, outwards", "deg", 0, 45)],
+) -> tuple[BeaconLamp, ...]:
+    """Return lamps of equal power, evenly on a ring from its top on; none for one lamp."""
+    if lamps == 1:
+        return ()
+    return tuple(
+        BeaconLamp(
+            y_m=spread_m * math.sin(turn),
+            z_m=spread_m * math.cos(turn),
+            pitch_deg=tilt_deg * math.cos(turn),
+            yaw_deg=-tilt_deg * math.sin(turn),
+        )
+        for turn in np.linspace(0, 2 * math.pi, lamps, endpoint=False).tolist()
+    )
 
 
 def checked_lamps(values: Any) -> tuple[BeaconLamp, ...]:

@@ -1,6 +1,6 @@
 """From pose to image: the forward model of a scene."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -337,15 +337,21 @@ class ForwardModel:
     ) -> Array:
         """Return the factor of what moves, for each reading, shape ``(m, n)``."""
         factors = []
+        for rays, axis in self._traced(optics, lamp, attitude, offset):
+            parts = [form(time_s, rays, axis) for form in self._moving]
+            factors.append(np.prod(np.broadcast_arrays(*parts), axis=0))
+        return np.concatenate(factors, axis=-1)
+
+    def _traced(
+        self, optics: Optics, lamp: Array, attitude: Any, offset: Array
+    ) -> Iterator[tuple[Array, Array]]:
+        """Yield the rays from each lamp, shape ``(13, m, n)``, and its axis in ``base_link``."""
         for i in range(optics.lamps.shape[1]):
             known, none = (optics.lamps, optics.lamp_at, i, attitude, offset), np.zeros((6, 0))
             one = one_of_lamps(*known, lamp, none, none, none)
             rays = workspace(RAY_ROWS, lamp[0], self.array.side**2)
             trace(optics, one, offset, rays)
-            axis = np.stack(np.broadcast_arrays(*one[3:]))
-            parts = [form(time_s, rays, axis) for form in self._moving]
-            factors.append(np.prod(np.broadcast_arrays(*parts), axis=0))
-        return np.concatenate(factors, axis=-1)
+            yield rays, np.stack(np.broadcast_arrays(*one[3:]))
 
     def expected(self, poses: ArrayLike, roll: ArrayLike = 0.0) -> Array:
         """Image without noise and without rounding, as `light` with the electronics' limits."""
@@ -413,12 +419,12 @@ class ForwardModel:
         return image
 
     def rays(self, poses: Array, rolls: Array) -> Array:
-        """Return the rays to each detector, as `light.ray`, shape ``(13, m, n)``.
+        """Return the rays to each detector from each lamp, as `light.ray`, shape ``(13, m, L n)``.
 
         Poses and rolls have shapes ``(m, 5)`` and ``(m,)``, m and rad.
         """
         x, y, z, pitch, yaw = poses.T[..., None]
-        lamp = lamp_in_body(x, y, z, pitch, yaw, rolls[:, None])
-        rays = workspace(RAY_ROWS, lamp[0], self.array.side**2)
-        trace(self.optics(), lamp, np.zeros((0, 1)), rays)
-        return rays
+        lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls[:, None]))
+        attitude = pitch, yaw, rolls[:, None]
+        traced = self._traced(self.optics(), lamp, attitude, np.zeros((0, len(poses), 1)))
+        return np.concatenate([rays for rays, _ in traced], axis=-1)

@@ -6,6 +6,7 @@ an uneven shade such as a cloud of sediment causes.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -25,6 +26,8 @@ ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beac
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
 OWN_POWER = "power"
+LAMP_POWER = Quantity("power of all lamps, or of each, relative to the scene's; 0: off", "", 0, 100)
+NO_POWER = 1e-300  # of a lamp that is off: its logarithm has to be finite
 LOGARITHMS = POWER, SCATTERING, RADIUS  # whose offset is that of their logarithm
 GRADIENTS = "ambient.to_starboard_counts", "ambient.to_bottom_counts"
 DAYLIGHT = AMBIENT, *GRADIENTS
@@ -42,46 +45,30 @@ UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
 SHADE_DOUBT = 2.5
 
 Known = Literal["exactly", "calibrated", "as_bought"]
-# Priors of a rig that was calibrated once in this sea, and of one that never was; orders of
-# magnitude of our choice, for want of published ones.
+# Of a rig that was calibrated once in this sea, and of one that never was: orders of magnitude of
+# our choice, for want of published ones.
+CALIBRATED_AS_BOUGHT = {
+    "lamp_power_std": (0.1, 0.2),
+    "beam_sigma_std_deg": (0.3, 0.5),
+    "k_std_per_m": (0.02, 0.05),
+    "absorption_std_per_m": (0.02, 0.05),
+    "scattering_std": (0.5, 0.7),
+    "cosine_power_std": (0.1, 0.2),
+    "radius_std": (0.02, 0.03),
+    "aim_std_deg": (0.3, 0.5),
+    "lamp_aim_std_deg": (0.5, 1.0),
+    "lamps_power_std": (0.03, 0.1),
+    "lamps_aim_std_deg": (0.2, 0.5),
+    "lamps_place_std_m": (0.002, 0.01),
+    "roll_std_deg": (1.15, 1.15),
+    "ambient_std_counts": (5.0, 10.0),
+    "gain_std": (0.005, 0.01),
+    "uneven_probability": (0.02, 0.02),
+}
 PRIORS: dict[str, dict[str, float]] = {
     "exactly": {},
-    "calibrated": {
-        "lamp_power_std": 0.1,
-        "beam_sigma_std_deg": 0.3,
-        "k_std_per_m": 0.02,
-        "absorption_std_per_m": 0.02,
-        "scattering_std": 0.5,
-        "cosine_power_std": 0.1,
-        "radius_std": 0.02,
-        "aim_std_deg": 0.3,
-        "lamp_aim_std_deg": 0.5,
-        "lamps_power_std": 0.03,
-        "lamps_aim_std_deg": 0.2,
-        "lamps_place_std_m": 0.002,
-        "roll_std_deg": 1.15,
-        "ambient_std_counts": 5.0,
-        "gain_std": 0.005,
-        "uneven_probability": 0.02,
-    },
-    "as_bought": {
-        "lamp_power_std": 0.2,
-        "beam_sigma_std_deg": 0.5,
-        "k_std_per_m": 0.05,
-        "absorption_std_per_m": 0.05,
-        "scattering_std": 0.7,
-        "cosine_power_std": 0.2,
-        "radius_std": 0.03,
-        "aim_std_deg": 0.5,
-        "lamp_aim_std_deg": 1.0,
-        "lamps_power_std": 0.1,
-        "lamps_aim_std_deg": 0.5,
-        "lamps_place_std_m": 0.01,
-        "roll_std_deg": 1.15,
-        "ambient_std_counts": 10.0,
-        "gain_std": 0.01,
-        "uneven_probability": 0.02,
-    },
+    "calibrated": {key: value for key, (value, _) in CALIBRATED_AS_BOUGHT.items()},
+    "as_bought": {key: value for key, (_, value) in CALIBRATED_AS_BOUGHT.items()},
 }
 
 
@@ -103,68 +90,37 @@ class FrameLight(NamedTuple):
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """How well the scene itself is known; what is not known is estimated along with the pose."""
+    """Standard deviations of what is not known (0: known), which is estimated with the pose."""
 
     known: Annotated[Known, Quantity("how well the rest is known, by a set of values")] = "exactly"
-    lamp_power_std: Annotated[
-        float, Quantity("relative standard deviation of the lamp's power; 0: known", "", 0, 1)
-    ] = 0.0
-    beam_sigma_std_deg: Annotated[
-        float, Quantity("standard deviation of the beam's width; 0: known", "deg", 0, 10)
-    ] = 0.0
-    k_std_per_m: Annotated[
-        float, Quantity("standard deviation of the attenuation; 0: known", "1/m", 0, 1)
-    ] = 0.0
-    absorption_std_per_m: Annotated[
-        float, Quantity("standard deviation of the absorption; 0: known", "1/m", 0, 1)
-    ] = 0.0
-    scattering_std: Annotated[
-        float, Quantity("relative standard deviation of the scattering; 0: known", "", 0, 2)
-    ] = 0.0
+    lamp_power_std: Annotated[float, Quantity("of the lamp's power, relative", "", 0, 1)] = 0.0
+    beam_sigma_std_deg: Annotated[float, Quantity("of the beam's width", "deg", 0, 10)] = 0.0
+    k_std_per_m: Annotated[float, Quantity("of the attenuation", "1/m", 0, 1)] = 0.0
+    absorption_std_per_m: Annotated[float, Quantity("of the absorption", "1/m", 0, 1)] = 0.0
+    scattering_std: Annotated[float, Quantity("of the scattering, relative", "", 0, 2)] = 0.0
     cosine_power_std: Annotated[
-        float,
-        Quantity("standard deviation of the power of the detectors' cosine; 0: known", "", 0, 1),
+        float, Quantity("of the power of the detectors' cosine", "", 0, 1)
     ] = 0.0
-    radius_std: Annotated[
-        float, Quantity("relative standard deviation of a sphere's radius; 0: known", "", 0, 0.2)
-    ] = 0.0
-    ambient_std_counts: Annotated[
-        float, Quantity("standard deviation of the ambient level; 0: known", "counts", 0, 1e6)
-    ] = 0.0
+    radius_std: Annotated[float, Quantity("of a sphere's radius, relative", "", 0, 0.2)] = 0.0
+    ambient_std_counts: Annotated[float, Quantity("of the ambient level", "counts", 0, 1e6)] = 0.0
     ambient_gradient_std_counts: Annotated[
-        float,
-        Quantity(
-            "standard deviation of the ambient's rise from the array's middle to its edges",
-            "counts",
-            0,
-            1e6,
-        ),
+        float, Quantity("of the ambient's rise from middle to edges", "counts", 0, 1e6)
     ] = 0.0
-    gain_std: Annotated[
-        float, Quantity("relative standard deviation of each detector's gain; 0: known", "", 0, 0.3)
-    ] = 0.0
-    temperature_std_c: Annotated[
-        float, Quantity("standard deviation of the temperature; 0: known", "deg C", 0, 40)
-    ] = 0.0
+    gain_std: Annotated[float, Quantity("of each detector's gain, relative", "", 0, 0.3)] = 0.0
+    temperature_std_c: Annotated[float, Quantity("of the temperature", "deg C", 0, 40)] = 0.0
     aim_std_deg: Annotated[
-        float,
-        Quantity("standard deviation of the array's pitch and yaw on its mount", "deg", 0, 10),
+        float, Quantity("of the array's pitch and yaw on its mount", "deg", 0, 10)
     ] = 0.0
     lamp_aim_std_deg: Annotated[
-        float,
-        Quantity("standard deviation of the lamp's pitch and yaw on the leader", "deg", 0, 10),
+        float, Quantity("of the lamp's pitch and yaw on the leader", "deg", 0, 10)
     ] = 0.0
     lamps_power_std: Annotated[
-        float, Quantity("of several lamps, relative, of each by itself; 0: known", "", 0, 1)
+        float, Quantity("of the power of each of several lamps, relative", "", 0, 1)
     ] = 0.0
-    lamps_aim_std_deg: Annotated[
-        float, Quantity("of pitch and yaw of each of several lamps; 0: known", "deg", 0, 10)
-    ] = 0.0
-    lamps_place_std_m: Annotated[
-        float, Quantity("of the place of each of several lamps, by axis; 0: known", "m", 0, 1)
-    ] = 0.0
+    lamps_aim_std_deg: Annotated[float, Quantity("of pitch and yaw of each", "deg", 0, 10)] = 0.0
+    lamps_place_std_m: Annotated[float, Quantity("of the place of each, by axis", "m", 0, 1)] = 0.0
     roll_std_deg: Annotated[
-        float, Quantity("of the follower's roll, which several lamps show; 0: known", "deg", 0, 45)
+        float, Quantity("of the follower's roll, which several lamps show", "deg", 0, 45)
     ] = 0.0
     shade_probability: Annotated[
         float, Quantity("share of frames that clouds shade unevenly", "", 0, 0.99)
@@ -177,13 +133,7 @@ class PriorSettings:
     ] = 5.0
     uneven_probability: Annotated[
         float,
-        Quantity(
-            "share of frames lit unevenly in a way that the scene does not name, where it names no "
-            "shade",
-            "",
-            0,
-            0.5,
-        ),
+        Quantity("share of frames lit unevenly, where the scene names no shade", "", 0, 0.5),
     ] = 0.0
 
     def nuisance_std(self) -> dict[str, float]:
@@ -258,6 +208,19 @@ class PriorSettings:
 def of_lamp(i: int, setting: str) -> str:
     """Return the dotted name of a setting of one of several lamps."""
     return f"lamps.{i}.{setting}"
+
+
+def power_offsets(powers: Sequence[float], lamps: int) -> dict[str, Array]:
+    """Return the offsets of lamps with other powers, by those of the scene; 0 is off.
+
+    `powers` are those of each lamp, or one for all; ValueError for another number of them.
+    """
+    if len(powers) not in (1, lamps):
+        each = f", or {lamps}" if lamps > 1 else ""
+        raise ValueError(f"lamp_power: {len(powers)} values; give 1{each}, one for each lamp")
+    names = [POWER] if lamps == 1 else [of_lamp(i, OWN_POWER) for i in range(lamps)]
+    logarithms = np.log(np.maximum(np.resize(powers, lamps), NO_POWER))
+    return dict(zip(names, logarithms, strict=True))
 
 
 def over_array(side: int) -> tuple[Array, Array]:

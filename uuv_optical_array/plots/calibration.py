@@ -28,7 +28,7 @@ def _draw_residuals(
     order = np.argsort(x)
     some = order[:: max(1, len(x) // DOTS)]  # spread along the axis as all of them are
     axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
-    out = ~result.used & np.isfinite(result.gain_std.ravel())
+    out = ~result.used & np.resize(np.isfinite(result.gain_std), result.used.shape[1])
     if out.any():
         edge = np.clip(residuals[out], -EDGE, EDGE)
         axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)

@@ -1,0 +1,159 @@
+"""Calibration of several lamps: their own powers, places and axes, and what they cannot tell."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from calibrated_seas import TURNED, drive, exposed, largest_pull, lights, named, pulls, truth_of
+
+from uuv_optical_array import cramer_rao_bound
+from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+
+START = load_scene("leading_lights")
+ARRAY_TURNED = np.array([0.0, 0.0, *TURNED[2:]])  # the lamps' axes say how they are turned
+OWN = "power", "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
+
+
+@pytest.mark.parametrize("told", ["exactly", "by odometry", "by rail and tape"])
+def test_errors_are_as_large_as_the_standard_errors_say(told):
+    """Of ten rigs: with exact poses, those of an odometry, and measured places of two images."""
+    rng = np.random.default_rng(5)
+    squares, of_gains, misfits = [], [], []
+    for _ in range(10):
+        scene = lights(rng)
+        poses, rolls = drive(rng, 40)
+        std = places = None
+        if told == "by rail and tape":
+            places = np.repeat(np.arange(40), 2)
+            poses, rolls = poses[places], rolls[places]
+        images = exposed(scene, poses, rng, rolls, ARRAY_TURNED)
+        if told != "exactly":
+            std = np.array([0.002, 0.003, 0.003, 0.02, 0.02])
+            off = rng.standard_normal((len(poses), 6)) * [*std, std[3]]
+            off = off if places is None else off[places]
+            poses, rolls = poses + off[:, :5], rolls + off[:, 5]
+        found = calibrate(START, images, poses, rolls, pose_std=std, places=places)
+        assert not found.refusal
+        misfits.append(found.misfit)
+        fitted, gains = pulls(found, scene, ARRAY_TURNED)
+        squares += [value**2 for name, value in fitted.items() if name.startswith("lamps.")]
+        of_gains += (gains**2).tolist()
+    assert len(squares) > 10 * 12
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.04)
+    assert 0.7 < np.sqrt(np.mean(squares)) < 1.4
+    assert 0.7 < np.sqrt(np.mean(of_gains)) < 1.4
+
+
+def recorded(scene, count=60, seed=3):
+    rng = np.random.default_rng(seed)
+    poses, rolls = drive(rng, count)
+    return exposed(scene, poses, rng, rolls), poses, rolls
+
+
+def test_the_scene_that_is_written_has_the_lamps_as_they_are_and_how_well_they_are_known():
+    scene = lights(np.random.default_rng(8))
+    found = calibrate(START, *recorded(scene))
+    assert largest_pull(found, scene) < 4.5
+    values, _ = truth_of(scene)
+    fitted = named(found)
+    for i, lamp in enumerate(found.scene.lamps):
+        for key in OWN:
+            name = f"lamps.{i}.{key}"
+            assert getattr(lamp, key) == pytest.approx(fitted[name].value, rel=1e-8, abs=1e-9)
+            assert abs(fitted[name].value - values[name]) < 4.5 * fitted[name].std
+    # The light of the written scene is that of the true one, within the noise.
+    rng = np.random.default_rng(9)
+    poses, rolls = drive(rng, 40)
+    off = ForwardModel(found.scene).light(poses, rolls) - ForwardModel(scene).light(poses, rolls)
+    assert np.sqrt((off**2).mean()) < 0.5
+    # What the drive tells of the lamps makes a single image tell more.
+    prior = found.scene.prior
+    own = [fitted[f"lamps.{i}.power"] for i in range(3)]
+    relative = np.sqrt(np.mean([(p.std / p.value) ** 2 for p in own]))
+    assert prior.lamps_power_std == pytest.approx(relative, rel=0.01)
+    axes = [fitted[f"lamps.{i}.{key}"].std for i in range(3) for key in OWN[4:]]
+    assert prior.lamps_aim_std_deg == pytest.approx(np.sqrt(np.mean(np.square(axes))), rel=0.01)
+    places = [fitted[f"lamps.{i}.{key}"].std for i in range(3) for key in OWN[1:4]]
+    assert prior.lamps_place_std_m == pytest.approx(np.sqrt(np.mean(np.square(places))), rel=0.01)
+    # All axes are off together by no more than one of them, and no less than independent ones.
+    assert prior.lamps_aim_std_deg / 2 < prior.lamp_aim_std_deg < prior.lamps_aim_std_deg
+    pose = [-6.0, 0.3, -0.2, 0.1, -0.1]
+    before, after = (cramer_rao_bound(ForwardModel(s), pose).std for s in (START, found.scene))
+    assert (after[:3] < 0.7 * before[:3]).all()
+
+
+def test_a_drive_on_the_axis_at_one_range_tells_the_powers_alone():
+    rng = np.random.default_rng(4)
+    poses = np.tile([-6.0, 0.0, 0.0, 0.0, 0.0], (100, 1)) + 0.01 * rng.standard_normal((100, 5))
+    scene = lights(rng)
+    scene = dataclasses.replace(
+        scene,
+        lamps=tuple(
+            dataclasses.replace(there, power=lamp.power)
+            for there, lamp in zip(START.lamps, scene.lamps, strict=True)
+        ),
+    )
+    found = calibrate(START, exposed(scene, poses, rng), poses)
+    for name, parameter in named(found).items():
+        if name.endswith(("x_m", "y_m", "z_m")):
+            assert parameter.note == "hardly by the images"
+            assert parameter.std > 0.008
+    (note,) = (note for note in found.notes if note.startswith("lamps.0.x_m"))
+    assert "lamps.2.z_m: hardly better than the 0.01 m of the tape: record closer" in note
+    assert 0.008 < found.scene.prior.lamps_place_std_m < 0.03
+
+
+def of_lamp(i):
+    return slice(5 * i, 5 * i + 5)
+
+
+def test_exchanged_channels_are_refused():
+    images, poses, rolls = recorded(START)
+    exchanged = np.concatenate([images[:, of_lamp(i)] for i in (1, 0, 2)], axis=1)
+    refusal = calibrate(START, exchanged, poses, rolls).refusal
+    # They are 0.69 m from each other, less what the tape holds back.
+    assert re.search(r"lamps\.0 by 0\.6\d m, lamps\.1 by 0\.6\d m; check which channel", refusal)
+
+
+def test_a_lamp_that_is_off_is_named():
+    images, poses, rolls = recorded(START)
+    noise = np.random.default_rng(1).standard_normal((len(images), 5, 5))
+    images[:, of_lamp(1)] = np.rint(START.black_counts + noise)
+    with pytest.raises(ValueError, match=r"lamps\.1: it lights 0\.0% of its readings; switch it"):
+        calibrate(START, images, poses, rolls)
+
+
+def test_images_of_a_lamp_that_blinks_and_dead_detectors_are_left_out_by_name():
+    scene = lights(np.random.default_rng(8))
+    images, poses, rolls = recorded(scene)
+    lit = images[:, of_lamp(0)].max(axis=(1, 2)) > 400
+    blinked = np.flatnonzero(lit)[:2]
+    images[blinked, of_lamp(0)] = START.black_counts
+    images[:, [1, 6, 11], 2] = START.black_counts
+    images[:, 0, 4] = START.black_counts  # one channel of a detector
+    found = calibrate(START, images, poses, rolls)
+    assert found.outlying_images == tuple(blinked)
+    assert np.argwhere(np.isnan(found.gain_std)).tolist() == [[1, 2]]
+    assert any(note.startswith("detector [1, 2] always reads") for note in found.notes)
+    fitted, _ = pulls(found, scene)
+    own = [value for name, value in fitted.items() if name[-5:] != "power"]
+    assert np.abs(own).max() < 4.5
+
+
+def test_pose_errors_that_are_not_told_are_noticed():
+    images, poses, rolls = recorded(START, 40)
+    told = poses + 0.01 * np.random.default_rng(2).normal(size=poses.shape)
+    notes = calibrate(START, images, told, rolls).notes
+    assert any(note.startswith("the residuals within an image are correlated") for note in notes)
+
+
+def test_what_is_held_stays():
+    hold = ["lamps.0.power", "lamps.1.x_m", "lamps.2.yaw_deg"]
+    found = calibrate(START, *recorded(lights(np.random.default_rng(8))), hold)
+    notes = {name: p.note for name, p in named(found).items() if p.note}
+    assert notes == dict.fromkeys(hold, "held")
+    lamps = found.scene.lamps
+    assert (lamps[0].power, lamps[1].x_m, lamps[2].yaw_deg) == (1.0, 0.0, START.lamps[2].yaw_deg)

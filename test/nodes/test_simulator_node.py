@@ -254,3 +254,25 @@ def test_what_changes_with_time_is_that_of_the_stamp(lab, tmp_path):
         np.testing.assert_array_equal(sea.look(seconds), expected)
         peaks.append(expected.max())
     assert max(peaks) > 1.2 * min(peaks)
+
+
+def test_a_lamp_is_switched_off_and_on_again_while_the_node_runs(lab):
+    scene = load_scene("leading_lights")
+    sea = Sea(lab, "leading_lights")
+    model, noise = ForwardModel(scene), np.random.default_rng(SEED)
+    images, expected = [], []
+    for seconds, powers in enumerate(([1.0], [1.0, 0.0, 0.5], [0.0], [1.0, 1.0, 1.0]), start=1):
+        lab.set(sea.node, "lamp_power", powers)
+        sea.lead(seconds)
+        sea.follow(seconds)
+        image = lab.answer(sea.images, time_of(seconds * 10**9), "an image")
+        images.append(np.frombuffer(image.data, "<u2").reshape(3, 5, 5))
+        expected.append(model.expose(seen(ABREAST, BEHIND)[0], noise).reshape(3, 5, 5))
+    np.testing.assert_array_equal(images[0], expected[0])
+    np.testing.assert_array_equal(images[1][0], expected[1][0])
+    np.testing.assert_array_equal(images[3], expected[3])
+    black = scene.black_counts
+    assert max(images[1][1].max(), images[2].max()) < black + 10 < images[0].max(axis=(1, 2)).min()
+    np.testing.assert_allclose(images[1][2] - black, (expected[1][2] - black) / 2, atol=10)
+    with pytest.raises(ValueError, match="lamp_power: 2 values; give 1, or 3, one for each lamp"):
+        sea.node.on_change({"lamp_power": [1.0, 0.0]})

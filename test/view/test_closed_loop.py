@@ -13,7 +13,7 @@ from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.view.closed_loop import ClosedLoop
 
 
@@ -44,7 +44,7 @@ def test_water_dims_each_ray_by_its_length(bare):
 
 def test_light_is_proportional_to_the_power_of_the_lamp(bare):
     np.testing.assert_allclose(
-        first(bare, lamp_power=0.3).image, 0.3 * first(bare).image, rtol=1e-12
+        first(bare, lamp_power=[0.3]).image, 0.3 * first(bare).image, rtol=1e-12
     )
 
 
@@ -58,7 +58,8 @@ def test_clouds_of_twice_the_depth_dim_twice_in_the_logarithm(bare):
     ("changes", "named"),
     [
         ({"k_per_m": -0.1}, "k_per_m: -0.1"),
-        ({"lamp_power": float("nan")}, "lamp_power"),
+        ({"lamp_power": [float("nan")]}, r"lamp_power\[0\]"),
+        ({"lamp_power": [1.0, 1.0]}, "lamp_power: 2 values; give 1, one for each lamp"),
         ({"station_m": (1.0, 0.0, 0.0)}, "not behind the lamp"),
     ],
 )
@@ -88,7 +89,7 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
     loop = ClosedLoop(Estimator(table), np.random.default_rng(1))
     station = (-5.0, 0.4, -0.2)
     sea = replace(loop.conditions, current_m_per_s=(0.0, 0.2, 0.0), station_m=station, k_per_m=0.1)
-    loop.change(replace(sea, lamp_power=0.0))
+    loop.change(replace(sea, lamp_power=[0.0]))
     dark = [loop.step(0.2) for _ in range(3)]
     assert not any(moment.leads or moment.leader_position.any() for moment in dark)
     assert dark[-1].frame.reason.startswith("no light")
@@ -100,3 +101,18 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
     # Over ground: 0.5 m/s for 26 s, less the start.
     assert moments[-1].leader_position[0] > 10
     assert all(moment.leads and moment.frame.track is not None for moment in moments)
+
+
+def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():
+    scene = load_scene("follow")
+    settings = scene.settings()
+    settings["effects"]["field_of_view"] = {"cosine_power": 1.5}  # the scene's detectors have 1
+    loop = ClosedLoop(Estimator(scene).wait(), np.random.default_rng(1))
+    loop._model = ForwardModel(scene_from_settings(settings, "narrow"))
+    moments = [loop.step(0.1) for _ in range(90)]
+    said = [moment.frame.reason for moment in moments if moment.frame.track]
+    assert said[-1].startswith("too uncertain: the range of")
+    assert any(moment.frame.track and moment.frame.track.mismatch for moment in moments[-5:])
+    steps = np.diff([m.leader_position + m.leader_rotation @ m.pose[:3] for m in moments], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() > 0.02  # it went, and stands
+    assert np.linalg.norm(steps[-1]) < 1e-3

@@ -15,10 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.estimation.pipeline import Answer
 from uuv_optical_array.view.browser import Browser, installed
 from uuv_optical_array.view.page import Page, Slider, known, round_range, words
 from uuv_optical_array.view.shapes import ellipsoid
-from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, refusal
+from uuv_optical_array.view.sight import WINDOW_S, Sight, Window, note_on
 
 TRUE = np.array([-6.0, 0.3, -0.2, 0.1, 3.1])
 SPREAD = np.diag([0.04, 0.01, 0.0025, 1e-4, 4e-4])  # sigma 0.2, 0.1, 0.05 m, 0.57, 1.15 deg
@@ -85,6 +86,11 @@ def test_a_scale_holds_its_values_and_returns_after_an_excursion(values, low, wi
     assert bounds[0] <= np.nanmin(values)
     assert np.nanmax(values) <= bounds[1] <= bounds[0] + 4.001 * span
     assert round_range(values, bounds) == bounds  # it does not flicker
+    if bounds != (low, low + width):
+        apart = bounds[1] - bounds[0]
+        steps = np.outer(10.0 ** np.arange(-4, 6), [1, 2, 5]).ravel()
+        ticks = [np.divide(bounds, step) for step in steps if apart / 3.01 < step < 1.01 * apart]
+        assert any(np.allclose(tick, np.rint(tick), rtol=1e-9, atol=1e-6) for tick in ticks)
     assert round_range(np.array([np.nan]), bounds) == bounds
 
 
@@ -105,11 +111,12 @@ def test_the_numbers_are_in_metres_and_degrees():
         ["estimate", "-6.10", "+0.30", "-0.20", "+5.7", "-176.7"],
         ["sigma", "0.20", "0.10", "0.05", "0.6", "1.1"],
     ]
-    dark = words(sight(0.0, pose=None, covariance=None, note=refusal("no fit: p < 1e-6")), 2, 3)
+    note = note_on(Answer(0, None, None, "no fit: p < 1e-6"))
+    dark = words(sight(0.0, pose=None, covariance=None, note=note), 2, 3)
     assert len(dark.split("<tr>")) == 3
     assert "2 of the last 3 images have a pose" in dark
     assert "refused: no fit: p &lt; 1e-6" in dark
-    assert refusal("no light: 2 counts") == "no light: 2 counts"
+    assert note_on(Answer(0, None, None, "no light: 2 counts")) == "no light: 2 counts"
 
 
 def test_without_viser_it_says_what_to_install(scene, monkeypatch):

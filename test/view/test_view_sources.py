@@ -35,8 +35,9 @@ class Paper:
         self.buttons[label] = on_click
 
 
-def test_sliders_and_conditions_are_each_others_inverse():
-    conditions = Conditions(0.2, 1.5, 0.7, (0.1, -0.2, 0.0), (-5.0, 0.3, -0.1))
+@pytest.mark.parametrize("powers", [(1.5,), (1.0, 0.0, 0.5)])
+def test_sliders_and_conditions_are_each_others_inverse(powers):
+    conditions = Conditions(0.2, powers, 0.7, (0.1, -0.2, 0.0), (-5.0, 0.3, -0.1))
     assert chosen([slider.value for slider in sliders(conditions)]) == conditions
     for slider in sliders(conditions):
         assert slider.low <= slider.value <= slider.high, slider.label

@@ -40,6 +40,8 @@ Cells: TypeAlias = Sequence[Sequence[int]]
 Place: TypeAlias = tuple[float, float, float]
 # The whole numbers from 0 on, each once, in some order.
 Order: TypeAlias = Sequence[int]
+# Several numbers; the bounds are those of each.
+Numbers: TypeAlias = Sequence[float | int]
 # A number for each detector, ``[row][column]``; the bounds are those of all.
 Grid: TypeAlias = Sequence[Sequence[float]]
 
@@ -120,9 +122,13 @@ def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
     ]
 
 
+def _numbers(value: Any, quantity: Quantity, name: str) -> list[float]:
+    values = _list(value, name, "no list of numbers; give one")
+    return [float(_number(x, quantity, f"{name}[{i}]", False)) for i, x in enumerate(values)]
+
+
 def _place(value: Any, quantity: Quantity, name: str) -> Place:
-    place = _list(value, name, "no place; give [x, y, z]", 3)
-    x, y, z = (float(_number(place[i], quantity, f"{name}[{i}]", False)) for i in range(3))
+    x, y, z = _numbers(_list(value, name, "no place; give [x, y, z]", 3), quantity, name)
     return x, y, z
 
 
@@ -153,6 +159,7 @@ def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
 
 LISTS: dict[Any, Callable[[Any, Quantity, str], Any]] = {
     Cells: _cells,
+    Numbers: _numbers,
     Place: _place,
     Order: _order,
     Grid: _grid,
@@ -187,9 +194,9 @@ def declared(owner: Callable[..., Any]) -> dict[str, Setting]:
 def check(hint: Any, value: Any, name: str) -> Any:
     """Return a value, as its declared type, after a check against its type hint.
 
-    The hint is ``float``, ``int``, ``Span``, `Place`, `Cells`, `Order`, `Grid`, ``Literal[...]`` or
-    ``T | None``, each bare or ``Annotated`` with a `Quantity`. ValueError names the key, the value,
-    the bound and the cure.
+    The hint is ``float``, ``int``, ``Span``, `Numbers`, `Place`, `Cells`, `Order`, `Grid`,
+    ``Literal[...]`` or ``T | None``, each bare or ``Annotated`` with a `Quantity`. ValueError names
+    the key, the value, the bound and the cure.
     """
     kind, quantity, optional = _unwrapped(hint)
     return _checked(kind, quantity, optional, value, name)

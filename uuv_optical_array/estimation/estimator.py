@@ -128,6 +128,15 @@ class Estimate:
     roll: float = 0.0
     turn: Array | None = None
 
+    @property
+    def fault(self) -> str:
+        """Which lamp or detectors were left out, in words; empty where none was."""
+        side = 1 + max((column for _, column in self.left_out), default=0)
+        if len(self.left_out) == side**2 > 1:
+            return f"dark lamp: lamps[{self.left_out[0][0] // side}] is off or hidden"
+        places = ", ".join(f"row {row} column {column}" for row, column in self.left_out)
+        return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
+
 
 class Estimator:
     """Estimate poses in a scene.

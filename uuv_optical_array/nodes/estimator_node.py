@@ -327,7 +327,7 @@ class EstimatorNode(Node):
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
-        self.diagnostics.warn(faults(estimate) or mismatch)
+        self.diagnostics.warn(estimate.fault or mismatch)
         self.log_state_of_fit(pipeline.estimator)
         below_base = self.parameters["tf_parent"] == "base"
         if self.leaders.heard or below_base:
@@ -392,15 +392,6 @@ class EstimatorNode(Node):
             },
             **{f"scene_{change.key}": change.text for change in changes},
         }
-
-
-def faults(estimate: Estimate) -> str:
-    """Name the detectors that an estimate left out; empty where it left out none."""
-    side = 1 + max((column for _, column in estimate.left_out), default=0)
-    if len(estimate.left_out) == side**2 > 1:
-        return f"dark lamp: lamps[{estimate.left_out[0][0] // side}] is off or hidden"
-    places = ", ".join(f"row {row} column {column}" for row, column in estimate.left_out)
-    return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
 
 
 def figures(estimate: Estimate) -> dict[str, str]:

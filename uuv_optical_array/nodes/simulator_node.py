@@ -17,6 +17,7 @@ from uuv_optical_array.core.geometry import Array, relative_pose
 from uuv_optical_array.core.messages import as_wired
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
 from uuv_optical_array.nodes.shared.messages import (
@@ -33,6 +34,7 @@ PARAMETERS = {
     **shared(
         "scene", "frame_prefix", "beacon_position_m", "odometry_axes", "max_gap_s", "publish_tf"
     ),
+    "lamp_power": Parameter([1.0], LAMP_POWER, any_length=True),
     "seed": Parameter(
         -1, Quantity("seed of the noise; -1 draws a new one at each start", "", -1, 2**31 - 1), True
     ),
@@ -54,7 +56,7 @@ class SimulatorNode(Node):
     ) -> None:
         super().__init__("simulator_node", **options)
         self.hand_over = hand_over
-        self.parameters = Parameters(self, PARAMETERS)
+        self.parameters = Parameters(self, PARAMETERS, self.on_change)
         self.scene = scene = load_scene(self.parameters["scene"])
         if "adc" not in scene.effects:
             raise ValueError(
@@ -62,6 +64,7 @@ class SimulatorNode(Node):
                 "effects.adc, with bits from 1 to 16"
             )
         self.model = ForwardModel(scene)
+        self.on_change({"lamp_power": self.parameters["lamp_power"]})
         seed = self.parameters["seed"]
         self.rng = np.random.default_rng(None if seed < 0 else seed)
         self.leader = Trajectory(self.parameters["max_gap_s"])
@@ -74,6 +77,10 @@ class SimulatorNode(Node):
         self.placed = ""
         subscribe(self, Odometry, "leader/odometry", self.on_leader)
         subscribe(self, Odometry, "follower/odometry", self.on_follower)
+
+    def on_change(self, changes: dict[str, Any]) -> None:
+        """Take over a parameter that was set while the node runs."""
+        self.powers = power_offsets(changes["lamp_power"], self.scene.lamp_count)
 
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's pose and serve the follower poses that waited for it."""
@@ -130,7 +137,7 @@ class SimulatorNode(Node):
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
         moment = stamp_ns(follower.header) * 1e-9
-        image = self.model.expose(pose, self.rng, roll, time_s=moment)
+        image = self.model.expose(pose, self.rng, roll, self.powers, moment)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)

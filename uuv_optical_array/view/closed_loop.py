@@ -4,7 +4,6 @@ The sea may differ from the scene that the estimator believes, and change while 
 """
 
 import dataclasses
-import math
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -14,11 +13,11 @@ from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.core.settings import Place, Quantity, check
+from uuv_optical_array.core.settings import Numbers, Place, Quantity, check
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.pipeline import Answer, Pipeline
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import POWER
+from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 
 CLOUDS = "night_plume"  # the ready scene whose clouds drift where a scene has none
@@ -29,9 +28,7 @@ class Conditions:
     """The sea that the estimator does not know, and the station; ValueError beyond the bounds."""
 
     k_per_m: Annotated[float, Quantity("attenuation or absorption of the water", "1/m", 0, 10)]
-    lamp_power: Annotated[
-        float, Quantity("power of the lamp, by that of the scene; 0: off", "", 0, 100)
-    ] = 1.0
+    lamp_power: Annotated[Numbers, LAMP_POWER] = (1.0,)
     plume_depth: Annotated[
         float, Quantity("optical depth in the middle of a cloud; 0: none", "", 0, 20)
     ] = 0.0
@@ -52,6 +49,7 @@ class Conditions:
         """Return those of a scene."""
         return cls(
             scene.attenuation[1],
+            lamp_power=(1.0,) * scene.lamp_count,
             plume_depth=scene.effects.get("plume", {}).get("depth", 0.0),
         )
 
@@ -149,8 +147,7 @@ def _sea(scene: Scene, conditions: Conditions) -> tuple[ForwardModel, dict[str, 
         effects.setdefault("attenuation", {"k_per_m": 0.0})
     # The offset is what differs, as the lamp stays as bright as it is in the scene.
     offsets = {name: np.array(conditions.k_per_m - believed)}
-    power = conditions.lamp_power
-    offsets[POWER] = np.array(math.log(power) if power > 0 else -math.inf)
+    offsets |= power_offsets(conditions.lamp_power, scene.lamp_count)
     if conditions.plume_depth > 0:
         clouds = clouds or load_scene(CLOUDS).effects["plume"]
         effects["plume"] = {**clouds, "depth": conditions.plume_depth}

@@ -33,12 +33,13 @@ from uuv_optical_array.core.geometry import (
     rotation_matrix,
 )
 from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.guard import guarded
-from uuv_optical_array.view.shapes import cone, ellipsoid, fin, hull
+from uuv_optical_array.view.shapes import beams, ellipsoid, fin, hull
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
@@ -55,6 +56,7 @@ NIGHT, LAMP, ESTIMATE = (7, 24, 46), (255, 214, 110), "#5fe39a"  # on a dark gro
 ERRORS = LEGEND.format("estimate less truth", ESTIMATE, " about 0")
 ESTIMATES = LEGEND.format("estimate", ESTIMATE, "; the truth is not known")
 WIDTH_PX, CHART_PX, LEFT_PX, IMAGE_PX = 360, 90, 300, 250
+GAPS = (0, 0), (0, 2), (0, 0)  # pixels beside the image of each lamp
 
 
 class Slider(NamedTuple):
@@ -142,17 +144,18 @@ class Page:
                     side="double",
                 )
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
-        sea.add_icosphere("/leader/lamp", 0.09, LAMP, subdivisions=2)
-        sigma = np.radians(self._scene.lamp.beam_sigma_deg)
-        for stds, opacity in ((1, 0.2), (2, 0.1)):
-            sea.add_mesh_simple(
-                f"/leader/beam_{stds}_sigma",
-                *cone(min(stds * sigma, 1.4), self._range_m),
-                color=LAMP,
-                opacity=opacity,
-                side="front",  # only the far wall is drawn, which hides nothing
-                material="toon3",
-            )
+        for i, (place, meshes) in enumerate(beams(self._scene, self._range_m)):
+            ball = {"subdivisions": 2, "position": tuple(place)}
+            sea.add_icosphere(f"/leader/lamp_{i}", 0.09, LAMP, **ball)
+            for stds, (mesh, opacity) in enumerate(zip(meshes, (0.2, 0.1), strict=True), 1):
+                sea.add_mesh_simple(
+                    f"/leader/beam_{i}_{stds}_sigma",
+                    *mesh,
+                    color=LAMP,
+                    opacity=opacity,
+                    side="front",  # only the far wall is drawn, which hides nothing
+                    material="toon3",
+                )
         self._detectors = sea.add_point_cloud(
             "/follower/array",
             array.positions,
@@ -185,17 +188,18 @@ class Page:
         self._left.dock_left()
         self._left.set_width(LEFT_PX)
         self._tab = self._left.add_tab("now")
+        by_lamp = " by each lamp" if self._scene.lamps else ""
         with self._tab:
             self._words = gui.add_html("")
             self._image = gui.add_image(
                 np.zeros((8, 8, 3), np.uint8),
-                label="image of the array, port on the left, up on top",
+                label=f"image of the array{by_lamp}, port on the left, up on top",
                 format="png",
             )
         self._what = gui.add_html(ESTIMATES)
         self._ranges: list[tuple[float, float]] = [(0.0, 0.0)] * len(DOF_NAMES)
         self._charts = [self._chart(dof) for dof in range(len(DOF_NAMES))]
-        full = self._scene.full_scale_counts
+        full = math.floor(self._scene.full_scale_counts)
         self._light = gui.add_uplot(
             known(*np.zeros((2, 0))),
             ({"label": "time (s)"}, _dots("peak", "#ffd66e")),
@@ -304,10 +308,12 @@ class Page:
         self._light.data = known(*self._window.peaks())
 
     def _show_image(self, image: Array) -> None:
-        colours = colormaps[IMAGES](image / max(image.max(), 1.0), bytes=True)[..., :3]
-        self._detectors.colors = colours.reshape(-1, 3)
-        cell = max(1, IMAGE_PX // len(image))
-        self._image.image = np.kron(colours, np.ones((cell, cell, 1), np.uint8))
+        self._detectors.colors = _coloured(together(image)).reshape(-1, 3)
+        side = image.shape[1]
+        lamps = _coloured(image).reshape(-1, side, side, 3)
+        cell = np.ones((max(1, IMAGE_PX // (side * len(lamps))),) * 2 + (1,), np.uint8)
+        beside = np.hstack([np.pad(np.kron(lamp, cell), GAPS) for lamp in lamps])
+        self._image.image = beside[:, : -GAPS[1][1]]
 
     def _show_vehicles(self, sight: Sight) -> None:
         place, attitude = sight.leader or (np.zeros(3), np.eye(3))
@@ -416,20 +422,25 @@ def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict
         "cursor": {"show": False},
         "scales": scales,
         "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
-        "padding": (4, 10, 0, 0),
+        "padding": (8, 10, 0, 0),
     }
 
 
 def round_range(values: Array, before: tuple[float, float]) -> tuple[float, float]:
-    """Return round bounds of values, or those of before while the values fill a quarter of them."""
+    """Return round bounds of values, or those of before while the values fill a quarter of them.
+
+    They are at most three steps of 1, 2 or 5 apart, each of which has room for its number.
+    """
     if np.isnan(values).all():
         return before
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     span = max(high - low, 1e-2)
     if before[0] <= low and high <= before[1] <= before[0] + 4 * span:
         return before
-    step = 0.5 * 10.0 ** math.floor(math.log10(span))
-    return step * math.floor(low / step), step * math.ceil(high / step)
+    decade = 10.0 ** math.floor(math.log10(span / 2))
+    step = decade * next(factor for factor in (1, 2, 5, 10) if decade * factor >= span / 2)
+    first = math.floor(low / step)
+    return step * first, step * max(math.ceil(high / step), first + 1)
 
 
 def known(t_s: Array, *values: Array) -> tuple[Array, ...]:
@@ -450,6 +461,11 @@ def _place(frame: Any, position: Array, turn: Array) -> None:
 
 def _wxyz(turn: Array) -> Array:
     return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+
+
+def _coloured(image: Array) -> NDArray[np.uint8]:
+    colours: NDArray[np.uint8] = colormaps[IMAGES](image / max(image.max(), 1.0), bytes=True)
+    return colours[..., :3]
 
 
 def _rgb(colour: str) -> tuple[int, ...]:

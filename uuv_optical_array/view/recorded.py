@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.view.page import Page
-from uuv_optical_array.view.sight import WINDOW_S, Sight, refusal
+from uuv_optical_array.view.sight import WINDOW_S, Sight, note_on
 
 LONGEST_WAIT_S = 1.0  # from one image to the next, however long the gap of the recording is
 
@@ -28,7 +28,7 @@ def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
             None if np.isnan(true).any() else true,
             None if answer.track is None else answer.track.pose,
             None if answer.track is None else answer.track.covariance,
-            refusal(answer.reason),
+            note_on(answer),
         )
 
 

@@ -1,11 +1,16 @@
 """The meshes of vehicles and beam, and the ellipsoid of a position."""
 
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import Array, rotation_matrix
+from uuv_optical_array.forward.lamps import AXIS_PITCH, PLACE_X, SHARE, SIGMA, lamps_in_numbers
+from uuv_optical_array.forward.scene import Scene
 
 SIDES = 32  # of a mesh that is round
+Mesh: TypeAlias = tuple[Array, NDArray[np.int64]]  # vertices and faces, ``(n, 3)`` and ``(m, 3)``
 
 
 def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
@@ -19,8 +24,8 @@ def ellipsoid(covariance: Array, turn: Array) -> tuple[Array, Array]:
     return 3 * np.sqrt(np.maximum(variances, 0.0)), axes
 
 
-def _revolved(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return vertices and faces of a surface of revolution about x, ``(n, 3)`` and ``(m, 3)``."""
+def _revolved(along: Array, radius: Array) -> Mesh:
+    """Return a surface of revolution about x."""
     angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     ring = np.stack([np.zeros(SIDES), np.cos(angle), np.sin(angle)], axis=1)
     vertices = (ring * radius[:, None, None]) + np.array([1.0, 0, 0]) * along[:, None, None]
@@ -30,20 +35,31 @@ def _revolved(along: Array, radius: Array) -> tuple[Array, NDArray[np.int64]]:
     return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
 
 
-def hull(half_m: float, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
+def hull(half_m: float, radius_m: float) -> Mesh:
     """Return a hull that reaches `half_m` ahead and astern of ``base_link``."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
     along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
     return _revolved(along, np.cos(angle) * radius_m)
 
 
-def cone(half_angle: float, length_m: float) -> tuple[Array, NDArray[np.int64]]:
+def cone(half_angle: float, length_m: float) -> Mesh:
     """Return the surface of a beam that shines astern."""
     radius_m = length_m * np.tan(half_angle)
     return _revolved(np.array([0.0, -length_m]), np.array([0.0, radius_m]))
 
 
-def fin(half_m: float) -> tuple[Array, NDArray[np.int64]]:
+def beams(scene: Scene, length_m: float) -> list[tuple[Array, list[Mesh]]]:
+    """Return of each lamp its place and its beam out to one and two of its standard deviations."""
+    lamps = lamps_in_numbers(scene.lamps, np.radians(scene.lamp.beam_sigma_deg))
+    found = []
+    for lamp in lamps.T:
+        place, turn = lamp[PLACE_X:AXIS_PITCH], rotation_matrix(*lamp[AXIS_PITCH:SHARE])
+        cones = (cone(min(stds * lamp[SIGMA], 1.4), length_m) for stds in (1, 2))
+        found.append((place, [(vertices @ turn.T + place, faces) for vertices, faces in cones]))
+    return found
+
+
+def fin(half_m: float) -> Mesh:
     """Return an upright fin at the stern, which shows the roll."""
     corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
     return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

@@ -7,6 +7,7 @@ import numpy as np
 
 from uuv_optical_array.core.geometry import IN_DEGREES, Array, wrapped
 from uuv_optical_array.core.settings import Place
+from uuv_optical_array.estimation.pipeline import Answer
 
 WINDOW_S = 60.0  # that the charts show
 
@@ -16,8 +17,8 @@ class Sight:
     """One instant, by its time since the start; ``None``: not known.
 
     Poses are those of the follower in ``beacon``, m and rad, true and as estimated; the note says
-    why there is none. The leader is the lamp's position and rotation matrix in the world; the
-    station is the follower's commanded position in ``beacon``.
+    why there is none, or what is wrong. The leader is the lamp's position and rotation matrix in
+    the world; the station is the follower's commanded position in ``beacon``.
     """
 
     t_s: float
@@ -42,9 +43,12 @@ class Sight:
         return wrapped(self.pose - self.true_pose) * IN_DEGREES
 
 
-def refusal(reason: str) -> str:
-    """Return the note on an image by the reason why it has no pose; empty where it has one."""
-    return reason if reason.startswith("no light") or not reason else f"refused: {reason}"
+def note_on(answer: Answer) -> str:
+    """Say why an image has no pose, or which of its readings were left out."""
+    reason = answer.reason
+    if reason:
+        return reason if reason.startswith("no light") else f"refused: {reason}"
+    return answer.estimate.fault if answer.estimate else ""
 
 
 class Window:

@@ -8,7 +8,7 @@ import numpy as np
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions, Moment
 from uuv_optical_array.view.page import Page, Slider
-from uuv_optical_array.view.sight import Sight, refusal
+from uuv_optical_array.view.sight import Sight, note_on
 
 STEP_S = 0.1
 
@@ -17,14 +17,20 @@ def sliders(conditions: Conditions) -> list[Slider]:
     """Return the sliders of conditions, in the order in which `chosen` takes their values."""
     x, y, z = conditions.station_m
     along, aside, _ = conditions.current_m_per_s
+    powers = conditions.lamp_power
     return [
         Slider(
             "K (1/m)",
             "Attenuation of the water: 0.05 clear ocean, 0.1 tropical coastal",
             *(0.0, max(0.5, conditions.k_per_m), 0.005, conditions.k_per_m),
         ),
-        Slider(
-            "lamp power", "By that of the scene; 0 is off", 0.0, 2.0, 0.05, conditions.lamp_power
+        *(
+            Slider(
+                f"power of lamps[{i}]" if len(powers) > 1 else "lamp power",
+                "Relative to the scene's; 0 is off",
+                *(0.0, 2.0, 0.05, power),
+            )
+            for i, power in enumerate(powers)
         ),
         Slider(
             "plume",
@@ -41,8 +47,8 @@ def sliders(conditions: Conditions) -> list[Slider]:
 
 def chosen(values: list[float]) -> Conditions:
     """Return the conditions of the sliders' values."""
-    k_per_m, power, plume, along, aside, astern, port, up = map(float, values)
-    return Conditions(k_per_m, power, plume, (along, aside, 0.0), (-astern, port, up))
+    k_per_m, *powers, plume, along, aside, astern, port, up = map(float, values)
+    return Conditions(k_per_m, tuple(powers), plume, (along, aside, 0.0), (-astern, port, up))
 
 
 def sight_of(moment: Moment, conditions: Conditions) -> Sight:
@@ -55,7 +61,7 @@ def sight_of(moment: Moment, conditions: Conditions) -> Sight:
         moment.pose,
         None if track is None else track.pose,
         None if track is None else track.covariance,
-        refusal(moment.frame.reason) or waits,
+        note_on(moment.frame) or waits,
         (moment.leader_position, moment.leader_rotation),
         conditions.station_m,
     )

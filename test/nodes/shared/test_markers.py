@@ -32,6 +32,21 @@ def test_the_beam_is_a_cone_astern_at_one_and_two_standard_deviations():
         np.testing.assert_allclose(across, stds * scene.lamp.beam_sigma_deg)
 
 
+def test_each_of_several_lamps_has_its_beam_from_its_place_along_its_axis():
+    scene = load_scene("leading_lights")
+    drawn = markers.beam(scene, "leader/beacon", 9.0)
+    assert len({(marker.ns, marker.id) for marker in drawn}) == 6
+    for marker in drawn:
+        lamp, places = scene.lamps[marker.id], corners(marker)
+        apex = [lamp.x_m, lamp.y_m, lamp.z_m]
+        far = np.abs(places - apex).max(axis=1) > 1e-9
+        centre = np.unique(places[far].round(9), axis=0).mean(axis=0)
+        up, starboard = np.radians([lamp.pitch_deg, lamp.yaw_deg])
+        axis = [-np.cos(up) * np.cos(starboard), -np.cos(up) * np.sin(starboard), np.sin(up)]
+        np.testing.assert_allclose(centre, apex + 9.0 * np.array(axis), atol=1e-6)
+        assert (~far).any()
+
+
 @pytest.mark.parametrize(("end", "up"), [("", 1), ("_frd", -1), ("_ned", -1)])
 def test_body_and_station_are_upright_in_the_axes_of_their_frames(end, up):
     scene = load_scene("follow")

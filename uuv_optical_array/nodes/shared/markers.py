@@ -9,17 +9,17 @@ from visualization_msgs.msg import Marker
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import signs
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.view.shapes import cone, fin, hull
+from uuv_optical_array.view.shapes import beams, fin, hull
 
 LAMP, FOLLOWER, STATION = (1.0, 0.9, 0.5), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0)  # red, green, blue
 
 
 def beam(scene: Scene, frame: str, length_m: float) -> list[Marker]:
-    """Return the lamp's beam out to one and two of its standard deviations."""
-    sigma = np.radians(scene.lamp.beam_sigma_deg)
+    """Return each lamp's beam out to one and two of its standard deviations."""
     return [
-        _surface(f"beam_{stds}_sigma", frame, *cone(min(stds * sigma, 1.4), length_m), LAMP, 0.1)
-        for stds in (1, 2)
+        _surface(f"beam_{stds}_sigma", frame, *mesh, LAMP, 0.1, number)
+        for number, (_, meshes) in enumerate(beams(scene, length_m))
+        for stds, mesh in enumerate(meshes, 1)
     ]
 
 
@@ -46,8 +46,10 @@ def _surface(
     faces: NDArray[np.int64],
     rgb: tuple[float, ...],
     alpha: float,
+    number: int = 0,
 ) -> Marker:
     marker = _marker(name, frame, Marker.TRIANGLE_LIST, rgb, alpha)
+    marker.id = number
     corners = signs(frame)[:3] * vertices[faces.reshape(-1)]
     marker.points = [Point(x=x, y=y, z=z) for x, y, z in corners.tolist()]
     marker.scale.x = marker.scale.y = marker.scale.z = 1.0

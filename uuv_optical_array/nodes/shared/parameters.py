@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
 from uuv_optical_array.core.messages import BEACON_FRAME
-from uuv_optical_array.core.settings import Quantity, check, declared
+from uuv_optical_array.core.settings import Numbers, Quantity, check, declared
 from uuv_optical_array.core.storage.files import shared_file
 
 Settings = TypeVar("Settings")
@@ -32,6 +32,7 @@ class Parameter:
     quantity: Quantity
     read_only: bool = False  # fixed once the node runs
     choices: tuple[str, ...] = ()  # the words that a str may be; empty for any
+    any_length: bool = False  # whether a list may have another length than the default
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""
@@ -59,10 +60,9 @@ class Parameter:
         if isinstance(self.default, bool | str):
             return
         if isinstance(self.default, list):
-            if len(value) != len(self.default):
+            if len(value) != len(self.default) and not self.any_length:
                 raise ValueError(f"{name}: {len(value)} values; give {len(self.default)}")
-            for i, item in enumerate(value):
-                check(Annotated[float, self.quantity], float(item), f"{name}[{i}]")
+            check(Annotated[Numbers, self.quantity], list(value), name)
         else:
             check(Annotated[type(self.default), self.quantity], value, name)
 

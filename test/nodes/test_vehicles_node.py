@@ -200,6 +200,7 @@ def test_the_leader_waits_until_an_estimator_has_the_fit_that_it_will_keep(lab, 
     node = lab.start(VehiclesNode)
     space = f"{namespace}/follower_1"
     estimator = Node("estimator_node", namespace=space, use_global_arguments=False)
+    estimator.create_publisher(DiagnosticArray, "/diagnostics", 10)
     commands = lab.talk(TwistStamped, f"{namespace}/follower_1/cmd_vel")
     told = lab.talk(DiagnosticArray, "/diagnostics")
     heard = lab.listen(Odometry, f"{namespace}/leader/odometry")
@@ -213,7 +214,7 @@ def test_the_leader_waits_until_an_estimator_has_the_fit_that_it_will_keep(lab, 
         lab.deliver(node, commands, TwistStamped())
 
     ours = f"{namespace}/follower_1/estimator_node compiling the fit"
-    lab.until(lambda: "estimator_node" in node.get_node_names(), "the estimator's name")
+    lab.until(lambda: node.count_publishers("/diagnostics") == 3, "the estimator to be found")
     lab.deliver(node, commands, TwistStamped())
     lab.report(node, DiagnosticStatus.WARN, ours)  # it has not said anything
     tell("as it stands: it is being compiled")

@@ -24,7 +24,7 @@ from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared.attitude import roll_pitch_yaw
-from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
+from uuv_optical_array.nodes.shared.diagnostics import UNKNOWN, Diagnostics, publishers
 from uuv_optical_array.nodes.shared.messages import (
     Refused,
     odometry_pose,
@@ -153,10 +153,9 @@ class VehiclesNode(Node):
 
     def compiling(self, topic: str) -> str:
         """Name the estimator beside who commands, where its fit may change yet."""
-        space = self.resolve_topic_name(topic).rpartition("/")[0]
-        if ("estimator_node", space or "/") not in self.get_node_names_and_namespaces():
+        name = f"{self.resolve_topic_name(topic).rpartition('/')[0]}/estimator_node"
+        if not {name, UNKNOWN} & set(publishers(self, "/diagnostics")):
             return ""
-        name = f"{space}/estimator_node"
         return name if self.fits.get(name, "being compiled").endswith("being compiled") else ""
 
     def on_leader(self, message: Odometry) -> None:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -43,6 +44,25 @@ def test_a_signal_in_a_callback_waits_for_its_end(executor, number):
     spin(executor)
     assert len(begun) == len(ended) == 1
     assert signal.getsignal(number) is not signal.default_int_handler
+
+
+def test_a_callback_that_does_not_end_is_broken_off_after_a_signal(executor):
+    node, broken_off = Node("node", use_global_arguments=False), []
+
+    def callback():
+        os.kill(os.getpid(), signal.SIGINT)
+        until = time.monotonic() + PATIENCE_S
+        try:
+            while time.monotonic() < until:
+                pass
+        except KeyboardInterrupt:
+            broken_off.append(1)
+            raise
+
+    node.create_timer(0.001, callback)
+    executor.add_node(node)
+    assert spin(executor)
+    assert broken_off == [1]
 
 
 def test_what_is_no_longer_wanted_ends_and_signals_are_as_before(executor):

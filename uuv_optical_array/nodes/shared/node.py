@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable
+from types import FrameType
 from typing import Any
 
 import rclpy
@@ -25,6 +26,7 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.nodes.shared.messages import not_finite
 
+PATIENCE_S = 1.0  # with a callback, after a signal
 WAITING = 100  # messages that may wait for the newest to be taken, and are counted
 
 
@@ -183,15 +185,23 @@ def spin(executor: Executor, wanted: Callable[[], bool] = lambda: True) -> bool:
 
     Return whether a signal ended it. A signal counts between two callbacks: an exception in the
     midst of one, which is what Python makes of SIGINT, can strike rclpy while it takes a message.
+    A callback that goes on for `PATIENCE_S`, such as a fit that is not compiled, is broken off.
     """
     signals: list[int] = []
+
+    def caught(number: int, frame: FrameType | None) -> None:
+        signals.append(number)
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
+
     numbers = signal.SIGINT, signal.SIGTERM
-    before = [signal.signal(number, lambda caught, _: signals.append(caught)) for number in numbers]
+    before = [signal.signal(number, caught) for number in numbers]
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
     try:
         while rclpy.ok() and not signals and wanted():
             executor.spin_once(timeout_sec=0.1)
-    except ExternalShutdownException:
+    except (ExternalShutdownException, KeyboardInterrupt):
         pass
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)
     # Ctrl-C reaches a launched node twice, from the terminal and from launch; once is enough.
     if not signals:
         for number, handler in zip(numbers, before, strict=True):

@@ -22,9 +22,10 @@ MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a 
 # How far a follower may be off its station: one that sees the leader, and one that sees another.
 STATION_ERROR_M = 0.5
 CHAINED_ERROR_M = 1.5
-FIRST_M: Place = (-5.5, 1.0, 0.0)  # of the first follower on the port arm of a V
-SECOND_M: Place = (-5.5, 1.5, 0.0)  # of the second, seen from the first
-TAIL_M: Place = (-7.5, 0.0, 0.0)  # of a third follower that sees the leader
+# One image of the scene `formation` gives the range to 0.2 m at the first two, not at the third.
+FIRST_M: Place = (-5.0, 1.0, 0.0)  # of the first follower on the port arm of a V
+SECOND_M: Place = (-4.5, 1.5, 0.0)  # of the second, seen from the first
+TAIL_M: Place = (-7.0, 0.0, 0.0)  # of a third follower that sees the leader
 MOST = 4  # followers in a V
 MOST_BY_LEADER = 3
 

@@ -71,7 +71,7 @@ class FollowRecord:
                 cells = "".join(f"{value:6.2f} {unit:3}" for value, unit in rms)
                 rows.append(f"{title + ' RMS':14}{cells}")
         rows.append(
-            f"{len(self.estimates)} poses from {len(self.truth)} positions; "
+            f"{len(self.errors()[0])} poses from {len(self.truth)} images; "
             f"longest time without one {self.longest_dark_s():.2f} s"
         )
         return "\n".join(rows)

@@ -299,3 +299,74 @@ def test_a_narrow_beam_does_not_light_what_is_far_aside():
     assert "aside_1.5m" not in names
     with pytest.raises(ValueError, match=r"aside_1\.5m needs light .* scene narrow has not"):
         kinds_named("aside_1.5m", narrow)
+
+
+# Modulated lamps: detection sample by sample, and what is known of it in closed form.
+MODULATED = settings_of("leading_lights")
+SLOTS = settings_of("leading_lights", demodulation={"waveform": "slots"})
+
+
+def of_lamps(light):
+    return light.reshape(len(light), 3, 5, 5)
+
+
+def lamps_of(settings, poses=POSES):
+    """Return the light of each lamp without the pedestal."""
+    return of_lamps(model_of(settings).light(poses)) - 20.0
+
+
+def test_what_modulated_lamps_miss_is_said():
+    one, plain = load_scene("sunlit_modulated"), load_scene("follow")
+    there = {kind.name for kind in kinds_named(None, one)}
+    assert {"waves_40", "same_carrier_0.3"} < there
+    assert not {"second_lamp_0.3", "late_slots_0.01", "hidden_lamp"} & there
+    for name, scene, missing in (
+        ("waves_40", plain, "the effect demodulation"),
+        ("late_slots_0.01", one, "the effect demodulation with slots"),
+        ("hidden_lamp", one, "several lamps"),
+        ("ambient_10", one, "readings without demodulation"),
+    ):
+        with pytest.raises(ValueError, match=f"{name} needs {missing}, which"):
+            kinds_named(name, scene)
+
+
+@pytest.mark.parametrize(("name", "share"), [("one_lamp_x0.7", 0.7), ("hidden_lamp", 0.0)])
+def test_one_lamp_of_each_frame_is_dim(name, share):
+    shares = (of_lamps(light_of(name, MODULATED, MANY)) - 20.0) / lamps_of(MODULATED, MANY)
+    np.testing.assert_allclose(shares, shares[..., :1, :1] + np.zeros((5, 5)), atol=1e-9)
+    np.testing.assert_allclose(np.sort(shares[..., 0, 0], axis=1), [[share, 1, 1]] * len(MANY))
+    assert (shares[..., 0, 0] < 0.9).any(axis=0).all()
+
+
+def test_late_slots_shine_into_the_next():
+    first, second_, third = np.moveaxis(lamps_of(SLOTS), 1, 0)
+    late = np.stack([0.99 * first, 0.99 * second_ + 0.01 * first, 0.99 * third + 0.01 * second_])
+    found = of_lamps(light_of("late_slots_0.01", SLOTS)) - 20.0
+    np.testing.assert_allclose(found, np.moveaxis(late - 0.01 * third, 0, 1), atol=1e-9)
+
+
+def test_the_lamp_of_another_leader_is_read_by_the_phase_of_its_carrier():
+    beside = lamps_of(MODULATED, POSES[:1] - ASIDE).sum(axis=1)
+    clear = light_of("nothing", MODULATED, MANY)
+    added = of_lamps(light_of("same_carrier_0.3", MODULATED, MANY) - clear)
+    share = added / (0.3 * beside)
+    np.testing.assert_allclose(share, share[..., :1, :1] + np.zeros((5, 5)), atol=1e-9)
+    phases = np.arccos(np.clip(share[:, 0, 0, 0], -1, 1)) / np.pi
+    assert stats.kstest(phases, "uniform").pvalue > 1e-3
+    assert np.abs(share[:, 1:]).max() < 0.01  # the other carriers
+    # Off the carrier a sinc is left, as of the window of a frame.
+    off = of_lamps(light_of("other_carrier_0.3", MODULATED, MANY) - clear)
+    most = np.abs(off / (0.3 * beside)).max(axis=(0, 2, 3))
+    np.testing.assert_allclose(most, np.abs(np.sinc(3.7 - np.arange(3))), atol=0.01)
+
+
+@pytest.mark.parametrize("carrier_hz", [1000, 40])
+def test_waves_leak_less_the_faster_the_lamps_are_modulated(carrier_hz):
+    dark = np.tile([-1e6, 0, 0, 0, 0], (500, 1))
+    leaks = of_lamps(light_of(f"waves_{carrier_hz}", MODULATED, dark)) - 20.0
+    # The wave times the reference, a sine, by the integral of a tone over a frame of 0.1 s.
+    carriers = carrier_hz + 10 * np.arange(3)
+    off = 5 + np.array([carriers, -carriers])
+    tones = np.exp(1j * np.pi * 0.1 * off) * np.sinc(0.1 * off)
+    largest = 120 * np.pi / 2 * np.abs(tones[0] - tones[1]) / 2
+    np.testing.assert_allclose(np.abs(leaks).max(axis=(0, 2, 3)), largest, rtol=0.01)

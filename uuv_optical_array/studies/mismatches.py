@@ -30,6 +30,10 @@ NARROWEST_DEG = 0.1  # that a lamp's beam can be
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
 MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 NEAR_M, ASIDE_M = 2.0, 1.5
+# When modulated lamps are sampled, s; the carriers are as many periods of a frame, and one apart.
+FRAME_S, SAMPLES, CARRIER_HZ = 0.1, 3360, 1000.0
+TIMES_S = (np.arange(SAMPLES) + 0.5) * FRAME_S / SAMPLES
+WAVES_HZ, WAVES_COUNTS = 5.0, 120.0  # of daylight, 30 % of 400 counts
 
 
 class Sea(NamedTuple):
@@ -51,14 +55,46 @@ class Sea(NamedTuple):
         """Return the light where a constant is so many times as large, given by its logarithm."""
         return self.offset(name, np.log(by))
 
-    def for_each_lamp(self, pattern: Any) -> Any:
-        """Repeat a pattern on the array, ``(..., side, side)``, for the image of each lamp."""
-        return np.concatenate([pattern] * self.model.scene.lamp_count, axis=-2)
+    def lamps_and_rest(self) -> tuple[Array, Array]:
+        """Return the light of each lamp, and that of all else, ``(n, L, side, side)``."""
+        side, dark = self.model.array.side, self.offset(prior.POWER, -np.inf)
+        light, rest = (it.reshape(len(it), -1, side, side) for it in (self.light(), dark))
+        return light - rest, rest
 
-    def lamp_and_rest(self) -> tuple[Array, Array]:
-        """Return the light of the lamp, and that of all else."""
-        dark = self.offset(prior.POWER, -np.inf)
-        return self.light() - dark, dark
+    def image(self, lights: Array) -> Array:
+        """Return light on the array, ``(n, L or 1, side, side)``, as an image of all lamps."""
+        count, _, side, _ = lights.shape
+        every = np.broadcast_to(lights, (count, self.model.scene.lamp_count, side, side))
+        return every.reshape(count, -1, side)
+
+    def aside(self, port_m: float = 0.0, above_m: float = 0.0) -> Array:
+        """Return the light of lamps that are so far from the scene's, ``(n, L, side, side)``."""
+        beside = self.poses - np.array([0.0, port_m, above_m, 0.0, 0.0])
+        return self._replace(poses=beside).lamps_and_rest()[0]
+
+    def detected(self, signals: Array, carrier_hz: float = CARRIER_HZ) -> Array:
+        """Return what the detection of each lamp reads of signals at `TIMES_S`, ``(n, L, 1, 1)``.
+
+        Each lamp has a frequency of its own from the carrier up, or a slot of it.
+        """
+        scene = self.model.scene
+        waveform, lamps = scene.effects["demodulation"]["waveform"], scene.lamp_count
+        if waveform == "slots":
+            slots = [modulated(waveform, carrier_hz * TIMES_S, i, lamps) for i in range(lamps + 1)]
+            references = (np.array(slots[:-1]) - slots[-1]) / (lamps + 1)
+        else:
+            carriers_hz = carrier_hz + np.arange(lamps)[:, None] / FRAME_S
+            size = 2.0 if waveform == "sine" else np.pi / 2
+            references = size * np.sin(2 * np.pi * carriers_hz * TIMES_S)
+        return (signals @ references.T / SAMPLES)[..., None, None]
+
+
+def modulated(waveform: str, turns: Array, i: int, lamps: int) -> Array:
+    """Return the light of lamp i, of mean 1, by the phase of its carrier or of the slots, turns."""
+    if waveform == "slots":
+        return np.where(np.floor(turns % 1 * (lamps + 1)) == i, lamps + 1.0, 0.0)
+    sine = np.sin(2 * np.pi * turns)
+    return 1 + sine if waveform == "sine" else np.where(sine > 0, 2.0, 0.0)
 
 
 # Light at the detectors, counts, shape (n, side, side), in the sea that differs. What a family of
@@ -82,9 +118,43 @@ def daylight(sea: Sea, by: float, even: bool = False) -> Array:
 
 def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) -> Array:
     """Add another lamp, parallel to the first, of a share of its power."""
-    # The follower's place in the frame of the other lamp.
-    beside = sea.poses - np.array([0.0, port_m, above_m, 0.0, 0.0])
-    return sea.light() + by * sea._replace(poses=beside).lamp_and_rest()[0]
+    return sea.light() + by * sea.image(sea.aside(port_m, above_m))
+
+
+def waves(sea: Sea, by: float) -> Array:
+    """Add daylight that waves modulate, in each detector its own phase; carriers from `by`, Hz."""
+    turns = WAVES_HZ * TIMES_S + np.array([[0.0], [0.25]])
+    leak = WAVES_COUNTS * sea.detected(np.sin(2 * np.pi * turns), by)
+    side = sea.model.array.side
+    phase = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, side, side))
+    return sea.light() + sea.image(np.cos(phase) * leak[0] + np.sin(phase) * leak[1])
+
+
+def another_leader(sea: Sea, by: float, off_hz: float = 0.0) -> Array:
+    """Add the lamps of another leader, modulated as the first one, in each frame in another phase.
+
+    They have a share of the power and are 0.3 m to port; their carrier may be off.
+    """
+    scene = sea.model.scene
+    turns = (CARRIER_HZ + off_hz) * TIMES_S + sea.rng.uniform(size=(len(sea.poses), 1))
+    signals = modulated(scene.effects["demodulation"]["waveform"], turns, 0, scene.lamp_count)
+    lamp = by * sea.aside(port_m=0.3).sum(axis=1, keepdims=True)
+    return sea.light() + sea.image(sea.detected(signals) * lamp)
+
+
+def late_slots(sea: Sea, by: float) -> Array:
+    """Let each lamp light up and go out a share of a slot too late."""
+    lamps, rest = sea.lamps_and_rest()
+    # A lamp shines into the slot of the next one, and the last one into that for daylight.
+    before = np.concatenate([0 * lamps[:, :1], lamps[:, :-1]], axis=1)
+    return sea.image((1 - by) * lamps + by * (before - lamps[:, -1:]) + rest)
+
+
+def one_lamp(sea: Sea, by: float) -> Array:
+    """Let one of several lamps, in each frame another, have a share of its power."""
+    lamps, rest = sea.lamps_and_rest()
+    lamps[np.arange(len(lamps)), sea.rng.integers(lamps.shape[1], size=len(lamps))] *= by
+    return sea.image(lamps + rest)
 
 
 def other_gains(sea: Sea, by: float) -> Array:
@@ -165,17 +235,17 @@ def shade(sea: Sea, by: float) -> Array:
     modes = np.stack([legvander2d(column, row, degrees)[..., -1] for degrees in MODES])
     modes /= np.sqrt(np.mean(modes**2, axis=(1, 2), keepdims=True))
     depths = sea.rng.standard_normal((len(sea.poses), len(MODES))) * by / np.sqrt(len(MODES))
-    lamp, rest = sea.lamp_and_rest()
-    return lamp * sea.for_each_lamp(np.exp(np.tensordot(depths, modes, axes=1))) + rest
+    lamps, rest = sea.lamps_and_rest()
+    return sea.image(lamps * np.exp(np.tensordot(depths, modes, axes=1))[:, None] + rest)
 
 
 def half_shadow(sea: Sea) -> Array:
     """Let the lamp reach one half of the array, in each frame another, with a hard edge."""
     column, row = prior.over_array(sea.model.array.side)
     turn = sea.rng.uniform(0, 2 * np.pi, (len(sea.poses), 1, 1))
-    lamp, rest = sea.lamp_and_rest()
-    dark = sea.for_each_lamp(np.cos(turn) * column + np.sin(turn) * row > 0)
-    return np.where(dark, 0.0, lamp) + rest
+    lamps, rest = sea.lamps_and_rest()
+    dark = np.cos(turn) * column + np.sin(turn) * row > 0
+    return sea.image(np.where(dark[:, None], 0.0, lamps) + rest)
 
 
 def rolled(sea: Sea, by: float) -> Array:
@@ -206,7 +276,7 @@ def blob(sea: Sea) -> Array:
     width = sea.rng.uniform(0.3, 1, (2, count, 1, 1))
     peak = sea.rng.uniform(0.1, 1, (count, 1, 1)) * sea.model.scene.full_scale_counts
     squares = ((column - at[0]) / width[0]) ** 2 + ((row - at[1]) / width[1]) ** 2
-    return sea.for_each_lamp(peak * np.exp(-squares / 2))
+    return sea.image((peak * np.exp(-squares / 2))[:, None])
 
 
 def near_poses(count: int, rng: np.random.Generator) -> Array:
@@ -246,9 +316,21 @@ def needs_sphere(scene: Scene, by: float) -> str:
     return "" if holds else "a curved array whose corners stay on the sphere"
 
 
-def needs_daylight(scene: Scene, by: float) -> str:
-    """Need readings that daylight is in."""
-    return "readings with daylight in them" if "demodulation" in scene.effects else ""
+def needs_all_light(scene: Scene, by: float) -> str:
+    """Need readings of all light."""
+    return "readings without demodulation" if "demodulation" in scene.effects else ""
+
+
+def needs_modulation(scene: Scene, by: float, slots: bool = False) -> str:
+    """Need modulated lamps, or such as are lit in slots."""
+    waveform = scene.effects.get("demodulation", {}).get("waveform")
+    has = waveform == "slots" if slots else waveform
+    return "" if has else "the effect demodulation" + " with slots" * slots
+
+
+def needs_lamps(scene: Scene, by: float) -> str:
+    """Need several lamps."""
+    return "" if scene.lamps else "several lamps"
 
 
 def needs_beam(scene: Scene, by: float) -> str:
@@ -335,6 +417,7 @@ GRADIENT_CURE = (
     "while the range changes, and its covariance says how well."
 )
 LAMP_CURE = "Cover or switch off other lamps that the array sees, or modulate the leader's."
+CARRIER_CURE = "Give each leader carriers of its own, at least 50 Hz from all others."
 GAIN_CURE = "Calibrate the gains by `uuv_array calibrate`; clean the windows."
 FAULT_CURE = "Repair it, or name it in `effects.detector_faults` until then."
 SHADE_CURE = "Clean the port of lamp and array; keep hull and cables out of the beam."
@@ -354,13 +437,32 @@ KINDS = (
             (0.8, 1.2, 0.5, 2.0), "lamp_power_std", lambda by: abs(by - 1)),
     *_kinds("ambient_{by:g}", partial(daylight, even=True),
             "Daylight adds {by:g} counts to every reading.", AMBIENT_CURE,
-            (10.0,), "ambient_std_counts", needs=needs_daylight),
+            (10.0,), "ambient_std_counts", needs=needs_all_light),
     *_kinds("gradient_{by:g}", daylight,
             "Daylight adds 0 counts at the port edge and {by:g} at the starboard edge.",
-            GRADIENT_CURE, (10.0, 30.0), needs=needs_daylight),
+            GRADIENT_CURE, (10.0, 30.0), needs=needs_all_light),
     *_kinds("second_lamp_{by:g}", partial(second_lamp, port_m=0.3),
             "A second lamp of {percent:g} % of the power is 0.3 m to port of the first.",
-            LAMP_CURE, (0.1, 0.3)),
+            LAMP_CURE, (0.1, 0.3), needs=needs_all_light),
+    *_kinds("waves_{by:g}", waves,
+            "Waves change 400 counts of daylight by 30 % at 5 Hz; carriers begin at {by:g} Hz.",
+            "Modulate the lamps at 1 kHz or faster.", (1000, 40), needs=needs_modulation),
+    *_kinds("same_carrier_{by:g}", another_leader,
+            "Another leader's lamp of {percent:g} % of the power, 0.3 m to port, has the carrier "
+            "of the first.", CARRIER_CURE, (0.1, 0.3), needs=needs_modulation),
+    *_kinds("other_carrier_{by:g}", partial(another_leader, off_hz=37.0),
+            "Another leader's lamp of {percent:g} % of the power, 0.3 m to port, is 37 Hz off the "
+            "carrier.", CARRIER_CURE, (0.3,), needs=needs_modulation),
+    *_kinds("late_slots_{by:g}", late_slots,
+            "The lamps light up and go out {percent:g} % of a slot late.",
+            "Trigger lamps and converter by one clock, or leave the first samples of a slot out.",
+            (0.01,), needs=partial(needs_modulation, slots=True)),
+    *_kinds("one_lamp_x{by:g}", one_lamp, "One of several lamps has {by:g} times its power.",
+            "Calibrate the lamps again; clean their windows.", (0.9, 0.7), "lamps_power_std",
+            lambda by: 1 - by, needs=needs_lamps),
+    *_kinds("hidden_lamp", partial(one_lamp, by=0.0), "One of several lamps is off or hidden.",
+            "Look for `dark lamp` in the diagnostics, and keep the lamps clear of the hull.",
+            needs=needs_lamps),
     *_kinds("gains_{by:g}", other_gains, "Each detector's gain is off by {percent:g} %, RMS.",
             GAIN_CURE, (0.005, 0.01, 0.02, 0.03), "gain_std"),
     *_kinds("response-{by:g}", other_response,

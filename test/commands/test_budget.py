@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -123,6 +124,16 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys)
     near, far = reach(scene)
     assert f"10 deg: {near:g} to {far:g} m" in out
     assert_picture(picture)
+
+
+def test_the_eyes_see_each_of_several_lamps_by_itself(capsys, tmp_path):
+    told = {}
+    for scene in ("follow", "leading_lights"):
+        run("budget", "--scene", scene, "--output", tmp_path / "budget.png")
+        told[scene] = capsys.readouterr().out
+    one, three = (float(re.search(r"blue light (\S+),", text).group(1)) for text in told.values())
+    assert three == pytest.approx(one / 3, rel=0.01)
+    assert told["leading_lights"].startswith("3 lamps: 0.5 W in a beam of 8 deg")
 
 
 def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):

@@ -5,12 +5,14 @@ import re
 
 import command_line
 import numpy as np
+import pytest
 from matplotlib.image import imread
 
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.plots.scene import COLUMNS, sheet_poses
+from uuv_optical_array.plots.scene import COLUMNS, draw_scene, sheet_poses
 
 run = functools.partial(command_line.run, "render")
 
@@ -63,3 +65,18 @@ def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
         peaks.append(images[:, 0].max(axis=(-1, -2)))
         np.testing.assert_allclose(np.array(printed, float), peaks[-1], atol=0.5)
     assert np.abs(peaks[1] - peaks[0]).max() > 50
+
+
+def test_images_of_several_lamps_are_drawn_below_one_another(capsys, tmp_path):
+    run("--scene", "leading_lights", "--output", tmp_path / "lights.png")
+    model, aligned = ForwardModel(load_scene("leading_lights")), [-4.0, 0, 0, 0, 0]
+    found = re.search(r"aligned at 4 m: (\d+) to (\d+) counts", capsys.readouterr().out)
+    light = model.light(aligned)
+    assert [*map(float, found.groups())] == pytest.approx([light.min(), light.max()], abs=5)
+    scene = load_scene("leading_lights")
+    figure = draw_scene(scene, model.expose(sheet_poses(), np.random.default_rng(0)))
+    sheet, profiles = figure.subfigs
+    assert len(sheet.axes[0].lines) == 2  # between three lamps
+    curve = profiles.axes[0].lines[0].get_ydata()
+    rows = together(model.light(aligned))
+    np.testing.assert_allclose(curve, rows[2], atol=10)

@@ -6,8 +6,8 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.design_score import DesignStudy
 from uuv_optical_array.studies.design_sweep import Design, Sweep
 
-PLANAR = Design("planar", 5, 0.3, None, 6.0)
-CURVED = Design("curved", 4, 0.3, 0.25, 11.0)
+PLANAR = Design("planar", 5, 0.3, None, 6.0, 1, 0.0, 0.0)
+CURVED = Design("curved", 4, 0.3, 0.25, 11.0, 1, 0.0, 0.0)
 SMALL = Sweep(("planar", "curved"), (3, 5), (0.2, 0.4), (0.2, 0.32), (6.0, 8.0))
 
 

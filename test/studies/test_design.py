@@ -27,7 +27,7 @@ from uuv_optical_array.studies.design_score import Choice, ScoredDesign, front
 from uuv_optical_array.studies.design_sweep import Design, designed
 from uuv_optical_array.studies.shared.results import Results
 
-COLUMNS = [field.name for field in dataclasses.fields(ScoredDesign)][5:]
+COLUMNS = [field.name for field in dataclasses.fields(ScoredDesign)][8:]
 
 
 def row_of(side, position_m, angle_deg, **changes):
@@ -67,7 +67,7 @@ def test_fronts_are_of_what_fits_and_of_what_the_criterion_lets_pass():
     fits = row_of(3, 0.1, 1.0, width_m=0.4)
     passing = {"position_m": 0.2, "shift_near_deg": 15.0, "yaw_near_deg": 15.0}
     resolved = dataclasses.replace(fits, width_m=0.3, **passing)
-    papers = {**vars(Design("curved", 5, 0.4, 0.32, 8.0)), "yaw_near_deg": 14.9}
+    papers = {**vars(Design("curved", 5, 0.4, 0.32, 8.0, 1, 0.0, 0.0)), "yaw_near_deg": 14.9}
     paper = dataclasses.replace(resolved, **papers)
     choice = Choice(study_of(), [wide, fits, resolved, paper])
     assert choice.fronts == {"fits": [fits], "resolved": [resolved], "any": [wide]}
@@ -212,7 +212,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(
     assert [d["position_m"] for d in told["designs"]] == [r.position_m for r in rows]
     assert [d["resolved_at_4_m"] for d in told["designs"]] == [r.resolved_at_4m for r in rows]
     assert [rows[i].design for i in told["papers_array"]] == [
-        Design("curved", 5, 0.4, 0.32, sigma_deg) for sigma_deg in (6.0, 8.0)
+        Design("curved", 5, 0.4, 0.32, sigma_deg, 1, 0.0, 0.0) for sigma_deg in (6.0, 8.0)
     ]
     assert [rows[i] for i in told["numbered"]] == Choice(study, rows).numbered
     table = np.genfromtxt("follow.design.csv", delimiter=",", names=True, dtype=None, encoding=None)
@@ -244,7 +244,9 @@ def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
 
 
 @pytest.mark.parametrize(
-    "designs", [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0)]], ids=["one", "few"]
+    "designs",
+    [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0, 1, 0.0, 0.0)]],
+    ids=["one", "few"],
 )
 def test_any_study_can_be_drawn(designs):
     values = dict.fromkeys(COLUMNS, math.nan) | {"position_m": 0.3, "angle_deg": 5.0}

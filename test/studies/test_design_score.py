@@ -77,7 +77,7 @@ def own_signature(image, on_axis):
     return np.array([image.max() / on_axis, (column + 1) / side, (row + 1) / side, *skews])
 
 
-@pytest.mark.parametrize("design", [Design("curved", 5, 0.4, 0.32, 4.5), PLANAR])
+@pytest.mark.parametrize("design", [Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0), PLANAR])
 def test_the_angles_are_those_of_an_implementation_of_its_own(design):
     scene = load_scene("eren2016")
     effects = {**scene.effects}
@@ -105,7 +105,9 @@ def test_the_angles_are_those_of_an_implementation_of_its_own(design):
 
 def test_the_papers_array_gets_the_numbers_of_docs_paper():
     """Row "moves to port", the smaller side at 5 x 5: nos. 8 and 11 at 4 m, 13 and 14 at 8 m."""
-    scene = designed(load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5), "counts")
+    scene = designed(
+        load_scene("eren2016"), Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0), "counts"
+    )
     found = score(scene, uniform_poses(2, rng()), rng())
     stated = [found.shift_near_deg, found.yaw_near_deg, found.shift_deg, found.yaw_deg]
     np.testing.assert_allclose(stated, [26.1, 21.2, 6.3, 9.7], atol=0.05)
@@ -144,6 +146,21 @@ def test_noise_moves_the_signature_as_its_slope_says():
         found.yaw_near_deg / found.shift_near_deg
     )
     assert found.shift_sigmas <= found.shift_near_sigmas
+
+
+def test_several_lamps_are_scored_by_their_sum_and_their_bound():
+    scene = load_scene("leading_lights")
+    poses = uniform_poses(20, np.random.default_rng(2))
+    found = score(scene, poses, rng())
+    one = score(scene.with_lamps(()), poses, rng())
+    assert found.angle_deg < 0.8 * one.angle_deg
+    # All in one place would look as one lamp does, but for a pedestal each.
+    dense = [
+        dataclasses.replace(lamp, y_m=0.01 * i, z_m=0, pitch_deg=0, yaw_deg=0)
+        for i, lamp in enumerate(scene.lamps)
+    ]
+    close = score(dataclasses.replace(scene, lamps=tuple(dense)), poses, rng())
+    assert close.yaw_near_deg == pytest.approx(one.yaw_near_deg, rel=0.1)
 
 
 def test_a_flat_image_meets_no_criterion():

@@ -13,9 +13,10 @@ from scipy.integrate import quad
 from scipy.special import dawsn
 
 from uuv_optical_array.forward.array import build_array
+from uuv_optical_array.forward.lamps import lamps_in_numbers, ring_of_lamps
 from uuv_optical_array.forward.light import beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.design_sweep import (
     Design,
     Sweep,
@@ -56,7 +57,7 @@ def test_the_default_sweep_holds_the_scene_and_the_paper():
         scene = load_scene(name)
         assert Design.of(scene) in Sweep(**default_lists(scene)).designs()
     designs = Sweep(**default_lists(load_scene("follow"))).designs()
-    assert Design("curved", 5, 0.4, 0.32, 8.0) in designs
+    assert Design("curved", 5, 0.4, 0.32, 8.0, 1, 0.0, 0.0) in designs
     # 5 sizes; on radii of 0.16 to 0.64 m fit 1, 2, 3, 4, 5 and 5 of them.
     assert len(designs) == (5 + 20) * 6 * 6
     # Of the 5 of a radius, the tightest sits on the sphere as the paper's does.
@@ -124,7 +125,9 @@ def seen(model, eta):
     return model.light(pose).ravel()[middle] * range_m**2
 
 
-@pytest.mark.parametrize("design", [PLANAR, CURVED, Design("curved", 5, 0.4, 0.32, 20.0)])
+@pytest.mark.parametrize(
+    "design", [PLANAR, CURVED, Design("curved", 5, 0.4, 0.32, 20.0, 1, 0.0, 0.0)]
+)
 def test_equal_flux_means_that_the_lamps_emit_as_much(design):
     base = load_scene("follow")
     assert emitted(designed(base, design, "flux")) == pytest.approx(emitted(base), rel=1e-5)
@@ -193,3 +196,32 @@ def test_the_foremost_point_stays_or_the_centre_does():
             shift = found.positions - array.positions
             np.testing.assert_allclose(shift[:, 1:], 0)
             assert np.ptp(shift[:, 0]) < 1e-12
+
+
+LIGHTS = load_scene("leading_lights")
+
+
+def test_a_ring_of_lamps_is_that_of_the_ready_scene():
+    assert Design.of(LIGHTS) == Design("curved", 5, 0.4, 0.32, 8.0, 3, 0.4, 3.0)
+    ring = ring_of_lamps(lamps=3, spread_m=0.4, tilt_deg=3.0)
+    of_ring, of_scene = (lamps_in_numbers(lamps, 0.1) for lamps in (ring, LIGHTS.lamps))
+    np.testing.assert_allclose(of_ring, of_scene, atol=1e-4)
+    assert designed(LIGHTS, Design.of(LIGHTS)) == LIGHTS
+
+
+def test_one_lamp_has_no_prior_of_several_and_several_need_one():
+    one = designed(LIGHTS, dataclasses.replace(Design.of(LIGHTS), lamps=1, spread_m=0, tilt_deg=0))
+    assert one.lamps == ()
+    assert not any("lamps." in name or "roll" in name for name in one.nuisance_std())
+    assert scene_from_settings(one.settings(), one.name).fingerprint == one.fingerprint
+    with pytest.raises(ValueError, match=r"lamps: 3: scene follow has one and no prior of several"):
+        designed(load_scene("follow"), Design.of(LIGHTS))
+
+
+def test_a_sweep_of_lamps_has_one_lamp_once_and_none_in_one_place():
+    array = [[value] for value in ("curved", 5, 0.4, 0.32, 8.0)]
+    sweep = Sweep(*array, (1, 2, 3), (0.0, 0.4), (0.0, 3.0))
+    rings = [(design.lamps, design.spread_m, design.tilt_deg) for design in sweep.designs()]
+    ways = [(0.0, 3.0), (0.4, 0.0), (0.4, 3.0)]
+    assert rings == [(1, 0.0, 0.0), *((lamps, *way) for lamps in (2, 3) for way in ways)]
+    assert sum(sweep.dropped().values()) == 2

@@ -70,6 +70,10 @@ def test_the_report_says_what_is_estimated_along_with_the_pose():
     assert "estimated along with the pose: lamp.power +-0.1" in unsure
     assert printed(unsure)["x"][0] > 2 * printed(known)["x"][0]
 
+    lights = limits.report(ForwardModel(load_scene("leading_lights")), pose)
+    assert lights.count(".power +-") == 2  # of all lamps, and of each
+    assert "lamps.*.pitch_deg +-0.2" in lights
+
 
 def test_the_volume_is_that_of_the_paper_seen_from_above():
     # Detectors of different gain, so that port and starboard differ.

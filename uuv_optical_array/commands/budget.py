@@ -12,6 +12,7 @@ from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
+from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.link_budget import Instrument, keys, least_watts, scene_with
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
@@ -68,10 +69,15 @@ def rows(scene: Scene, ranges_m: Any) -> Array:
 def report(scene: Scene, instrument: Instrument, base: str) -> str:
     """Return the budget of a scene with its instrument, as text."""
     beam, full_scale = scene.lamp.beam_sigma_deg, scene.full_scale_counts
-    group, blue, thermal = instrument.risk_group(beam)
+    lamps = scene.lamps or (BeaconLamp(),)
+    whole = sum(lamp.power for lamp in lamps)
+    group, blue, thermal = max(
+        instrument.risk_group(lamp.beam_sigma_deg or beam, lamp.power / whole) for lamp in lamps
+    )
     noise = ForwardModel(scene).noise
     lines = [
-        f"lamp: {instrument.lamp_w:.4g} W in a beam of {beam:g} deg: "
+        f"{f'{len(lamps)} lamps' if scene.lamps else 'lamp'}: {instrument.lamp_w:.4g} W in a beam "
+        f"of {beam:g} deg: "
         f"{instrument.intensity(beam):.3g} W/sr on its axis",
         f"eyes: {RISK[group]} (IEC 62471 at 0.2 m: blue light {blue:.3g}, thermal {thermal:.3g} "
         "W/(m^2 sr))",

@@ -31,7 +31,9 @@ BLUE = (0.1, 0.4, 0.8, 0.98, 1.0, 0.94, 0.8, 0.62, 0.45, 0.22, 0.1)
 class Instrument:
     """Lamp, detector and converter in the units of data sheets; the scene has beam and water."""
 
-    lamp_w: Annotated[float, Quantity("radiant flux of the LED", "W", 1e-6, 1e3)] = 0.5
+    lamp_w: Annotated[
+        float, Quantity("radiant flux of the LED, or of those of all lamps", "W", 1e-6, 1e3)
+    ] = 0.5
     optics: Annotated[float, Quantity("share of it that leaves the lamp", "", 0.01, 1)] = 0.85
     wavelength_nm: Annotated[float, Quantity("of the lamp", "nm", 400, 700)] = 525.0
     lens_m: Annotated[float, Quantity("diameter of the lamp's lens", "m", 2e-3, 1)] = 0.03
@@ -83,12 +85,13 @@ class Instrument:
         converter = (self.converter_v_per_rthz / self.feedback_ohm) ** 2
         return math.sqrt(voltage + self.amplifier_a_per_rthz**2 + converter)
 
-    def risk_group(self, beam_sigma_deg: float) -> tuple[int, float, float]:
+    def risk_group(self, beam_sigma_deg: float, share: float = 1.0) -> tuple[int, float, float]:
         """Return the risk group of IEC 62471, 0 (exempt) to 3, of a lens that is evenly lit.
 
-        With it come the radiances that count for blue light and for heat, W/(m^2 sr).
+        It has a share of the flux. With the group come the radiances that count for blue light and
+        for heat, W/(m^2 sr).
         """
-        radiance = self.intensity(beam_sigma_deg) / (math.pi / 4 * self.lens_m**2)
+        radiance = share * self.intensity(beam_sigma_deg) / (math.pi / 4 * self.lens_m**2)
         wavelength = self.wavelength_nm
         weight = float(np.interp(wavelength, BLUE_NM, BLUE))
         if wavelength > 500:

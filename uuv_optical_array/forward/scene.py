@@ -27,17 +27,15 @@ from uuv_optical_array.forward.prior import (
 
 @dataclasses.dataclass(frozen=True)
 class SignatureSettings:
-    """How a scene's images become signatures, and how the five numbers weigh in the match."""
+    """How images become signatures: the peak's place, and weights of the five numbers."""
 
     peak: Literal["detector", "subdetector"] = "subdetector"
-    peak_weight: Annotated[float, Quantity("weight of the peak value", "", 1e-6, 1e6)] = 2.0
+    peak_weight: Annotated[float, Quantity("of the peak value", "", 1e-6, 1e6)] = 2.0
     position_weight: Annotated[
-        float, Quantity("weight of column and row, per half width of the array", "", 1e-6, 1e6)
+        float, Quantity("of column and row, per half width", "", 1e-6, 1e6)
     ] = 1.0
-    skewness_weight: Annotated[float, Quantity("weight of both skewnesses", "", 1e-6, 1e6)] = 1.0
-    lift: Annotated[
-        float, Quantity("constant appended to the five, so that the angle sees scale", "", 0, 1e6)
-    ] = 1.0
+    skewness_weight: Annotated[float, Quantity("of both skewnesses", "", 1e-6, 1e6)] = 1.0
+    lift: Annotated[float, Quantity("appended, so that the angle sees scale", "", 0, 1e6)] = 1.0
 
 
 # The working volume, 4 to 8 m behind the lamp and 0.6 m and 20 deg about its axis, with a margin.
@@ -150,6 +148,14 @@ class Scene:
     def with_shape(self, shape: Shape) -> "Scene":
         """Return the scene with an array of another shape, as `ArraySettings.with_shape`."""
         return dataclasses.replace(self, array=self.array.with_shape(shape))
+
+    def with_lamps(self, lamps: tuple[BeaconLamp, ...]) -> "Scene":
+        """Return the scene with other lamps; without any it has no prior of them."""
+        unused: dict[str, Any] = dict.fromkeys(
+            without_meaning(self.effects, self.array, lamps), 0.0
+        )
+        prior = dataclasses.replace(self.prior, **unused)
+        return dataclasses.replace(self, lamps=lamps, prior=prior)
 
     def settings(self) -> dict[str, Any]:
         """Return the whole scene as plain values, as in a scene file."""

@@ -41,6 +41,8 @@ def _draw_images(figure: Any, images: Array) -> None:
         low, high = row.min(), max(row.max(), row.min() + 1)
         for (title, _, _), image, axes in zip(COLUMNS, row, axes_row, strict=True):
             mesh = array_image(axes, image, vmin=low, vmax=high)
+            for edge in range(image.shape[1], len(image), image.shape[1]):
+                axes.axhline(edge - 0.5, color="w", lw=1)
             axes.tick_params(labelsize=8, length=2)
             axes.label_outer()
             if range_m == RANGES_M[0]:
@@ -53,13 +55,12 @@ def _draw_images(figure: Any, images: Array) -> None:
 
 def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None:
     """Draw the profiles through the peak of some columns of the sheet, and their gradients."""
+    images = together(images)
     side = images.shape[-1]
     colours = shades("viridis", 0, 0.85, len(RANGES_M))
     grid = figure.subplots(2, 2 * len(PROFILED), sharex=True)
     detectors = np.arange(side)
-    peaks = (
-        key_parameters(together(images), full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
-    )
+    peaks = key_parameters(images, full_scale_counts, "detector")[..., 1:3] + (side - 1) / 2
     at = np.rint(peaks).astype(int)
     for place, column in enumerate(PROFILED):
         for across, axes in ((True, grid[:, 2 * place]), (False, grid[:, 2 * place + 1])):
@@ -92,9 +93,11 @@ def draw_scene(scene: Scene, images: Array) -> Any:
     _draw_images(sheet, images)
     _draw_profiles(profiles, images, scene.full_scale_counts)
     side = scene.array.detectors_per_side
+    several = "; those of the lamps below one another, profiles of their sum" if scene.lamps else ""
     figure.suptitle(
         f"Scene {scene.name}: readings of the {side} x {side} array with base_link 4 to 8 m behind "
-        "the lamp\nimages: each row has its own scale, from its least to its largest reading",
+        "the lamp\nimages: each row has its own scale, from its least to its largest reading"
+        f"{several}",
         fontsize=12,
     )
     return figure

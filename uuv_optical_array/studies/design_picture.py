@@ -53,8 +53,10 @@ def draw(choice: Choice) -> Any:
     criterion.set_title(f"the paper's criterion, {THRESHOLD_DEG:g} deg, and the bound")
     left, right = parts[2].subplots(1, 2, gridspec_kw={"width_ratios": [2.2, 1]})
     left.set_axis_off()
-    words: dict[str, Any] = {"family": "monospace", "fontsize": 7.5, "linespacing": 1.3}
-    left.text(0, 1, choice.table(named), va="top", in_layout=False, **words)
+    table = choice.table(named)
+    size = 7.5 * min(1.0, 135 / max(map(len, table.splitlines())))
+    words: dict[str, Any] = {"family": "monospace", "fontsize": size, "linespacing": 1.3}
+    left.text(0, 1, table, va="top", in_layout=False, **words)
     right.set_axis_off()
     handles = [
         *(mark(f"{s}; wider arrays to the right", color=c) for s, c in SHAPE_COLOURS.items()),
@@ -139,14 +141,28 @@ def _close_up(
         values = {getattr(row, name) for row in rows}
         return min(values, key=lambda value: abs(value - wanted))
 
-    side = nearest("detectors_per_side", CLOSE_UP_SIDE)
-    width, sigma = nearest("width_m", own.width_m), nearest("beam_sigma_deg", own.beam_sigma_deg)
-    close = [row for row in rows if row.detectors_per_side == side]
-    of_width = [row for row in close if row.width_m == width]
-    _lines(by_beam, of_width, "beam_sigma_deg", "radius_m", "radius {:g} m", "viridis")
+    def same(*names: str) -> list[ScoredDesign]:
+        """Return designs with the detectors and of the lamps that stand for all, and more alike."""
+        alike = ["detectors_per_side", *names]
+        return [r for r in rows if all(getattr(r, name) == stands[name] for name in alike)]
+
+    stands = {name: nearest(name, getattr(own, name)) for name in ("width_m", "beam_sigma_deg")}
+    stands["detectors_per_side"] = side = nearest("detectors_per_side", CLOSE_UP_SIDE)
+    rings = "lamps", "spread_m", "tilt_deg"
+    ring = min(rows, key=lambda row: [abs(getattr(row, n) - getattr(own, n)) for n in rings])
+    stands |= {"ring": ring.ring, "lamps": ring.lamps}
+    width, sigma = stands["width_m"], stands["beam_sigma_deg"]
+    _lines(by_beam, same("width_m", "ring", "lamps"), "beam_sigma_deg", "radius_m",
+           "radius {:g} m", "viridis")  # fmt: skip
     by_beam.set_xlabel("standard deviation of the beam (deg)")
     by_beam.set_title(f"{side} x {side} on {width:g} m")
-    of_sigma = [r for r in close if r.radius_m and r.beam_sigma_deg == sigma]
+    if len(study.sweep.lamps) > 1:
+        of_array = [r for r in same("width_m", "beam_sigma_deg") if r.radius_m == own.radius_m]
+        _lines(by_radius, of_array, "lamps", "ring", "{}", "viridis")
+        by_radius.set_xlabel("lamps, so far from their middle and turned outwards")
+        by_radius.set_title(f"{side} x {side} on {width:g} m, beam of {sigma:g} deg")
+        return
+    of_sigma = [row for row in same("beam_sigma_deg", "ring", "lamps") if row.radius_m]
     _lines(by_radius, of_sigma, "radius_m", "width_m", "{:g} m wide", "cividis")
     by_radius.set_xlabel("radius of the sphere (m)")
     by_radius.set_title(f"{side} x {side}, beam of {sigma:g} deg")
@@ -175,4 +191,5 @@ def _lines(
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     if rows:
-        axes.legend(fontsize=9, loc="best", framealpha=0.85)
+        few = len(lines) < 7
+        axes.legend(fontsize=9 if few else 6, ncols=1 if few else 2, framealpha=0.85)

@@ -21,6 +21,7 @@ from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.estimation.signature_table import Progress
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import (
@@ -45,7 +46,12 @@ from uuv_optical_array.studies.shared.separation import (
 
 CLEAR_SIGMAS = 3.0
 # What Eren et al. (2016) choose; their lamp is not given.
-PAPER = {"shape": "curved", "detectors_per_side": 5, "width_m": 0.4, "radius_m": 0.32}
+PAPER: dict[str, Any] = {
+    "shape": "curved",
+    "detectors_per_side": 5,
+    "width_m": 0.4,
+    "radius_m": 0.32,
+}
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
@@ -149,12 +155,12 @@ def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Gene
     The array is `range_m` behind the lamp, and the angle is that from the noiseless signature.
     """
     pose = from_paper_axes([range_m, 0, 0, 0, 0])
-    clean = model.expected(pose)
+    clean = together(model.expected(pose))
     on_axis_counts = float(clean.max())
     calm = scene_signature(clean, on_axis_counts, model.scene)
     squares = 0.0
     for poses in _blocks(model, np.broadcast_to(pose, (NOISE_DRAWS, 5))):
-        readings = model.expose(poses, rng)
+        readings = together(model.expose(poses, rng))
         angles = spectral_angle(calm, scene_signature(readings, on_axis_counts, model.scene))
         squares += float((angles**2).sum())
     return math.degrees(math.sqrt(squares / NOISE_DRAWS))
@@ -252,9 +258,9 @@ class Choice:
 
     @cached_property
     def papers(self) -> list[ScoredDesign]:
-        """The paper's array with the scene's lamp, where it is swept."""
-        own = self.study.scene.lamp.beam_sigma_deg
-        return [row for row in self.rows if row.is_papers_array and row.beam_sigma_deg == own]
+        """The paper's array with the scene's lamps, where it is swept."""
+        own = dataclasses.replace(Design.of(self.study.scene), **PAPER)
+        return [row for row in self.rows if row.design == own]
 
     @cached_property
     def numbered(self) -> list[ScoredDesign]:
@@ -265,7 +271,8 @@ class Choice:
     def table(self, numbers: Collection[int] | None = None) -> str:
         """Return `numbered` as a table, or those of some numbers, from 1."""
         heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
-        line = "{:>3} {:<51}{:>8}{:>7}{:>5}{:>12}{:>12}{:>7}  {:<9}{}"
+        width = max(51, 2 + max((len(row.label) for row in self.numbered), default=0))
+        line = f"{{:>3}} {{:<{width}}}{{:>8}}{{:>7}}{{:>5}}{{:>12}}{{:>12}}{{:>7}}  {{:<9}}{{}}"
         units = ("m", "deg", "%", "deg", "deg", "sigma", "at", "front")
         lines = [line.format("no", "design", *heads), line.format("", "", *units)]
         for number, row in enumerate(self.numbered, start=1):

@@ -7,10 +7,12 @@ import typing
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Annotated, Any, Literal, TypeAlias
 
 from uuv_optical_array.core.settings import Setting, check, declared
 from uuv_optical_array.forward.array import ArraySettings, Shape
+from uuv_optical_array.forward.lamps import ring_of_lamps
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -20,10 +22,11 @@ Power: TypeAlias = Literal["flux", "flux_in_range", "counts"]
 Mount: TypeAlias = Literal["front", "centre"]
 
 # What a sweep has lists of.
+RING = declared(ring_of_lamps)
 SWEPT: dict[str, Setting] = {
     name: (declared(ArraySettings) | declared(LampSettings))[name]
     for name in ("shape", "detectors_per_side", "width_m", "radius_m", "beam_sigma_deg")
-}
+} | RING
 # Radii of 0.8 widths are as curved as the paper's.
 DEFAULTS: dict[str, tuple[Any, ...]] = {
     "detectors_per_side": (3, 5, 7, 9, 11, 21),
@@ -41,18 +44,28 @@ WITH_GAIN = {
 
 @dataclass(frozen=True)
 class Design:
-    """An array and a lamp; settings as in `ArraySettings` and `LampSettings`."""
+    """An array and lamps; settings as in `ArraySettings`, `LampSettings`, `ring_of_lamps`."""
 
     shape: Shape
     detectors_per_side: int
     width_m: float
     radius_m: float | None
     beam_sigma_deg: float
+    lamps: int
+    spread_m: float
+    tilt_deg: float
 
     @classmethod
     def of(cls, scene: Scene) -> "Design":
-        """Return the design that a scene has."""
-        values = {**vars(scene.array), **vars(scene.lamp)}
+        """Return the design that a scene has; of several lamps with the means of their ring."""
+        values: dict[str, Any] = {**vars(scene.array), **vars(scene.lamp)}
+        out = [
+            (math.hypot(lamp.y_m, lamp.z_m), lamp.pitch_deg, lamp.yaw_deg) for lamp in scene.lamps
+        ]
+        values |= {"lamps": scene.lamp_count, "spread_m": 0.0, "tilt_deg": 0.0}
+        if out:
+            values["spread_m"] = round(fmean(far for far, _, _ in out), 3)
+            values["tilt_deg"] = round(fmean(math.hypot(*axis) for _, *axis in out), 3)
         return cls(**{field.name: values[field.name] for field in dataclasses.fields(cls)})
 
     @property
@@ -65,7 +78,13 @@ class Design:
         """The design in words."""
         radius = "" if self.radius_m is None else f", radius {self.radius_m:g} m"
         side, beam = self.detectors_per_side, f"beam {self.beam_sigma_deg:g} deg"
-        return f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, {beam}"
+        lamps = f", {self.lamps} lamps {self.ring}" if self.lamps > 1 else ""
+        return f"{self.shape} {side} x {side}, {self.width_m:g} m{radius}, {beam}{lamps}"
+
+    @property
+    def ring(self) -> str:
+        """Where several lamps are, in words."""
+        return f"at {self.spread_m:g} m, {self.tilt_deg:g} deg"
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,9 @@ class Sweep:
     width_m: Sequence[float]
     radius_m: Sequence[float]
     beam_sigma_deg: Sequence[float]
+    lamps: Sequence[int] = (1,)
+    spread_m: Sequence[float] = (0.0,)
+    tilt_deg: Sequence[float] = (0.0,)
 
     def __post_init__(self) -> None:
         for name, setting in SWEPT.items():
@@ -108,9 +130,16 @@ class Sweep:
         for shape in self.shape:
             radii = self.radius_m if shape == "curved" else (None,)
             sides = self.detectors_per_side
-            grid = itertools.product(radii, self.width_m, self.beam_sigma_deg, sides)
-            for radius_m, width_m, sigma_deg, side in grid:
-                yield Design(shape, side, width_m, radius_m, sigma_deg)
+            rings = [
+                (lamps, *place)
+                for lamps in self.lamps
+                for place in itertools.product(self.spread_m, self.tilt_deg)
+            ]
+            # One lamp is in the middle.
+            rings = list(dict.fromkeys(ring if ring[0] > 1 else (1, 0.0, 0.0) for ring in rings))
+            grid = itertools.product(radii, self.width_m, self.beam_sigma_deg, rings, sides)
+            for radius_m, width_m, sigma_deg, ring, side in grid:
+                yield Design(shape, side, width_m, radius_m, sigma_deg, *ring)
 
 
 def lists_named(words: Sequence[str]) -> dict[str, list[Any]]:
@@ -136,7 +165,7 @@ def default_lists(scene: Scene) -> dict[str, tuple[Any, ...]]:
     lists = {
         name: tuple(sorted({*values, getattr(own, name) or values[0]}))
         for name, values in DEFAULTS.items()
-    }
+    } | {name: (getattr(own, name),) for name in RING}
     return {"shape": typing.get_args(Shape), **lists}
 
 
@@ -146,6 +175,8 @@ def _fault(design: Design) -> str:
         ArraySettings(design.shape, 2, design.width_m, 0.0, design.radius_m)
     except ValueError:
         return f"{design.width_m:g} m wide on a sphere of {design.radius_m:g} m: corners beyond it"
+    if design.lamps > 1 and not (design.spread_m or design.tilt_deg):
+        return "several lamps in one place that point the same way"
     return ""
 
 
@@ -166,8 +197,16 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     side, radius_m = design.detectors_per_side, design.radius_m
     array = ArraySettings(design.shape, side, design.width_m, bow_m, radius_m)
     lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
-    changed = dataclasses.replace(scene, array=array, lamp=lamp)
-    if power == "counts" or design == Design.of(scene):
+    own, names = Design.of(scene), (*RING,)
+    ring = {name: getattr(design, name) for name in names}
+    lamps = scene.lamps if ring.items() <= vars(own).items() else ring_of_lamps(**ring)
+    if lamps and not scene.lamps:
+        raise ValueError(
+            f"lamps: {design.lamps}: scene {scene.name} has one and no prior of several; take one "
+            "that extends leading_lights"
+        )
+    changed = dataclasses.replace(scene, array=array, lamp=lamp).with_lamps(lamps)
+    if power == "counts" or design == own:
         return changed
     own_sr, solid_angle_sr = (
         beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)

@@ -1,6 +1,7 @@
 """``uuv_array limits``: print and draw how well one image can fix the pose at all."""
 
 import argparse
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, get_args
 
@@ -108,7 +109,9 @@ def report(model: ForwardModel, pose: Array) -> str:
     lines += ["", f"observable: {', '.join(names) or 'nothing'}"]
     lines.append(f"condition number of the information, in m and rad: {bound.condition:.2g}")
     if stds := scene.nuisance_std():
-        along = ", ".join(f"{name} +-{std:g}" for name, std in stds.items())
+        # What each of several lamps has is told once.
+        shared = {re.sub(r"^lamps\.\d+", "lamps.*", name): std for name, std in stds.items()}
+        along = ", ".join(f"{name} +-{std:g}" for name, std in shared.items())
         lines.append(f"estimated along with the pose: {along}")
     return "\n".join(lines)
 

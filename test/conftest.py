@@ -27,6 +27,7 @@ SCRATCH = tempfile.TemporaryDirectory(prefix="uuv_optical_array_test_")
 NEEDS = {
     "nodes/bringup/test_launch.py": ("launch_ros", "launch_testing", "launch_testing_ros"),
     "forward/test_scene_schema.py": ("jsonschema",),
+    "studies/test_photon_transport.py": ("numba",),
     "examples/test_serial_array.py": ("serial", "cobs"),
     "view/test_view.py": ("viser",),
     "nodes/test_view_node.py": ("viser",),

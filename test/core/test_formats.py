@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uuv_optical_array.core.storage.formats import csv_text, json_text
+from uuv_optical_array.core.storage.formats import columns, csv_text, json_text
 
 SCALARS = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats() | st.text()
 NESTED = st.recursive(
@@ -49,10 +49,10 @@ def test_json_takes_what_numpy_makes():
 
 @given(st.lists(st.tuples(st.text('aé,;" \n'), st.floats(allow_nan=False), st.integers())))
 def test_csv_reads_back(rows):
-    columns = ["text", "number", "count"]
-    text = csv_text(columns, [dict(zip(columns, row, strict=True)) for row in rows])
+    names = ["text", "number", "count"]
+    text = csv_text(names, [dict(zip(names, row, strict=True)) for row in rows])
     head, *lines = csv.reader(io.StringIO(text, newline=""))
-    assert head == columns
+    assert head == names
     assert [(a, float(b), int(c)) for a, b, c in lines] == rows
 
 
@@ -60,3 +60,9 @@ def test_csv_without_rows_has_its_columns_and_another_column_is_refused():
     assert csv_text(["a", "b"], []) == "a,b\n"
     with pytest.raises(ValueError, match="c"):
         csv_text(["a", "b"], [{"a": 1, "c": 2}])
+
+
+def test_columns_are_as_wide_as_their_widest_cell():
+    rows = [("name", "m"), ("a", 1.25), ("long name", -3, "met"), ()]
+    assert columns(rows) == "name          m\na          1.25\nlong name    -3  met\n"
+    assert columns([("a", "b"), ("cc", "dd")], left=2) == "a   b\ncc  dd"

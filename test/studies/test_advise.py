@@ -149,9 +149,6 @@ def test_measurements_of_elsewhere_are_not_used(field, scene, tmp_path, capsys, 
         return [row(side=11, shape="planar")]
 
     monkeypatch.setattr(tradeoff_measurement, "measure", measure)
-    monkeypatch.setattr(
-        tradeoff_measurement, "expected_s", lambda scene, groups, frames: [1.0] * len(groups)
-    )
     run("--output", tmp_path, "--json", code=130)
     out, err = capsys.readouterr()
     result = json.loads(out)

@@ -199,14 +199,14 @@ def test_an_interrupt_keeps_the_batches_before_it(tank):
     assert all(errors.shape == (4, FRAMES, 5) for errors in result.errors.values())
 
 
-def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother():
-    class Docking:
-        def update(self, images, first):
-            assert len(images) == len(first) == 1
-            return first, None
+def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeypatch):
+    def docking(motion, images, first):
+        assert len(images) == len(first) == 1
+        return np.broadcast_to(first[:, None], (1, FRAMES, 5)), None, None
 
+    monkeypatch.setattr(approach_runs, "smoothed", docking)
     first = np.array([[np.nan] * 5, [1.0] * 5])
-    poses = by_docking(Docking(), np.zeros((2, FRAMES, 5, 5)), first)
+    poses = by_docking(None, np.zeros((2, FRAMES, 5, 5)), first)
     assert np.isnan(poses[0]).all()
     assert (poses[1] == 1).all()
 

@@ -13,13 +13,14 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.docking_smoother import (
     STATE,
     DockingSettings,
-    DockingSmoother,
     Motion,
     PathProblem,
+    bound,
     evaluate,
     predict,
     propose,
     refine,
+    smoothed,
     states_along,
 )
 
@@ -101,7 +102,7 @@ def test_motion_is_that_of_the_heading_and_its_derivatives_are_right():
 def test_bound_is_the_inverse_of_the_dense_information(model):
     """All frames' states in one information matrix, inverted whole, for each number of frames."""
     path = straight(6)
-    found = DockingSmoother(model, STEP_S, SETTINGS).bound(path)
+    found = bound(Motion(model, STEP_S, SETTINGS), path)
     noise = np.linalg.inv(noise_of_motion())
     states = np.zeros((6, STATE))
     states[:, :5], states[:, 5] = path, 0.5
@@ -140,10 +141,8 @@ def test_the_path_is_the_most_probable_one(model):
     path = straight(4)
     off = offsets(model, 1, rng)
     images = exposed(model, path, off, rng)
-    smoother = DockingSmoother(model, STEP_S, SETTINGS)
-    for frame in range(4):
-        poses, _ = smoother.update(images[:, frame], path[None, 0])
-    found = smoother.path[0]
+    motion = Motion(model, STEP_S, SETTINGS)
+    poses, _, (found,) = smoothed(motion, images, path[None, 0])
     mean, std = first_prior(model)
     precision = np.linalg.inv(noise_of_motion())
 
@@ -165,7 +164,7 @@ def test_the_path_is_the_most_probable_one(model):
     # What the solver accepts steps by is the same function, but for a constant.
     scales = [*np.tile([0.03] * 5 + [0.3] * 3, 4), 0.01, 0.01]
     moved = found + scales * rng.standard_normal(len(found))
-    problem = PathProblem(model, Motion(model, STEP_S, SETTINGS), images.reshape(1, 4, 25))
+    problem = PathProblem(motion, images.reshape(1, 4, 25))
     theirs = evaluate(problem, found[:, None]).cost, evaluate(problem, moved[:, None]).cost
     assert theirs[1][0] - theirs[0][0] == pytest.approx(cost(moved) - cost(found), rel=1e-9)
     assert images.min() > 0
@@ -182,7 +181,7 @@ def test_the_path_is_the_most_probable_one(model):
     units = np.zeros(len(found))
     best = minimize(lambda u: cost(found + scale * u), units, jac=slopes, method="BFGS")
     assert cost(found) - best.fun < 0.02
-    np.testing.assert_array_equal(found[-10:-5], poses[0])
+    np.testing.assert_array_equal(found[-10:-5], poses[0, -1])
     # All four images at once, from a straight path, lead there too.
     whole = refine(problem, path_of(path)[:, None])
     assert whole.cost[0] == pytest.approx(theirs[0][0], abs=0.02)
@@ -194,7 +193,7 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
     rng = np.random.default_rng(6)
     path = straight(5)
     images = exposed(model, path, offsets(model, 3, rng), rng).reshape(3, 5, 25)
-    problem = PathProblem(model, Motion(model, STEP_S, SETTINGS), images)
+    problem = PathProblem(Motion(model, STEP_S, SETTINGS), images)
     at = path_of(path)[:, None] + 0.02 * rng.standard_normal((5 * STATE + 2, 3))
     trial, decrement = propose(problem, evaluate(problem, at), np.full(3, damping))
     ahead, behind = (evaluate(problem, at + share * (trial - at)).cost for share in (1e-5, -1e-5))
@@ -205,7 +204,7 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
 def test_damping_shortens_a_step_down_to_the_steepest_descent_of_each_number(model):
     path = straight(3)
     images = model.expected(path).reshape(1, 3, 25)
-    problem = PathProblem(model, Motion(model, STEP_S, SETTINGS), images)
+    problem = PathProblem(Motion(model, STEP_S, SETTINGS), images)
     at = path_of(path + 0.02, 0.01)[:, None]
     state = evaluate(problem, at)
     steps = [propose(problem, state, np.array([damping]))[0] - at for damping in (0.0, 1.0, 1e6)]
@@ -219,36 +218,26 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
     rng = np.random.default_rng(4)
     path, runs = straight(12), 150
     images = exposed(model, path, offsets(model, runs, rng), rng)
-    smoother = DockingSmoother(model, STEP_S, SETTINGS)
-    for frame in range(12):
-        poses, covariances = smoother.update(
-            images[:, frame], np.broadcast_to(path[0], (runs, 5)) + rng.normal(0, 0.02, (runs, 5))
-        )
-    errors = poses - path[-1]
-    ratio = np.sqrt(np.mean(errors**2, axis=0)) / smoother.bound(path)[-1]
+    motion = Motion(model, STEP_S, SETTINGS)
+    poses, covariances, _ = smoothed(motion, images, path[0] + rng.normal(0, 0.02, (runs, 5)))
+    errors = poses[:, -1] - path[-1]
+    ratio = np.sqrt(np.mean(errors**2, axis=0)) / bound(motion, path)[-1]
     # The path is straighter than the motion it is expected of, so errors may be smaller.
     assert (ratio > 0.6).all()
     assert (ratio < 1.1).all()
-    nees = (errors * np.linalg.solve(covariances, errors[..., None])[..., 0]).sum(axis=1)
+    nees = (errors * np.linalg.solve(covariances[:, -1], errors[..., None])[..., 0]).sum(axis=1)
     assert 3.0 < nees.mean() < 5.7
 
 
-def test_approaches_together_are_as_one_by_one_and_need_a_guess(model):
-    rng = np.random.default_rng(5)
-    path = straight(5)
+def test_approaches_together_are_as_one_by_one(model):
+    rng, path = np.random.default_rng(5), straight(5)
     images = exposed(model, path, offsets(model, 3, rng), rng)
-    guess = np.broadcast_to(path[0], (3, 5))
-    together = DockingSmoother(model, STEP_S)
-    for frame in range(5):
-        many = together.update(images[:, frame], guess)
+    motion, guess = Motion(model, STEP_S, DockingSettings()), np.broadcast_to(path[0], (3, 5))
+    together = smoothed(motion, images, guess)
     for run in range(3):
-        alone = DockingSmoother(model, STEP_S)
-        with pytest.raises(ValueError, match="guess: missing"):
-            alone.update(images[run : run + 1, 0])
-        for frame in range(5):
-            pose, covariance = alone.update(images[run : run + 1, frame], guess[:1])
-        np.testing.assert_allclose(pose[0], many[0][run], rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(covariance[0], many[1][run], rtol=1e-9)
+        alone = smoothed(motion, images[run : run + 1], guess[:1])
+        np.testing.assert_allclose(alone[0][0], together[0][run], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(alone[1][0], together[1][run], rtol=1e-9)
 
 
 def test_a_known_sea_has_no_settings_to_estimate(model):
@@ -257,23 +246,19 @@ def test_a_known_sea_has_no_settings_to_estimate(model):
         prior=dataclasses.replace(model.scene.prior, lamp_power_std=0.0, k_std_per_m=0.0),
     )
     path = straight(6)
-    smoother = DockingSmoother(ForwardModel(known), STEP_S, SETTINGS)
-    vague = DockingSmoother(model, STEP_S, SETTINGS)
-    assert (smoother.bound(path) < vague.bound(path)).all()
-    images = ForwardModel(known).expected(path)
-    for image in images:
-        poses, _ = smoother.update(image[None], path[None, 0])
-    np.testing.assert_allclose(poses[0], path[-1], atol=5e-3)
+    motion = Motion(ForwardModel(known), STEP_S, SETTINGS)
+    assert (bound(motion, path) < bound(Motion(model, STEP_S, SETTINGS), path)).all()
+    poses, _, _ = smoothed(motion, ForwardModel(known).expected(path)[None], path[None, 0])
+    np.testing.assert_allclose(poses[0, -1], path[-1], atol=5e-3)
 
 
 @pytest.mark.parametrize("counts", [0.0, 1023.0])
 def test_dark_and_saturated_images_leave_a_finite_pose_and_covariance(model, counts):
-    smoother = DockingSmoother(model, STEP_S)
     path = straight(3)
-    first = smoother.update(model.expected(path[:1]), path[:1])[1]
-    for _ in range(3):
-        poses, covariances = smoother.update(np.full((1, 5, 5), counts))
+    images = np.concatenate([model.expected(path[:1]), np.full((3, 5, 5), counts)])[None]
+    motion = Motion(model, STEP_S, DockingSettings())
+    poses, covariances, _ = smoothed(motion, images, path[:1])
     assert np.isfinite(poses).all()
     assert (np.linalg.eigvalsh(covariances[0]) > 0).all()
     if counts == 0:
-        assert covariances[0, 0, 0] > first[0, 0, 0]
+        assert covariances[0, -1, 0, 0] > covariances[0, 0, 0, 0]

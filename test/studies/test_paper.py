@@ -18,7 +18,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.paper import Reproduction, as_object, draw, report
+from uuv_optical_array.studies.paper import draw, report, reproduce
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
 from uuv_optical_array.studies.paper_statements import (
     SIDES,
@@ -67,12 +67,9 @@ CASES = [
     ("planar", 21, 4.0, "shift", 0.3),
     ("planar", 21, 4.0, "yaw", 10.0),
     ("curved", 21, 4.0, "shift", 0.3),
-    ("curved", 21, 4.0, "shift", 0.9),
-    ("curved", 21, 4.0, "yaw", 5.0),
     ("curved", 21, 4.0, "yaw", 30.0),
     ("curved", 3, 4.0, "shift", 0.2),
     ("curved", 5, 8.0, "shift", 0.2),
-    ("curved", 5, 8.0, "yaw", 10.0),
     ("curved", 7, 4.0, "yaw", 10.0),
     ("curved", 101, 6.0, "shift", 0.45),
 ]
@@ -103,7 +100,7 @@ def test_the_widest_gap_between_the_shapes_is_that_of_the_second_implementation(
 def test_the_best_gain_is_that_of_the_second_implementation(scene, motion, step):
     angles = {side: second_angle("curved", side, 4.0, motion, step) for side in (7, 9, 11, 21)}
     expected = max(angles[side] - angles[7] for side in (9, 11, 21))
-    statement = best_gain(motion, step, (3, 5, 7, 9, 11, 21))
+    statement = best_gain(motion, step, (7, 9, 11, 21))
     found = statement.ours(functools.partial(angles_deg, scene))
     assert found == pytest.approx(expected, abs=1e-6)
 
@@ -112,11 +109,9 @@ def test_the_best_gain_is_that_of_the_second_implementation(scene, motion, step)
 def test_every_other_choice_is_what_it_says(scene, text):
     choice = next(c for c in alternatives(None) if c.text == text)
     for case in [
-        ("curved", 21, 4.0, "shift", 0.3),
-        ("planar", 21, 4.0, "yaw", 10.0),
+        ("curved", 11, 4.0, "shift", 0.3),
+        ("planar", 9, 4.0, "yaw", 10.0),
         ("curved", 5, 8.0, "yaw", 12.0),
-        ("curved", 5, 8.0, "shift", 0.2),
-        ("curved", 11, 8.0, "yaw", 10.0),
     ]:
         *conditions, step = case
         found = angles_deg(scene, Conditions(*conditions), [step], choice)
@@ -158,13 +153,12 @@ def test_every_choice_suits_every_scene():
 
 
 def test_what_has_no_number_is_flat_and_met_by_nobody():
-    above = next(s for s in STATEMENTS if s.relation == "above")
+    above, stated = (next(s for s in STATEMENTS if s.relation == r) for r in ("above", "is"))
     assert above.met(np.nan) is False
-    assert report(Reproduction([np.nan])).splitlines()[1].endswith("2    flat")
-    (point,) = as_object(Reproduction([np.nan]))["figures"]["4a"]["points"]
-    assert point["ours_deg"] is None
-    stated = next(s for s in STATEMENTS if s.relation == "is")
     assert stated.verdict(np.nan) == ""
+    points = [STATEMENTS[0].row(np.nan)]
+    text = report({"figures": {"4a": {"points": points}}, "sizes": [], "choices": []})
+    assert text.splitlines()[1].split()[-2:] == ["2", "flat"]
 
 
 # --- Its parts. ---
@@ -327,11 +321,18 @@ def test_json_holds_every_choice(whole):
 
 def test_the_statements_stand_beside_the_curves():
     """Curves that fill the lower left triangle of each panel, as the true ones do."""
-    curves = [
-        (panel, Conditions(shape, 5, 4.0, of_panel[0].motion), slope * np.linspace(0, 1, 31))
+    curves = {
+        panel: {
+            "curves": [
+                {
+                    **Conditions(shape, 5, 4.0, of_panel[0].motion).as_object([0.0]),
+                    "angle_deg": slope * np.linspace(0, 1, 31),
+                }
+                for shape, slope in (("planar", 45.0), ("curved", 60.0))
+            ]
+        }
         for panel, of_panel in panels().items()
-        for shape, slope in (("planar", 45.0), ("curved", 60.0))
-    ]
+    }
     figure = draw(curves, "eren2016")
     figure.draw_without_rendering()
     statements = 0
@@ -368,19 +369,17 @@ def test_an_interrupt_keeps_the_results_before_it(scene):
                 raise KeyboardInterrupt
             yield item
 
-    result = Reproduction()
+    result = {}
     with pytest.raises(KeyboardInterrupt):
-        result.compute(scene, 1, progress)
-    assert (len(result.points), len(result.sizes), result.curves) == (len(STATEMENTS), 2, [])
-    assert not result.has_all_curves
-    assert not result.complete
+        reproduce(scene, 1, progress, result)
+    assert len(points_of(result)) == len(STATEMENTS)
+    assert (len(result["sizes"]), result["choices"]) == (2, [])
+    assert not any(figure["curves"] for figure in result["figures"].values())
+    assert not result["complete"]
     text = report(result)
     assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", text, re.M)
     assert re.search(r"^8 .* > 15 +28\.6 +met$", text, re.M)
     assert re.search(r"^5 x 5 +28\.6 +23\.9 +0\.12 +6 ", text, re.M)
     assert "as reconstructed" not in text
-    # A choice shows what it changes alone.
-    result.choices.append(("as reconstructed", result.points))
-    result.choices.append(("other", [99.0, *result.points[1:]]))
-    assert re.search(r"^as reconstructed .* 10\.7 +6 +1\.0$", report(result), re.M)
-    assert re.search(r"^other +99\.0 +6 +43\.\d$", report(result), re.M)
+    result["choices"] = [{"choice": "as reconstructed", "ours_deg": {}, "met": 6, "rms_deg": 0.96}]
+    assert re.search(r"^as reconstructed +6 +1\.0$", report(result), re.M)

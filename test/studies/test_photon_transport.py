@@ -1,31 +1,23 @@
 """Photons beside closed forms, quadratures of single scattering, and the law of small angles."""
 
-import sys
-
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 from scipy.integrate import quad
+from trace_photons import ASYMMETRY, INDEX, PHASES, SLOPE, make, quantiles, trace
 
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import photon_transport
 from uuv_optical_array.studies.photon_transport import (
-    ASYMMETRY,
     EDGES,
-    INDEX,
     OFF_AXIS,
-    PHASES,
     RADII_M,
-    SLOPE,
     WATERS,
     Lamp,
     Pencil,
     PhotonSea,
-    load_pencil,
-    quantiles,
     shipped_pencil,
-    trace,
 )
 
 SIGMAS = 5
@@ -183,10 +175,14 @@ def test_absorption_dims_light_that_is_scattered_little_by_beer(monkeypatch):
     assert total == pytest.approx(np.exp(-0.7 * RADII_M), rel=0.04)
 
 
-def test_a_pencil_is_read_as_it_was_written(tmp_path):
-    pencil = trace(0.2, 0.3, "fournier_forand", 1000, np.random.default_rng(5))
-    pencil.save(tmp_path / "pencil.npz")
-    again = load_pencil(tmp_path / "pencil.npz")
+def test_a_pencil_is_read_as_it_was_written(tmp_path, monkeypatch, capsys):
+    make(tmp_path, 1000)
+    made = sorted(tmp_path.glob("*"))
+    assert {path.stem for path in made} == {f"{w}_{phase}" for w in WATERS for phase in PHASES}
+    assert sorted(capsys.readouterr().out.split()) == list(map(str, made))
+    monkeypatch.setattr(photon_transport.files, "shared_file", lambda name: tmp_path / name[12:])
+    again = shipped_pencil("coastal")
+    pencil = trace(*WATERS["coastal"], "fournier_forand", 1000, np.random.default_rng(1))
     assert (again.phase, again.photons) == ("fournier_forand", 1000)
     for name in ("absorption_per_m", "scattering_per_m", "radial", "away", "squares"):
         assert getattr(again, name) == pytest.approx(getattr(pencil, name), rel=1e-6)
@@ -226,11 +222,7 @@ def test_chance_is_as_large_as_stated():
     assert np.median(found / stated) == pytest.approx(1, abs=0.2)
 
 
-def test_places_beyond_the_spheres_and_a_missing_compiler_are_refused(monkeypatch):
-    lamp = Lamp(trace(0.1, 0.1, "henyey_greenstein", 10, np.random.default_rng(7)), 0.1)
+def test_places_beyond_the_spheres_are_refused():
+    lamp = Lamp(shipped_pencil("clear"), 0.1)
     with pytest.raises(ValueError, match=r"photons are known from 1 to 10 m and up to 60 deg"):
         lamp.images(ARRAY, np.array([[-12.0, 0, 0, 0, 0]]))
-    photon_transport._compiled.cache_clear()
-    monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(ValueError, match=r"photons needs the extra fast: .* pip install"):
-        trace(0.1, 0.1, "henyey_greenstein", 10, np.random.default_rng(7))

@@ -161,7 +161,7 @@ def test_without_noise_the_method_recovers_the_turns_of_its_calibration(clear, c
 def test_range_is_the_papers_exponential():
     # -log(peak / a1) / b1 with a1 = 4000 and b1 = 0.4.
     line = (-np.log(4000) / 0.4, 1 / 0.4)
-    calibration = MomentCalibration(SPACING_M, np.array([line, *[(0.0, 1.0)] * 4]))
+    calibration = MomentCalibration(SPACING_M, 5, np.array([line, *[(0.0, 1.0)] * 4]))
     image = np.outer([1, 2, 3, 2, 1], [1, 2, 3, 2, 1]) / 9 * 4000 * np.exp(-0.4 * 6)
     assert calibration.poses(image)[0] == pytest.approx(-6)
 
@@ -303,7 +303,7 @@ def test_an_image_that_the_table_has_no_peak_for_has_no_pose(table):
         inner.pose(corner)
     for image, reason in (
         (np.zeros((7, 7)), "no light"),
-        (np.zeros((5, 5)), "needs 7 x 7"),
+        (np.zeros((5, 5)), "7 x 7 finite readings"),
         (np.full((7, 7), np.inf), "no image"),
     ):
         with pytest.raises(NoPose, match=reason):

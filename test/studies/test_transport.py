@@ -11,19 +11,13 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import uniform_poses
-from uuv_optical_array.studies.photon_transport import (
-    RADII_M,
-    PhotonSea,
-    load_pencil,
-    shipped_pencil,
-)
+from uuv_optical_array.studies.photon_transport import PhotonSea, shipped_pencil
 from uuv_optical_array.studies.transport import (
     CASES,
     DEFAULT,
     SCENES,
     _calibrated,
     law_beside,
-    make,
     poses_between,
     poses_by,
     report_law,
@@ -118,7 +112,9 @@ def test_poses_span_the_ranges_that_are_asked_for():
 
 def test_a_refused_calibration_is_a_line_with_its_reason():
     row = {"water": "harbour", "scene": "harbour, calibrated", "refusal": "no light"}
-    assert "harbour, calibrated       refused: no light" in report_poses([row])
+    text = report_poses([row])
+    assert "harbour, calibrated   refused\n" in text
+    assert text.endswith("\nharbour, calibrated: no light")
 
 
 def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
@@ -129,28 +125,3 @@ def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
     assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == [*CASES]
     assert [row["answered"] for row in found["poses"]] == 3 * len(SCENES) * [3]
     assert "photons" in picture.read_text(encoding="utf-8")
-
-
-def test_photons_are_made_again_on_demand(capsys, tmp_path):
-    make(tmp_path / "flux", 1000, 3)
-    made = sorted((tmp_path / "flux").glob("*"))
-    assert [path.name for path in made][:2] == [
-        "clear_fournier_forand.npz",
-        "clear_henyey_greenstein.npz",
-    ]
-    assert len(made) == 6
-    assert capsys.readouterr().out.split() == [str(path) for path in sorted(made, key=by_phase)]
-    pencil = load_pencil(made[-1])
-    assert pencil.photons == 1000
-    assert pencil.radial.shape[0] == len(RADII_M)
-
-
-def by_phase(path):
-    """Return the order in which files are made."""
-    water, _, phase = path.stem.partition("_")
-    return phase, ["clear", "coastal", "harbour"].index(water)
-
-
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "flux").write_text("full")
-    assert "--make" in run("--make", str(tmp_path / "flux"), code=2)

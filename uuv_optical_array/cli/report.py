@@ -7,9 +7,7 @@ import contextlib
 import io
 import os
 import shlex
-import sys
 from collections.abc import Callable, Sequence
-from typing import TextIO
 
 from uuv_optical_array.cli import outputs
 from uuv_optical_array.cli.options import OptionError
@@ -17,23 +15,6 @@ from uuv_optical_array.core.storage import files
 
 PAGE = "UUV_ARRAY_REPORT"
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
-
-
-class _Both(io.TextIOBase):
-    """Text that goes to a stream and is kept."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream, self.copy = stream, io.StringIO()
-
-    def write(self, text: str) -> int:
-        self.stream.write(text)
-        return self.copy.write(text)
-
-    def flush(self) -> None:
-        self.stream.flush()
-
-    def isatty(self) -> bool:
-        return self.stream.isatty()
 
 
 def filled(page: str, command: str, text: str) -> str:
@@ -71,9 +52,12 @@ def run(program: Callable[[], int], words: Sequence[str]) -> int:
             raise OptionError(f"{PAGE} {path}: {error}") from None
 
     fill("")
-    both = _Both(sys.stdout)
-    with contextlib.redirect_stdout(both):
-        code = program()
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(printed):
+            code = program()
+    finally:
+        print(printed.getvalue(), end="")
     if code == 0:
-        files.write_text(path, fill(both.copy.getvalue()))
+        files.write_text(path, fill(printed.getvalue()))
     return code

@@ -13,7 +13,6 @@ from uuv_optical_array.core.storage.files import PACKAGE
 # What needs each extra.
 NEEDED_BY = {
     "bags": "bags need",
-    "fast": "tracing photons needs",
     "cluster": "a signature table on disk needs",
     "view": "the view needs",
     "ros": "without a sourced ROS 2 this needs",

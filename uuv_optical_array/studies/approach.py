@@ -11,7 +11,7 @@ import numpy as np
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import plain
+from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
 from uuv_optical_array.studies.approach_runs import (
@@ -39,18 +39,14 @@ docs/results/approach.md explains every choice."""
 
 EPILOG = """\
 examples:
-  uuv_array study approach                      100 runs of each case: about a minute
-  uuv_array study approach --runs 2000          as many as the paper: about 20 minutes
+  uuv_array study approach                      100 runs of each case
+  uuv_array study approach --runs 2000          as many as the paper
   uuv_array study approach --choices gaussian   1 % as a standard deviation
   uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the complete runs."""
 
-# Published errors, by the names of a `Case`.
-TITLES = {
-    "mean_end": "mean error at the end",
-    "start_95": "95 % of errors at the start",
-    "end_95": "95 % of errors at the end",
-}
+PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
+PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
 HALF, SEED = 0.5, 1
 CUT_SHORT = "only complete runs count"
 SIGMA_95 = 1.96
@@ -97,63 +93,49 @@ def all_cases(
 
 def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
     """Return a case as plain values, in m and deg; None where the paper gives none."""
-    methods = {}
-    for method in METHODS:
-        ends = result.percentile_95(method) * IN_DEGREES
-        about_mean = result.percentile_95(method, about_mean=True) * IN_DEGREES
-        ratio = result.ratio(method)[::5]
-        methods[method] = {
-            "mean_end": by_column(result.mean(method)[-1] * IN_DEGREES),
-            "start_95": by_column(ends[0]),
-            "end_95": by_column(ends[-1]),
-            "start_95_about_mean": by_column(about_mean[0]),
-            "end_95_about_mean": by_column(about_mean[-1]),
-            "ratio_to_bound": {
-                f"{metres:g} m": by_column(values)
-                for metres, values in zip(RANGES_M.round(1)[::5], ratio, strict=True)
-            },
+
+    def of_method(method: str) -> dict[str, Any]:
+        mean, errors = result.mean(method), result.percentile_95(method)
+        about_mean, ratio = result.percentile_95(method, about_mean=True), result.ratio(method)
+        values = {"mean_end": mean[-1], "start_95": errors[0], "end_95": errors[-1]}
+        values |= {"start_95_about_mean": about_mean[0], "end_95_about_mean": about_mean[-1]}
+        ratios = zip(RANGES_M.round(1)[::5], ratio[::5], strict=True)
+        return {
+            **{name: by_column(value * IN_DEGREES) for name, value in values.items()},
+            "ratio_to_bound": {f"{metres:g} m": by_column(values) for metres, values in ratios},
             "without_pose": result.without_pose(method),
         }
+
     figures = {
         "runs": result.runs,
-        "published": {name: by_column(getattr(case, name)) for name in TITLES},
+        "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
         "aim_end_95": by_column(case.end_95 / AIM),
-        "methods": methods,
+        "methods": {method: of_method(method) for method in METHODS},
         "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
         "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
     }
     return plain(figures)
 
 
-def _numbers(values: Mapping[str, float | None]) -> str:
-    shown = ("-" if value is None else f"{value:.3f}" for value in values.values())
-    return "".join(f"{text:>8}" for text in shown)
+def _row(label: str, values: Mapping[str, float | None]) -> list[str]:
+    return [label, *("-" if value is None else f"{value:.3f}" for value in values.values())]
 
 
 def report(name: str, case: Mapping[str, Any]) -> str:
-    """Return the tables of a case, from `as_object`."""
-    heads, units = ("".join(f"{word:>8}" for word in words) for words in (DOF_NAMES, DOF_UNITS))
-    lines = [f"{name}, runs: {case['runs']}", f"{'':<32}{heads}", f"{'':<32}{units}"]
-
-    def add(label: str, values: Mapping[str, float | None]) -> None:
-        lines.append(f"  {label:<30}{_numbers(values)}")
-
-    for key, title in TITLES.items():
-        lines.append(title)
-        add("published", case["published"][key])
+    """Return the table of a case, from `as_object`."""
+    rows: list[Sequence[str]] = [(f"{name}, runs: {case['runs']}", *DOF_NAMES), ("", *DOF_UNITS)]
+    for key, title in PRINTED.items():
+        rows += [(title,), _row("  published", case["published"][key])]
         for method, values in case["methods"].items():
-            add(method, values[key])
+            rows.append(_row(f"  {method}", values[key]))
             if method == "moments" and key != "mean_end":
-                add("  about their mean", values[f"{key}_about_mean"])
-    add("the aim", case["aim_end_95"])
-    add("bound of one image", case["bound_end_95"])
-    add("bound of all, with the motion", case["run_bound_end_95"])
-    lines.append("RMS of least_squares over the bound of one image")
-    for at, ratio in [*case["methods"]["least_squares"]["ratio_to_bound"].items()][::2]:
-        add(f"at {at}", ratio)
+                rows.append(_row("    about their mean", values[f"{key}_about_mean"]))
+    rows.append(_row("  the aim", case["aim_end_95"]))
+    rows.append(_row("  bound of one image", case["bound_end_95"]))
+    rows.append(_row("  bound of all, with the motion", case["run_bound_end_95"]))
     counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
-    lines.append(f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}")
-    return "\n".join(lines)
+    without = f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}"
+    return f"{columns(rows)}\n{without}"
 
 
 def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
@@ -167,20 +149,18 @@ def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
                     return
 
 
-def comparison(rows: list[dict[str, Any]]) -> str:
+def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows of `compare` as a table of the 95 % errors at the end."""
-    line = "{:<15}{:<17}{:<15}{}"
-    heads = "".join(f"{dof:>8}" for dof in DOF_NAMES)
-    lines = [line.format("case", "choice", "method", heads)]
+    lines: list[Sequence[str]] = [("case", "choice", "method", *DOF_NAMES)]
     for name in CASES:
         of_case = [row for row in rows if row["case"] == name]
         for row in of_case[:1]:
-            lines.append(line.format(name, "", "published", _numbers(row["published"]["end_95"])))
+            lines.append((name, "", *_row("published", row["published"]["end_95"])))
         for row in of_case:
             for method, values in row["methods"].items():
                 choice = row["choice"] if method == METHODS[0] else ""
-                lines.append(line.format("", choice, method, _numbers(values["end_95"])))
-    return "\n".join(lines)
+                lines.append(("", choice, *_row(method, values["end_95"])))
+    return columns(lines, 3)
 
 
 PUBLISHED_COLOUR = "#e08a00"
@@ -242,10 +222,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--choices",
         nargs="*",
         choices=(*get_args(Noise), "half"),
-        help="what the paper leaves open. The noise of 1 %%: uniform from 0 to 1 %% (default), "
-        "Gaussian with that standard deviation, or averaged over 10 uniform readings; half: "
-        "standard deviations of temperature and attenuation half of 3 C and 0.015 /m; nothing "
-        "named: compare all of them at the end of a run",
+        help="noise of 1 %%: uniform from 0 to 1 %% (default), Gaussian with that standard "
+        "deviation, or averaged over 10 uniform readings; half: half the offsets of temperature "
+        "and attenuation; nothing named: compare all at the end of a run",
     )
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")

@@ -21,7 +21,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
-from uuv_optical_array.studies.docking_smoother import DockingSettings, DockingSmoother
+from uuv_optical_array.studies.docking_smoother import DockingSettings, Motion, bound, smoothed
 from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned
 
 FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
@@ -216,6 +216,7 @@ def simulate(
     model = ForwardModel(assumed_scene(scene, case, choices))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
+    motion = Motion(model, STEP_S, DOCKING)
     batches: list[dict[str, Array]] = []
     try:
         for start in range(0, runs, batch):
@@ -223,7 +224,7 @@ def simulate(
             offsets = draw_offsets(choices, count, rng)
             images = expose(model, case.path, offsets, choices.noise, rng)
             single, tracked = _by_least_squares(estimator, images)
-            docking = by_docking(DockingSmoother(model, STEP_S, DOCKING), images, single[:, 0])
+            docking = by_docking(motion, images, single[:, 0])
             poses = (dead_reckoned(moments.poses(images)), single, tracked, docking)
             batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
             done(count)
@@ -233,7 +234,7 @@ def simulate(
     return ApproachErrors(
         {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
         cramer_rao_bound(model, case.path).std,
-        DockingSmoother(model, STEP_S, DOCKING).bound(case.path),
+        bound(motion, case.path),
     )
 
 
@@ -254,11 +255,9 @@ def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array
     return single, tracked
 
 
-def by_docking(smoother: DockingSmoother, images: Array, first: Array) -> Array:
+def by_docking(motion: Motion, images: Array, first: Array) -> Array:
     """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
-    poses = np.full((len(images), FRAMES, 5), np.nan)
-    started = np.flatnonzero(~np.isnan(first[:, 0]))
-    if len(started):
-        for frame in range(FRAMES):
-            poses[started, frame], _ = smoother.update(images[started, frame], first[started])
+    poses, started = np.full((len(images), FRAMES, 5), np.nan), ~np.isnan(first[:, 0])
+    if started.any():
+        poses[started], _, _ = smoothed(motion, images[started], first[started])
     return poses

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.geometry import PITCH, YAW, Array
 from uuv_optical_array.core.numerics.gauss_newton import minimiser
@@ -62,11 +61,10 @@ def predict(states: Array, step_s: float) -> tuple[Array, Array]:
 
 
 class Motion:
-    """The prior of a path: its first state, its steps and the offsets of the settings."""
+    """The prior of a path: its first state, its steps and the offsets of the scene's settings."""
 
     def __init__(self, model: ForwardModel, step_s: float, settings: DockingSettings) -> None:
-        s = settings
-        self.step_s = step_s
+        s, self.model, self.step_s = settings, model, step_s
         turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
         self.first = np.array([-FIRST_RANGE_M, *np.zeros(STATE - 1)])
         self.first_precision = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn]) ** -2.0
@@ -85,7 +83,6 @@ class Motion:
 class PathProblem(NamedTuple):
     """The images of n approaches of k frames: finite readings, shape ``(n, k, side * side)``."""
 
-    model: ForwardModel
     motion: Motion
     readings: Array
 
@@ -102,7 +99,8 @@ class PathState(NamedTuple):
 @np.errstate(under="ignore")
 def evaluate(problem: PathProblem, at: Array) -> PathState:
     """Return the posterior at paths, shape ``(m, n)``, with derivatives."""
-    model, motion, readings = problem
+    motion, readings = problem
+    model = motion.model
     runs, frames = readings.shape[:2]
     path, size = at.T, len(at)
     states, offsets = np.split(path, [STATE * frames], axis=1)
@@ -154,64 +152,44 @@ def propose(problem: PathProblem, state: PathState, damping: Array) -> tuple[Arr
 refine = minimiser(evaluate, propose, CONVERGED, MAX_STEPS)
 
 
-class DockingSmoother:
-    """Estimate the poses of n approaches, image after image, `step_s` apart.
+def smoothed(motion: Motion, images: Array, first: Array) -> tuple[Array, Array, Array]:
+    """Estimate the newest pose of n approaches after each of k images, counts, ``(n, k, ...)``.
 
-    The state of a frame is the pose, the speed ahead and the rates of pitch and yaw; the offsets of
-    the scene's uncertain settings (its `prior`) are the same in all frames. `path` is the most
-    probable paths, ``(n, m)``: 8 numbers for each frame, and the offsets.
+    The search begins at poses near the first ones, ``(n, 5)``. Returned are poses, m and rad,
+    ``(n, k, 5)``, covariances ``(n, k, 5, 5)``, and the most probable paths, ``(n, m)``.
     """
+    runs, frames = images.shape[:2]
+    readings = images.reshape(runs, frames, -1)
+    poses, covariances = np.empty((runs, frames, 5)), np.empty((runs, frames, 5, 5))
+    path: Array = np.zeros((runs, STATE + len(motion.offset_precision)))
+    path[:, :5] = first
+    for k in range(frames):
+        end = STATE * k
+        if k:
+            later, _ = predict(path[:, end - STATE : end], motion.step_s)
+            path = np.concatenate([path[:, :end], later, path[:, end:]], axis=1)
+        state: PathState = refine(PathProblem(motion, readings[:, : k + 1]), path.T)
+        path, newest = state.path.T, slice(end, end + 5)
+        poses[:, k], covariances[:, k] = path[:, newest], _covariance(state, newest)
+    return poses, covariances, path
 
-    def __init__(
-        self, model: ForwardModel, step_s: float, settings: DockingSettings | None = None
-    ) -> None:
-        motion = Motion(model, step_s, settings or DockingSettings())
-        self._problem = PathProblem(model, motion, np.empty((0, 0, 0)))
-        self.path: Array = np.empty((0, 0))
 
-    def update(self, images: ArrayLike, guess: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Take the next images, counts, ``(n, side, side)``; return their poses and covariances.
+def bound(motion: Motion, poses: Array) -> Array:
+    """Bound the errors, m and rad, ``(frames, 5)``, by all images up to each and the motion.
 
-        They are in m and rad, ``(n, 5)`` and ``(n, 5, 5)``. At the start poses near the first ones,
-        such as an `Estimator` finds, are needed as a `guess` ``(n, 5)``; else ValueError.
-        """
-        images = np.asarray(images, dtype=float)
-        runs, motion = len(images), self._problem.motion
-        readings = images.reshape(runs, 1, -1)
-        frames = self._problem.readings.shape[1]
-        if frames == 0:
-            if guess is None:
-                raise ValueError("guess: missing; the first images need poses near theirs")
-            path: Array = np.zeros((runs, STATE + len(motion.offset_precision)))
-            path[:, :5] = guess
-        else:
-            readings = np.concatenate([self._problem.readings, readings], axis=1)
-            end = STATE * frames
-            later, _ = predict(self.path[:, end - STATE : end], motion.step_s)
-            path = np.concatenate([self.path[:, :end], later, self.path[:, end:]], axis=1)
-        self._problem = self._problem._replace(readings=readings)
-        state: PathState = refine(self._problem, path.T)
-        self.path = state.path.T
-        newest = slice(STATE * frames, STATE * frames + 5)
-        return self.path[:, newest].copy(), _covariance(state, newest)
-
-    def bound(self, poses: ArrayLike) -> Array:
-        """Bound the errors, m and rad, ``(frames, 5)``, by all images up to each and the motion.
-
-        The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along the true poses
-        ``(frames, 5)``, two at least.
-        """
-        model, motion, _ = self._problem
-        states = states_along(np.asarray(poses, dtype=float), motion.step_s)
-        readings = model.light(states[None, :, :5]).reshape(1, len(states), -1)
-        offsets = np.zeros(len(motion.offset_precision))
-        bound = np.empty((len(states), 5))
-        for k in range(len(states)):
-            problem = PathProblem(model, motion, readings[:, : k + 1])
-            state = evaluate(problem, np.concatenate([states[: k + 1].ravel(), offsets])[:, None])
-            newest = slice(STATE * k, STATE * k + 5)
-            bound[k] = np.sqrt(np.diagonal(_covariance(state, newest)[0]))
-        return bound
+    The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along the true poses
+    ``(frames, 5)``, two at least.
+    """
+    states = states_along(poses, motion.step_s)
+    readings = motion.model.light(states[None, :, :5]).reshape(1, len(states), -1)
+    offsets = np.zeros(len(motion.offset_precision))
+    found = np.empty((len(states), 5))
+    for k in range(len(states)):
+        at = np.concatenate([states[: k + 1].ravel(), offsets])[:, None]
+        state = evaluate(PathProblem(motion, readings[:, : k + 1]), at)
+        newest = slice(STATE * k, STATE * k + 5)
+        found[k] = np.sqrt(np.diagonal(_covariance(state, newest)[0]))
+    return found
 
 
 def states_along(poses: Array, step_s: float) -> Array:

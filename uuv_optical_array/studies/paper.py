@@ -7,16 +7,14 @@ are in `paper_choices`.
 import argparse
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.storage.formats import plain
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
 from uuv_optical_array.studies.paper_choices import alternatives, noisy
@@ -74,109 +72,77 @@ def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
     return row
 
 
-@dataclass
-class Reproduction:
-    """The results so far.
+def reproduce(
+    scene: Scene,
+    seed: int,
+    progress: Callable[[Iterable[Any], str], Iterable[Any]],
+    result: dict[str, Any],
+) -> None:
+    """Write the results into a mapping, the most important first, as the JSON has them.
 
-    Our number of each of `STATEMENTS`, deg; a `size_row` for each of `SIDES`; panel, conditions and
-    angles in deg at `STEPS` of each curve; each choice with its numbers of `STATEMENTS`, deg;
-    whether no curve, and whether nothing, is missing.
+    An interrupt leaves those before it; `progress` wraps each loop, whose rounds it names.
     """
-
-    points: list[float] = field(default_factory=list)
-    sizes: list[dict[str, Any]] = field(default_factory=list)
-    curves: list[tuple[str, Conditions, Array]] = field(default_factory=list)
-    choices: list[tuple[str, list[float]]] = field(default_factory=list)
-    has_all_curves: bool = False
-    complete: bool = False
-
-    def compute(
-        self, scene: Scene, seed: int, progress: Callable[[Iterable[Any], str], Iterable[Any]]
-    ) -> None:
-        """Compute all, the most important first; an interrupt leaves the results so far.
-
-        `progress` wraps each loop; its second argument names what a round is.
-        """
-        rng = np.random.default_rng(seed)
-        angles = functools.partial(angles_deg, scene)
-        for statement in progress(STATEMENTS, "point"):
-            self.points.append(statement.ours(angles))
-        for side in progress(SIDES, "size"):
-            self.sizes.append(size_row(scene, side, noisy(rng)))
-        curves = [(panel, conditions) for panel, those in panels().items() for conditions in those]
-        for panel, conditions in progress(curves, "curve"):
-            self.curves.append((panel, conditions, angles(conditions, STEPS[conditions.motion])))
-        self.has_all_curves = True
-        for choice in progress(alternatives(rng), "choice"):
-            chosen = functools.partial(angles_deg, scene, choice=choice)
-            self.choices.append((choice.text, [s.ours(chosen) for s in STATEMENTS]))
-        self.complete = True
-
-
-def as_object(result: Reproduction) -> dict[str, Any]:
-    """Return the results as plain values, by figure; nan is None."""
-    figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in panels()}
-    for statement, ours in zip(STATEMENTS, result.points, strict=False):
-        stated = {"point": statement.text, "conditions": statement.conditions}
-        numbers = {"relation": statement.relation, "paper_deg": statement.paper, "ours_deg": ours}
-        point = {**stated, **numbers, "met": statement.met(ours)}
-        figures[statement.figure]["points"].append(point)
-    for panel, conditions, angles in result.curves:
-        steps = conditions.as_object(STEPS[conditions.motion])
-        figures[panel]["curves"].append({**steps, "angle_deg": angles})
+    rng, curves = np.random.default_rng(seed), panels()
+    figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
+    result |= {"complete": False, "figures": figures, "sizes": [], "choices": []}
+    angles = functools.partial(angles_deg, scene)
+    for statement in progress(STATEMENTS, "point"):
+        figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
+    for side in progress(SIDES, "size"):
+        result["sizes"].append(size_row(scene, side, noisy(rng)))
+    for panel, at in progress([(name, at) for name in curves for at in curves[name]], "curve"):
+        steps = STEPS[at.motion]
+        curve = {**at.as_object(steps), "angle_deg": angles(at, steps)}
+        figures[panel]["curves"].append(curve)
     names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
-    choices = []
-    for text, points in result.choices:
-        met, rms_deg = agreement(points)
-        ours_deg = dict(zip(names, points, strict=True))
-        choices.append({"choice": text, "ours_deg": ours_deg, "met": met, "rms_deg": rms_deg})
-    found = {"complete": result.complete, "figures": figures, "sizes": result.sizes}
-    return plain({**found, "choices": choices})
+    for choice in progress(alternatives(rng), "choice"):
+        chosen = functools.partial(angles_deg, scene, choice=choice)
+        ours = [statement.ours(chosen) for statement in STATEMENTS]
+        met, rms_deg = agreement(ours)
+        points = {"choice": choice.text, "ours_deg": dict(zip(names, ours, strict=True))}
+        result["choices"].append({**points, "met": met, "rms_deg": rms_deg})
+    result["complete"] = True
 
 
 def _number(ours: float) -> str:
     return "flat" if math.isnan(ours) else f"{ours:.1f}"
 
 
-def report(result: Reproduction) -> str:
-    """Return the tables, as far as they are complete."""
-    line = "{:<4}{:<4}{:<44}{:>16}{:>8}  {}"
-    lines = [line.format("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
-    for i, (statement, ours) in enumerate(zip(STATEMENTS, result.points, strict=False), 1):
-        values = (statement.label, _number(ours), statement.verdict(ours))
-        lines.append(line.format(i, statement.figure, statement.text, *values))
-    if result.sizes:
+def report(result: Mapping[str, Any]) -> str:
+    """Return the tables of `reproduce`, as far as they are complete."""
+    points = [point for figure in result["figures"].values() for point in figure["points"]]
+    rows: list[tuple[object, ...]] = [("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
+    for i, (statement, point) in enumerate(zip(STATEMENTS, points, strict=False), 1):
+        ours, verdict = point["ours_deg"], statement.verdict(point["ours_deg"])
+        rows.append(
+            (i, statement.figure, statement.text, statement.label, _number(ours), f"{verdict:4}")
+        )
+    lines = [columns(rows, 3)]
+    if result["sizes"]:
         lines += [
             "",
             f"Curved arrays: angles at 4 m; the least move that shows {THRESHOLD_DEG:g} deg there;",
             "and the angle between two readings of one pose, with 10 bits and 1 count of noise.",
         ]
-        row = "{:<12}" + 6 * "{:>11}"
         heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
-        lines.append(row.format("detectors", *heads))
-        for size in result.sizes:
+        rows = [("detectors", *heads)]
+        for size in result["sizes"]:
             side, at_shift, shift, at_yaw, yaw, *noise = size.values()
             least = ["none" if step is None else f"{step:g}" for step in (shift, yaw)]
-            cells = (_number(at_shift), _number(at_yaw), *least, *map(_number, noise))
-            lines.append(row.format(f"{side} x {side}", *cells))
-    if result.choices:
+            angles = _number(at_shift), _number(at_yaw)
+            rows.append((f"{side} x {side}", *angles, *least, *map(_number, noise)))
+        lines.append(columns(rows))
+    if result["choices"]:
         lines += [
             "",
-            "Other choices, one at a time, by no. of the first table. met: how many of < and >;",
-            "rms: of the differences from the stated angles; flat: the aligned image has no peak;",
-            "blank: as reconstructed.",
+            "Other choices, one at a time. met: how many of the six < and >;",
+            "rms: of the differences from the five stated angles.",
         ]
-        row = "{:<30}" + len(STATEMENTS) * "{:>6}" + "{:>5}{:>6}"
-        lines.append(row.format("", *range(1, len(STATEMENTS) + 1), "met", "rms"))
-        stated = [s.label.replace(" ", "") if s.paper is not None else "" for s in STATEMENTS]
-        lines.append(row.format("the paper", *stated, "", ""))
-        first = [*map(_number, result.choices[0][1])]
-        for i, (text, points) in enumerate(result.choices):
-            met, rms_deg = agreement(points)
-            pairs = zip(map(_number, points), first, strict=True)
-            shown = ["" if i and cell == same else cell for cell, same in pairs]
-            lines.append(row.format(text, *shown, met, _number(rms_deg)))
-    return "\n".join(line.rstrip() for line in lines)
+        rows = [("choice", "met", "rms (deg)")]
+        for row in result["choices"]:
+            rows.append((row["choice"], row["met"], f"{row['rms_deg']:.1f}"))
+        lines.append(columns(rows))
+    return "\n".join(lines)
 
 
 # Free areas of the panels for the statements, in fractions of the axes.
@@ -191,13 +157,13 @@ FREE = {
 AXES: dict[Motion, str] = {"shift": "shift to starboard (m)", "yaw": "yaw (deg)"}
 
 
-def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> Any:
+def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
     """Draw the three figures, panel by panel as in the paper, with the statements of its text.
 
-    `curves` are those of a `Reproduction`. Returns the figure.
+    `figures` are those of `reproduce`. Returns the picture.
     """
-    figure = new_figure(11.4, 12.4)
-    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 0.95])
+    picture = new_figure(11.4, 12.4)
+    upper, lower = picture.subfigures(2, 1, height_ratios=[1, 0.95])
     fourth, fifth = upper.subfigures(1, 2)
     by_panel: dict[str, Any] = {}
     for part, letters, number in ((fourth, "ab", "4"), (fifth, "ab", "5"), (lower, "abcdef", "6")):
@@ -209,8 +175,9 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
     fifth.suptitle("Fig. 5: curved arrays by detectors in a row, 4 m")
     lower.suptitle("Fig. 6: curved arrays by range")
     for panel, axes in by_panel.items():
-        own = [(conditions, angles) for name, conditions, angles in curves if name == panel]
-        motion, side = own[0][0].motion, own[0][0].side
+        curves = figures[panel]["curves"]
+        motion: Motion = "shift" if "shift_m" in curves[0] else "yaw"
+        side = curves[0]["detectors_per_side"]
         title = f"({panel[1]})" + (f" {side} x {side}" if panel[0] == "6" else "")
         axes.set_title(title, loc="left", fontsize=11)
         axes.set(xlabel=AXES[motion], xlim=(0, STEPS[motion][-1]))
@@ -218,21 +185,21 @@ def draw(curves: Sequence[tuple[str, Conditions, Array]], scene_name: str) -> An
         axes.grid(alpha=0.3)
         # Dark for many detectors and for far, so that grey tells it, too; names at the ends.
         ends = []
-        for (conditions, angles), shade in zip(
-            own, shades("viridis", 0.85, 0, len(own)), strict=True
-        ):
-            name = {"4": conditions.shape, "5": f"{conditions.side}"}.get(panel[0])
-            dashed = "--" if conditions.shape == "planar" else "-"
-            axes.plot(STEPS[motion], angles, color=shade, lw=1.8, ls=dashed)
-            ends.append((name or f"{conditions.range_m:g} m", float(angles[-1])))
+        for curve, shade in zip(curves, shades("viridis", 0.85, 0, len(curves)), strict=True):
+            names = {"4": curve["array"], "5": f"{curve['detectors_per_side']}"}
+            dashed = "--" if curve["array"] == "planar" else "-"
+            axes.plot(STEPS[motion], curve["angle_deg"], color=shade, lw=1.8, ls=dashed)
+            ends.append(
+                (names.get(panel[0], f"{curve['range_m']:g} m"), float(curve["angle_deg"][-1]))
+            )
         label_ends(axes, ends)
         _draw_statements(axes, panel, motion)
-    figure.suptitle(
+    picture.suptitle(
         f"Eren et al. (2016), Figs 4 to 6: our curves (scene {scene_name}); in black, what the "
         "text states",
         fontsize=13,
     )
-    return figure
+    return picture
 
 
 def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
@@ -280,18 +247,16 @@ def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
     scene = options.scene_of(args)
     output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-    result = Reproduction()
+    result: dict[str, Any] = {"scene": scene.name, "seed": SEED, "picture": None}
     try:
-        result.compute(scene, SEED, progress.over)
+        reproduce(scene, SEED, progress.over, result)
     except KeyboardInterrupt:
-        if not result.points:
+        if not result["figures"]["4a"]["points"]:
             raise
-    picture = None
-    if result.has_all_curves:
-        picture = str(output)
-        save(draw(result.curves, scene.name), output)
-    origin = {"scene": scene.name, "seed": SEED, "picture": picture}
-    text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\n"
-    text += f"picture: {picture}" if picture else "no picture"
-    missing = "" if result.complete else "the tables end where the work ended"
-    return outputs.finish(args, {**origin, **as_object(result)}, text, missing)
+    if result["choices"]:  # which follow all curves
+        result["picture"] = str(output)
+        save(draw(result["figures"], scene.name), output)
+    picture = f"picture: {output}" if result["picture"] else "no picture"
+    text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\n{picture}"
+    missing = "" if result["complete"] else "the tables end where the work ended"
+    return outputs.finish(args, result, text, missing)

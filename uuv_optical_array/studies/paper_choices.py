@@ -24,28 +24,22 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
     """Return the reconstruction, and choices that differ from it in one thing each."""
     return [
         RECONSTRUCTION,
-        *(Choice(f"beam sigma {deg:g} deg", _with_sigma(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
-        *(
-            Choice(f"attenuation {k:g} /m", _with_effects(attenuation={"k_per_m": k}))
-            for k in (0.05, 0.2)
-        ),
-        Choice("no blur", _without("forward_scatter")),
-        *(
-            Choice(f"blur {m:g} m wide", _with_effects(forward_scatter={"window_m": m}))
-            for m in (0.1, 0.4)
-        ),
+        *(Choice(f"beam sigma {deg:g} deg", _beam(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
+        *(Choice(f"attenuation {k:g} /m", _with(attenuation={"k_per_m": k})) for k in (0.05, 0.2)),
+        Choice("no blur", _with(forward_scatter=None)),
+        *(Choice(f"blur {m:g} m wide", _with(forward_scatter={"window_m": m})) for m in (0.1, 0.4)),
         Choice("blur of 11 detectors always", _blur_of_11_detectors),
         Choice("blur, dark beyond the border", images=_dark_border),
         Choice(
             "peak between detectors",
-            signature=lambda images, top, scene: paper_signature(images, top, "subdetector"),
+            signature=lambda images, top, _: paper_signature(images, top, "subdetector"),
         ),
         Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
         Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
         Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
         Choice(
             "peak over full scale",
-            signature=lambda images, top, scene: scene_signature(
+            signature=lambda images, _, scene: scene_signature(
                 images, scene.full_scale_counts, scene
             ),
         ),
@@ -53,9 +47,12 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
         Choice("skewness of differences", signature=_differences),
         Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
         Choice("yaw about the array", poses=_about_array),
-        Choice("10 bits", _ten_bits, images=ForwardModel.expose),
+        Choice("10 bits", _with(**TEN_BITS), images=ForwardModel.expose),
         noisy(rng),
     ]
+
+
+TEN_BITS: dict[str, Any] = {"adc": {"bits": 10}, "sensor_noise": None, "shot_noise": None}
 
 
 def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
@@ -64,38 +61,31 @@ def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
     def read(model: ForwardModel, poses: Array) -> Array:
         return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
 
-    def change(scene: Scene) -> Scene:
-        return _with_effects(sensor_noise={"sigma_counts": 1.0})(_ten_bits(scene))
-
+    change = _with(**{**TEN_BITS, "sensor_noise": {"sigma_counts": 1.0}})
     return Choice("10 bits, noise of 1 count", change, images=read)
 
 
-def _with_sigma(sigma_deg: float) -> Callable[[Scene], Scene]:
+def _beam(sigma_deg: float) -> Callable[[Scene], Scene]:
     return lambda scene: dataclasses.replace(
         scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
     )
 
 
-def _with_effects(**changed: dict[str, Any]) -> Callable[[Scene], Scene]:
-    return lambda scene: dataclasses.replace(
-        scene, effects=check_effects({**scene.effects, **changed})
-    )
+def _with(**changed: dict[str, Any] | None) -> Callable[[Scene], Scene]:
+    """Change effects, or leave out those that are None."""
 
+    def change(scene: Scene) -> Scene:
+        effects = {**scene.effects, **changed}
+        kept = {name: values for name, values in effects.items() if values is not None}
+        return dataclasses.replace(scene, effects=check_effects(kept))
 
-def _without(*names: str) -> Callable[[Scene], Scene]:
-    return lambda scene: dataclasses.replace(
-        scene, effects={name: v for name, v in scene.effects.items() if name not in names}
-    )
-
-
-def _ten_bits(scene: Scene) -> Scene:
-    return _with_effects(adc={"bits": 10})(_without("sensor_noise", "shot_noise")(scene))
+    return change
 
 
 def _blur_of_11_detectors(scene: Scene) -> Scene:
     spacing_m = scene.array.width_m / (scene.array.detectors_per_side - 1)
     # The first and the last of the 11 samples are zero.
-    return _with_effects(forward_scatter={"window_m": 10 * spacing_m})(scene)
+    return _with(forward_scatter={"window_m": 10 * spacing_m})(scene)
 
 
 def _dark_border(model: ForwardModel, poses: Array) -> Array:
@@ -103,7 +93,7 @@ def _dark_border(model: ForwardModel, poses: Array) -> Array:
     blur = model.scene.effects.get("forward_scatter")
     if blur is None:
         return model.expected(poses)
-    bare = ForwardModel(_without("forward_scatter")(model.scene))
+    bare = ForwardModel(_with(forward_scatter=None)(model.scene))
     bare.power = model.power
     side = model.array.side
     # The middle of a blur three times as wide meets no mirror.

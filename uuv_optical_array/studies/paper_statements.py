@@ -54,6 +54,11 @@ class Statement:
             return None
         return ours > self.paper if self.relation == "above" else ours < self.paper
 
+    def row(self, ours: float) -> dict[str, Any]:
+        """Return the statement as plain values, with our number, deg."""
+        stated = {"point": self.text, "conditions": self.conditions, "relation": self.relation}
+        return {**stated, "paper_deg": self.paper, "ours_deg": ours, "met": self.met(ours)}
+
     def verdict(self, ours: float) -> str:
         """Return how our number compares with the paper's, in a word or as a difference."""
         met = self.met(ours)
@@ -82,9 +87,9 @@ def _largest_near(angles: Angles) -> float:
     return float(difference[np.abs(difference).argmax()])
 
 
-def best_gain(motion: Motion, step: float, sides: Sequence[int] = SIDES) -> Statement:
-    """Compare the best array of more than 7 x 7 detectors of `sides` with that of 7 x 7."""
-    every = [Conditions("curved", side, 4.0, motion) for side in sides if side >= 7]
+def best_gain(motion: Motion, step: float, sides: Sequence[int] = (7, 9, 11, 15, 21)) -> Statement:
+    """Compare the best array of more than 7 x 7 detectors of `sides` with that of 7 x 7, first."""
+    every = [Conditions("curved", side, 4.0, motion) for side in sides]
     conditions = every[0].as_object(step)
     conditions["compared_with_detectors_per_side"] = [other.side for other in every[1:]]
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots.style import (
     METHOD_COLOURS,
@@ -40,8 +41,8 @@ Measure error and time per frame of every method (sam, sam_interpolated, least_s
 published look-up and moments) on arrays of 3, 5, 7 and 21 detectors a side, planar and curved, with
 tables of 1e3 to 1e7 poses. Errors are of random poses 4 to 8 m behind the lamp, +-0.9 m and
 +-20 deg; times are from an image to its pose. The results, with the time to build each table, go
-into a CSV file and a picture in the output folder. It says first how long it takes; a stopped run
-goes on where it was. See docs/results/tradeoff.md."""
+into a CSV file and a picture in the output folder. A stopped run goes on where it was. See
+docs/results/tradeoff.md."""
 
 EPILOG = """\
 examples:
@@ -92,18 +93,19 @@ def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
 def report(rows: Sequence[Measurement]) -> str:
     """Return the table of the settings on a front, with times at one speed of the machine."""
     rows = at_one_speed(rows)
-    line = "{:>3} {:<46}{:>9}{:>8}{:>9}{:>9}{:>8}  {}"
     heads = ("position", "angle", "median", "99 %", "models", "front")
-    lines = [line.format("no", "setting", *heads)]
-    lines.append(line.format("", "", "m", "deg", "ms", "ms", "", ""))
+    lines: list[tuple[object, ...]] = [
+        ("no", "setting", *heads),
+        ("", "", "m", "deg", "ms", "ms"),
+    ]
     on_front = fronts(rows)
     for number, i in enumerate(numbered(rows), start=1):
         row = rows[i]
         errors = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"
         times = f"{row.median_ms:.2f}", f"{row.p99_ms:.2f}", f"{row.models:.1f}"
         names = " and ".join(name for name, front in on_front.items() if front[i])
-        lines.append(line.format(number, row.label, *errors, *times, names))
-    return "\n".join(lines)
+        lines.append((number, row.label, *errors, *times, names))
+    return columns(lines, 2)
 
 
 LABEL_GAP, LABELS_AT, MARGIN = 0.05, 0.3, 0.35  # of the axes, which leave room for numbers

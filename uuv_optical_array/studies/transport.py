@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import plain
+from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
@@ -21,14 +20,12 @@ from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settin
 from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS, uniform_poses
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies.photon_transport import (
-    PHASES,
     RADII_M,
     WATERS,
     Lamp,
     Phase,
     PhotonSea,
     shipped_pencil,
-    trace,
 )
 from uuv_optical_array.studies.shared.errors import answer_of, frame_errors
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -39,16 +36,16 @@ scattering, which knows nothing of the law. Images of clear, coastal and harbour
 1972) and of lamps of 4, 8 and 16 deg are compared with the law, with the true coefficients of the
 water and with fitted ones. Then poses are estimated from photon images by the default scene, by the
 ready scene of that water, and by a scene that was calibrated on a drive through it. The photons are
-in config/flux/; --make traces them again."""
+in config/flux/; benchmarks/trace_photons.py traced them."""
 
 EPILOG = """\
 examples:
   uuv_array study transport                       the law, poses, and a picture of the beam
-  uuv_array study transport --poses 1000 --json
-  uuv_array study transport --make flux           trace photons again, which needs Numba
+  uuv_array study transport --poses 1000 --json   one JSON object
+  uuv_array study transport --output beam.svg     the picture where you want it
 Ctrl-C ends it early and reports the poses it has."""
 
-PHOTONS, POSES = 10_000_000, 300
+POSES = 300
 BRIGHTEST = 1000.0  # of the images that the law is compared with, counts
 DRIVE_IMAGES = 400
 MIDDLE_M = 6.0  # where the error of the photons by chance is stated
@@ -174,37 +171,29 @@ def _calibrated(scene: Scene, images: Array, poses: Array) -> tuple[Scene | None
 
 def report_law(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `law_beside` as a table."""
-    line = "{:<9}{:<19}{:>6}{:>9}{:>12}{:>13}{:>9}{:>8}{:>8}{:>8}"
-    heads = ("water", "phase function", "beam", "photons", "a, b true", "a, b fitted")
-    lines = ["law beside photons: RMS of images up to 1000 counts"]
-    lines.append(line.format(*heads, "a", "(true)", "b", "(true)"))
+    heads = ("beam", "photons", "a, b true", "a, b fitted", "a", "(true)", "b", "(true)")
+    lines: list[Sequence[str]] = [("water", "phase function", *heads)]
     for row in rows:
         about = f"{row['beam_deg']:g} deg", f"{100 * row['by_chance']:.2f} %"
         errors = (f"{row[key]:.2f}" for key in ("rms_true", "rms_fitted"))
-        water = (
-            f"{value:.3f}"
-            for pair in zip(row["fitted"], row["true"], strict=True)
-            for value in pair
-        )
-        lines.append(line.format(row["water"], row["phase"], *about, *errors, *water))
-    return "\n".join(lines)
+        water = (f"{x:.3f}" for pair in zip(row["fitted"], row["true"], strict=True) for x in pair)
+        lines.append((row["water"], row["phase"], *about, *errors, *water))
+    return f"law beside photons: RMS of images up to 1000 counts\n{columns(lines, 2)}"
 
 
 def report_poses(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `measure_poses` as a table."""
-    line = "{:<9}{:<24}{:>11}{:>16}{:>7}{:>11}{:>12}{:>13}"
+    keys = ("nees_mean", "rms_range_m", "rms_across_m", "rms_angle_deg")
     heads = ("answered", "beyond 6 sigma", "NEES", "range (m)", "across (m)", "angle (deg)")
-    lines = ["poses from photon images: RMS errors", line.format("water", "scene", *heads)]
+    lines: list[Sequence[object]] = [("water", "scene", *heads)]
     for row in rows:
-        if row["refusal"]:
-            lines.append(f"{row['water']:<9}{row['scene']:<24}  refused: {row['refusal']}")
-            continue
-        answered = f"{row['answered']} of {row['frames']}"
-        keys = ("nees_mean", "rms_range_m", "rms_across_m", "rms_angle_deg")
-        figures = ("-" if row[key] is None else f"{row[key]:.3g}" for key in keys)
-        about = row["water"], row["scene"], answered, row["beyond_6_sigma"]
-        lines.append(line.format(*about, *figures))
-    return "\n".join(lines)
+        about, answers = (row["water"], row["scene"]), ("refused",)
+        if not row["refusal"]:
+            figures = ("-" if row[key] is None else f"{row[key]:.3g}" for key in keys)
+            answers = f"{row['answered']} of {row['frames']}", row["beyond_6_sigma"], *figures
+        lines.append((*about, *answers))
+    reasons = [f"{row['scene']}: {row['refusal']}" for row in rows if row["refusal"]]
+    return "\n".join(["poses from photon images: RMS errors", columns(lines, 2), *reasons])
 
 
 def draw(beam_deg: float = 8.0) -> Any:
@@ -250,16 +239,6 @@ def draw(beam_deg: float = 8.0) -> Any:
     return figure
 
 
-def make(folder: Path, photons: int, seed: int) -> None:
-    """Trace the pencil of each water and phase function into files of a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for phase in PHASES:
-        for water, (a, b) in WATERS.items():
-            path = folder / f"{water}_{phase}.npz"
-            trace(a, b, phase, photons, np.random.default_rng(seed)).save(path)
-            print(path, flush=True)
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     poses = Quantity("poses in each water", "", 1, 1e6)
@@ -267,17 +246,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_seed(parser)
     options.add_json(parser)
     outputs.add_picture(parser, "transport.png")
-    parser.add_argument(
-        "--make", type=Path, metavar="FOLDER", help="trace photons into files of a folder, no more"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study, print and draw it, or trace its photons."""
+    """Run the study, print and draw it."""
     count, seed = args.poses, args.seed
-    if args.make is not None:
-        make(outputs.folder_to_write(args.make, "--make"), PHOTONS, seed)
-        return 0
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     save(draw(), output)
     compared = uniform_poses(count, np.random.default_rng(seed))

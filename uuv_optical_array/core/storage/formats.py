@@ -1,10 +1,11 @@
-"""Results as text for other programs: JSON and CSV."""
+"""Results as text: columns for people, JSON and CSV for other programs."""
 
 import csv
 import io
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -36,3 +37,17 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def columns(rows: Iterable[Sequence[object]], left: int = 1) -> str:
+    """Return rows of cells as text in columns, of which the first ones are aligned to the left."""
+    cells = [[str(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip_longest(*cells, fillvalue="")]
+    lines = (
+        "  ".join(
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=False))
+        )
+        for row in cells
+    )
+    return "\n".join(line.rstrip() for line in lines)

@@ -60,6 +60,16 @@ def lookup_scene(scene: Scene, grid: TableSettings = GRID) -> Scene:
     return dataclasses.replace(scene, table=grid, signature=signature)
 
 
+def _lit(image: ArrayLike, side: int) -> Array:
+    """Return an image of some light; NoPose for any other."""
+    image = np.asarray(image, dtype=float)
+    if image.shape != (side, side) or not np.isfinite(image).all():
+        raise NoPose(f"no image: {side} x {side} finite readings are needed")
+    if image.max() <= 0:
+        raise NoPose(f"no light: the peak is {image.max():g} counts")
+    return image
+
+
 class LookUp:
     """Estimate poses by looking them up in a table of the `lookup_scene`.
 
@@ -97,11 +107,7 @@ class LookUp:
 
         NoPose for an image of another shape, without light, or whose peak no pose of the table has.
         """
-        image = np.asarray(image, dtype=float)
-        if image.shape != (self._side, self._side) or not np.isfinite(image).all():
-            raise NoPose(f"no image: the look-up needs {self._side} x {self._side} finite readings")
-        if image.max() <= 0:
-            raise NoPose(f"no light: the peak is {image.max():g} counts")
+        image = _lit(image, self._side)
         parameters = key_parameters(image, self._full_scale_counts, "detector")
         detector = int(self._detector(parameters))
         candidates = slice(*self._starts[detector : detector + 2])
@@ -157,6 +163,7 @@ class MomentCalibration:
     """
 
     spacing_m: float
+    side: int
     lines: Array
 
     def poses(self, images: ArrayLike) -> Array:
@@ -166,12 +173,7 @@ class MomentCalibration:
 
     def pose(self, image: ArrayLike) -> Array:
         """Estimate the pose of an image as `LookUp.pose`; NoPose without light or a pattern."""
-        image = np.asarray(image, dtype=float)
-        if image.ndim != 2 or not np.isfinite(image).all():
-            raise NoPose("no image: the moments need a square of finite readings")
-        if image.max() <= 0:
-            raise NoPose(f"no light: the peak is {image.max():g} counts")
-        pose = self.poses(image)
+        pose = self.poses(_lit(image, self.side))
         if not np.isfinite(pose).all():
             raise NoPose("no pattern: M33 is 0, so it has no angles; is one detector alone lit?")
         if np.abs(pose[PITCH:]).max() >= np.pi / 2:
@@ -202,7 +204,7 @@ def calibrate(
             images += model.expose(poses, rng)
         values = measured(images / samples, spacing_m)
         lines += [np.polyfit(values[:, dof], poses[:, dof], 1)[::-1] for dof in dofs]
-    return MomentCalibration(spacing_m, np.array(lines))
+    return MomentCalibration(spacing_m, side, np.array(lines))
 
 
 def dead_reckoned(poses: Array) -> Array:

@@ -16,6 +16,7 @@ from uuv_optical_array.core.geometry import YAW, Array, X, Y
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
@@ -110,8 +111,8 @@ def angles_deg(
     is_shift = conditions.motion == "shift"
     in_paper_axes[1:, Y if is_shift else YAW] = steps if is_shift else np.radians(steps)
     poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
-    on_axis_counts = float(model.expected(poses[0]).max())
-    images = choice.images(model, poses)
+    on_axis_counts = float(together(model.expected(poses[0])).max())
+    images = together(choice.images(model, poses))
     if np.ptp(images[..., 0, :, :]) <= FLAT * on_axis_counts:
         return np.full(len(steps), np.nan)
     vectors = choice.signature(images, on_axis_counts, model.scene)

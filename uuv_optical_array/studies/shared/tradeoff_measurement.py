@@ -11,7 +11,7 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
-from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
+from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -57,12 +57,12 @@ QUICK_LEAVES_OUT = (
 )
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
-# For the expected duration: a small sample, the images of a calibration and the rows of a look-up,
-# which take as long as rows of a table, and the k-d tree of a table.
-SAMPLE_FRAMES = 4
-CALIBRATION_IMAGES = published.SAMPLES * 435
-LOOK_UP_ROWS = math.prod(span.number for span in vars(published.GRID).values())
-INDEX_S_PER_ROW = 1e-6
+# Work as a number of rows of a table: the images of a calibration, a look-up, and a frame.
+OTHER_WORK = {
+    MOMENTS: published.SAMPLES * 435,
+    LOOK_UP: math.prod(span.number for span in vars(published.GRID).values()),
+}
+FRAME_WORK = 300
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,11 @@ class Group:
         array = dataclasses.replace(array, detectors_per_side=self.detectors_per_side, wiring=None)
         table = volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)
+
+    def work(self, frames: int) -> int:
+        """Estimate how much work it is to measure so many frames."""
+        own = OTHER_WORK.get(self.methods[0], self.steps**5)
+        return own + frames * len(self.methods) * FRAME_WORK
 
 
 def plan(scene: Scene, mode: Mode) -> list[Group]:
@@ -187,25 +192,27 @@ def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
     ]
 
 
-def _ours(table: SignatureTable, methods: Iterable[str]) -> dict[str, Answer]:
-    """Return the answers of an estimator, with the default parameters of its node."""
-    return {
-        method: answer_of(Estimator(table, method).wait())  # type: ignore[arg-type]
-        for method in methods
-    }
+def _answers(
+    scene: Scene, methods: Sequence[str], rng: np.random.Generator
+) -> tuple[dict[str, Answer], int]:
+    """Return how each method of a group answers, and the rows of its table, if any."""
+    if methods == (MOMENTS,):
+        try:
+            moments = published.calibrate(ForwardModel(scene), rng).pose
+        except (np.linalg.LinAlgError, ValueError):
+            return {MOMENTS: _no_calibration}, 0
+        return {MOMENTS: lambda image: (moments(image), math.nan)}, 0
+    is_look_up = methods == (LOOK_UP,)
+    table = build_table(published.lookup_scene(scene) if is_look_up else scene)
+    if is_look_up:
+        look_up = published.LookUp(table).pose
+        return {LOOK_UP: lambda image: (look_up(image), math.nan)}, len(table.poses)
+    estimators = {m: Estimator(table, m).wait() for m in METHODS if m in methods}
+    return {name: answer_of(estimator) for name, estimator in estimators.items()}, len(table.poses)
 
 
-def _moments(scene: Scene, rng: np.random.Generator) -> Answer:
-    try:
-        calibration = published.calibrate(ForwardModel(scene), rng)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        reason = f"no calibration: {error}"
-
-        def nothing(image: Array) -> tuple[Array, float]:
-            raise NoPose(reason)
-
-        return nothing
-    return lambda image: (calibration.pose(image), math.nan)
+def _no_calibration(image: Array) -> tuple[Array, float]:
+    raise NoPose("no calibration: the array cannot be calibrated at the paper's poses")
 
 
 def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurement]:
@@ -215,19 +222,9 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     rng = np.random.default_rng([seed, side, SHAPES.index(group.shape)])
     poses = lit_poses(model, frames, rng)
     images = model.expose(poses, rng)
-    began, rows = time.perf_counter(), 0
-    if group.methods == (MOMENTS,):
-        answers = {MOMENTS: _moments(scene, rng)}
-        build_s = time.perf_counter() - began
-    else:
-        is_look_up = group.methods == (LOOK_UP,)
-        table = build_table(published.lookup_scene(scene) if is_look_up else scene)
-        build_s, rows = time.perf_counter() - began, len(table.poses)
-        if is_look_up:
-            look_up = published.LookUp(table)
-            answers = {LOOK_UP: lambda image: (look_up.pose(image), math.nan)}
-        else:
-            answers = _ours(table, group.methods)
+    began = time.perf_counter()
+    answers, rows = _answers(scene, group.methods, rng)
+    build_s = time.perf_counter() - began
     results = frame_errors(answers, yardstick, poses, images)
     if any(len(result.errors) < frames for result in results.values()):
         raise KeyboardInterrupt  # cut short, so no measurement
@@ -250,29 +247,6 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     ]
 
 
-def expected_s(scene: Scene, groups: Sequence[Group], frames: int) -> list[float]:
-    """Estimate how long each group takes, s, from a small sample of each array."""
-    samples: dict[tuple[Shape, int], tuple[float, float]] = {}
-    rng = np.random.default_rng(0)
-    expected = []
-    for group in groups:
-        key = group.shape, group.detectors_per_side
-        if key not in samples:
-            model = ForwardModel(dataclasses.replace(group, steps=min(STEPS)).scene(scene))
-            poses = lit_poses(model, SAMPLE_FRAMES, rng)
-            began = time.perf_counter()
-            table = build_table(model.scene)
-            row_s = (time.perf_counter() - began) / len(table.poses)
-            answers = _ours(table, METHODS)
-            results = frame_errors(answers, model, poses, model.expose(poses, rng))
-            samples[key] = row_s, sum(float(r.frame_s.mean()) for r in results.values())
-        row_s, frame_s = samples[key]
-        ours_s = group.steps**5 * (row_s + INDEX_S_PER_ROW) + frames * frame_s
-        others_s = {MOMENTS: CALIBRATION_IMAGES * row_s, LOOK_UP: LOOK_UP_ROWS * row_s}
-        expected.append(others_s.get(group.methods[0], ours_s))
-    return expected
-
-
 def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Measurement]) -> bool:
     """Measure the groups that the results lack, with progress, and say whether all is there.
 
@@ -291,18 +265,18 @@ def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Meas
     folder, frames, seed = results.path.parent, results.origin["frames"], results.origin["seed"]
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        durations_s = expected_s(scene, left, frames)
-        total_s = sum(durations_s)
-        count = sum(len(group.methods) for group in groups)
+        count, total = (
+            sum(len(group.methods) for group in groups),
+            sum(g.work(frames) for g in left),
+        )
         already = f", {len(rows)} are there" if rows else ""
-        minutes = math.ceil(total_s / 60)
-        print(f"{count} settings{already}; about {minutes} min; into {folder}", file=sys.stderr)
+        print(f"{count} settings{already}; into {folder}", file=sys.stderr)
         with progress.counter(100, "%") as bar:
-            for group, seconds in zip(left, durations_s, strict=True):
+            for group in left:
                 side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)
                 bar.set_description(f"{group.methods[-1]} {group.shape} {side} x {side}{table}")
                 results.append(measure(scene, group, frames, seed))
-                bar.update(100 * seconds / total_s)
+                bar.update(100 * group.work(frames) / total)
     except KeyboardInterrupt:
         if not results.lines:
             raise

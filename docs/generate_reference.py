@@ -16,6 +16,7 @@ import typing
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from drawings import geometry
@@ -29,7 +30,7 @@ from uuv_optical_array.commands.scenes import schema_text
 from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
-from uuv_optical_array.forward.prior import PRIORS
+from uuv_optical_array.forward.prior import CALIBRATED_AS_BOUGHT
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FOLLOWER, FORMATION
@@ -114,12 +115,9 @@ def parameters() -> list[str]:
     }
     parts = [
         "# Node parameters",
-        "Names carry the unit. `config/follow.yaml` lists every default, commented out, and says "
-        "when to change it; a parameter file changes what it sets and nothing else. A parameter "
-        "with a star is fixed when its node starts; the others can be set while it runs. Each "
-        "is shown with its default and, in brackets, the values that it may have.",
+        "Each is shown with its default and, in brackets, its values; with a star it is fixed when "
+        "its node starts. `config/follow.yaml` says when to change which.",
         "## Common parameters",
-        "Several nodes have these; each section names its own.",
         parameter_list(common),
     ]
     for name, module in node_modules():
@@ -127,7 +125,7 @@ def parameters() -> list[str]:
         own = {key: value for key, value in declarations.items() if key not in common}
         shared = ", ".join(f"`{key}`" for key in declarations if key in common)
         parts += [f"## `{name}`", first_sentence(module.__doc__) + "."]
-        parts += [f"Common parameters: {shared}."] if shared else []
+        parts += [f"Common: {shared}."] if shared else []
         parts.append(parameter_list(own) if own else "Its parameters are those of its parts.")
     described: set[tuple[str, str]] = set()
     for name, arguments in launch_arguments():
@@ -163,14 +161,14 @@ def parameter_list(declarations: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def setting_list(owner: Any) -> str:
-    """Return the settings that a class or a function declares, in the same way."""
+def setting_list(owner: Any, more: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the settings that a class or a function declares, with more about some of them."""
     return "\n".join(
         entry(
             key,
             shown(setting.default),
             choice(setting.choices) or bounds(setting.quantity),
-            setting.quantity.text,
+            setting.quantity.text + more.get(key, ""),
         )
         for key, setting in declared(owner).items()
     )
@@ -185,7 +183,7 @@ def entry(name: str, default: str, values: str, text: str, mark: str = "") -> st
 
 def bounds(quantity: Quantity) -> str:
     """Return the bounds of a quantity."""
-    return quantity.bounds().removeprefix("from ")
+    return quantity.bounds().removeprefix("from ").replace(" to ", "…")
 
 
 def choice(words: Iterable[str]) -> str:
@@ -280,10 +278,9 @@ def diagnostics() -> list[str]:
     """Return the page of the texts that nodes show."""
     parts = [
         "# Diagnostics",
-        "Every text and value that a node can show on `/diagnostics`; "
-        "[operations](../how_to/operations.md) says where to begin. Each beginning of a text has "
-        "its cause and, in italics, its cure. A text that a topic's name and a comma precede is "
-        "about messages of that topic.",
+        "Every text that a node can show on `/diagnostics`, by its beginning, with its cause and, "
+        "in italics, its cure; [operations](../how_to/operations.md) says where to begin. A text "
+        "may begin with the topic that it is about, and a comma.",
     ]
     for heading, kinds in (
         ("Refused messages", reasons.REFUSALS),
@@ -312,7 +309,7 @@ def reason_lists(kinds: Mapping[str, reasons.Reason]) -> list[str]:
     parts = ["\n".join(lines)]
     for cure in common:
         causes = [f"- `{kind}`: {one.cause}" for kind, one in kinds.items() if one.cure == cure]
-        parts += [f"The cure of these is the same. *{cure}*", "\n".join(causes)]
+        parts += [f"*{cure}*", "\n".join(causes)]
     return parts
 
 
@@ -323,7 +320,7 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
         if isinstance(action, argparse._HelpAction):
             continue
         if action.choices:
-            words = " | ".join(action.choices)
+            words = "{" + ", ".join(action.choices) + "}"
         elif action.nargs == 0 or not action.option_strings:
             words = ""
         else:
@@ -337,7 +334,9 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
 
 def option_list(options: Mapping[str, str]) -> str:
     """Return options with their meanings."""
-    return "\n".join(f"- `{name}`: {text}" for name, text in options.items())
+    return "\n".join(
+        f"- `{name}`: {text.replace('(default: ', '(')}" for name, text in options.items()
+    )
 
 
 def without_default(text: str) -> tuple[str, str]:
@@ -373,11 +372,10 @@ def commands() -> list[str]:
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
-        "`.venv/bin/uuv_array COMMAND`. `--help` of a command describes it in full, with "
-        "examples. The exit code is 0 after success, 1 if the result is negative, such as a lost "
+        "`.venv/bin/uuv_array COMMAND`. `--help` describes a command in full, with examples. "
+        "Defaults are in brackets. The exit code is 1 if the result is negative, such as a lost "
         "leader, 2 for a bad value, and 130 after Ctrl-C; a study then reports what it has.",
         "## Common options",
-        "Each command names those that it has, with its defaults in brackets.",
         option_list(common),
     ]
     for parser in parsers:
@@ -395,7 +393,7 @@ def commands() -> list[str]:
         described = first_sentence(inspect.getdoc(module)).partition(": ")[2]
         described = described[0].upper() + described[1:]
         parts += [f"## `{parser.prog}`", f"[{described}](../{page})."]
-        parts += [f"Common options: {', '.join(shared)}."] if shared else []
+        parts += [", ".join(shared) + "."] if shared else []
         parts += [option_list(own)] if own else []
     return parts
 
@@ -413,39 +411,32 @@ def scene() -> list[str]:
     """Return the page of the keys of a scene."""
     parts = [
         "# Scene files",
-        "A scene is a file in YAML 1.2 with the groups below and `effects`, whose keys "
-        "[have a page of their own](effects.md). Keys carry their unit, and are shown with their "
-        "default and, in brackets, their values. Unknown keys and values out of bounds are refused "
-        "by name; a key without a default must be given, except where its meaning says when.",
+        "A scene is a YAML 1.2 file with the groups below and [`effects`](effects.md). Keys carry "
+        "their unit, and are shown with their default and, in brackets, their values; one without "
+        "a default must be given, except where its meaning says when. What is unknown or out of "
+        "bounds is refused by name.",
         "## `extends`",
-        "A scene may say which one it extends, the name of a ready scene or a file, whose path "
-        "leads from its own folder. Mappings are merged, a list or value replaces the other "
-        "scene's, and `null` takes away a setting, an effect or a group "
-        "([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)). A `null` that takes nothing away "
-        "is refused.",
+        "The scene that this one changes: a ready one, or a file, whose path leads from this one's "
+        "folder. Mappings are merged, a list or value replaces the other scene's, and `null` takes "
+        "away a setting, an effect or a group ([RFC 7396](https://www.rfc-editor.org/rfc/rfc7396)).",
         "An editor with a YAML language server completes and checks scenes by the JSON schema "
         "`config/scene.schema.json`, which `uuv_array scenes schema` prints, if a line says "
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
+    sets = {
+        key: f"; {values[0]:g} calibrated, {values[1]:g} as bought"
+        for key, values in CALIBRATED_AS_BOUGHT.items()
+    }
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         parts += [
             f"## `{group}`",
             first_sentence(owner.__doc__) + ".",
-            setting_list(owner),
+            setting_list(owner, sets if group == "prior" else {}),
         ]
-    keys = list(dict.fromkeys(key for values in PRIORS.values() for key in values))
     parts += [
-        "`known` stands for a set of these values; a key that is given replaces its value.",
-        table(
-            ("`known`", *(f"`{key}`" for key in keys)),
-            [
-                (f"`{name}`", *(f"{values.get(key, 0.0):g}" for key in keys))
-                for name, values in PRIORS.items()
-            ],
-        ),
         "## Ready scenes",
-        "The files lie in `config/scenes/`; their comments give the source of each value. "
-        "`uuv_array scenes` lists them with their key figures, and explains each and every key.",
+        "`uuv_array scenes` lists them with their key figures; comments in `config/scenes/` give "
+        "the source of each value.",
     ]
     lines = [f"- `{name}`: {sentence(scene_file(name))}" for name in ready_scenes()]
     return [*parts, "\n".join(lines)]

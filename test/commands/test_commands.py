@@ -100,9 +100,9 @@ def test_follow_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
         out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, out + error
     assert "Traceback" not in error
-    poses, positions = map(int, re.search(r"(\d+) poses from (\d+) positions", out).groups())
-    assert 20 <= positions <= 45  # ten a second
-    assert positions - 5 <= poses <= positions + 1
+    poses, images = map(int, re.search(r"(\d+) poses from (\d+) images", out).groups())
+    assert 20 <= images <= 45  # ten a second
+    assert images - 5 <= poses <= images
     rms = [float(number) for number in re.findall(r"([\d.]+) (?:m|deg)\b", out.splitlines()[1])]
     assert len(rms) == 5
     assert max(rms[:3]) < 1.0
@@ -140,7 +140,7 @@ def test_ctrl_c_ends_follow_early_with_a_summary_and_a_picture(lab, tmp_path):
         out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, out + error
     assert "Traceback" not in error
-    assert re.search(r"[1-9]\d* poses from [1-9]\d* positions", out)
+    assert re.search(r"[1-9]\d* poses from [1-9]\d* images", out)
     assert "followed the leader until it was interrupted" in out
     assert_picture(picture)
 

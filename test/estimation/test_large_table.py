@@ -13,10 +13,8 @@ import pytest
 import yaml
 from conftest import PATIENCE_S, dask_workers
 
-from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.large_table import build_large_table, load_table
 from uuv_optical_array.estimation.signature_table import build_table
-from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 SPANS = {
@@ -73,19 +71,6 @@ def test_the_rows_are_those_of_a_table_in_memory(finished):
     assert 100 < len(table.poses) < POSES - 100
     assert_equal_tables(load_table(finished, scene_with()), table)
     assert build_large_table(finished, scene_with()) == len(table.poses)
-
-
-@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
-def test_an_estimate_is_that_of_a_table_in_memory(finished, method):
-    scene = scene_with()
-    whole = build_table(scene)
-    one, other = (Estimator(table, method) for table in (load_table(finished, scene), whole))
-    for row in (0, 17, 200):
-        image = ForwardModel(scene).expected(whole.poses[row])
-        pose = one.estimate(image, whole.parameters[row]).pose
-        np.testing.assert_allclose(
-            pose, other.estimate(image, whole.parameters[row]).pose, atol=1e-6
-        )
 
 
 def test_threads_leave_no_trace(finished, tmp_path):

@@ -53,16 +53,12 @@ def build_large_table(
     """Build the table of a scene in a folder, or finish one that was interrupted or damaged.
 
     - path: the folder; with a scheduler, all workers must see it under the same name.
-    - scene: the scene; its ``table`` gives the grid.
-    - scheduler: address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; ``None``: threads of
-      this process.
+    - scheduler: address of a Dask scheduler; ``None``: threads of this process.
     - threads: of this process, >= 1; ``None``: one for each core.
-    - progress: wraps the loop over blocks, such as ``tqdm.tqdm``.
-    - block_rows: poses in a block of a new table.
-    - returned int: number of rows with light.
+    - progress: wraps the loop over blocks, which have `block_rows` poses in a new table.
+    - returned: number of rows with light.
     - ValueError: where the folder holds anything else, or the table of another scene; where the
       disk is too small, no pose has light, or the scheduler has no worker.
-    - OSError: where a block cannot be written.
     """
     path = files.user_path(path).absolute()
     if path.exists():
@@ -104,8 +100,7 @@ def _create(path: Path, scene: Scene, block_rows: int) -> None:
     layout = {"shape": (rows, 5), "chunks": (block_rows, 5), "dtype": "<f8", "fill_value": 0.0}
     with files.whole_directory(path) as scratch:
         array = zarr.open_array(str(scratch), mode="w", compressor=packing, **layout, **form)
-        about = {"format": FORMAT, "fingerprint": scene.fingerprint, "name": scene.name}
-        array.attrs.put({**about, "scene": scene.settings()})
+        array.attrs.put({"format": FORMAT, "name": scene.name, "scene": scene.settings()})
 
 
 def _open(path: Path, scene: Scene) -> Any:
@@ -121,22 +116,19 @@ def _open(path: Path, scene: Scene) -> Any:
         about = dict(array.attrs)
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}, this version reads {FORMAT}")
-        difference = ""
-        if about["fingerprint"] != scene.fingerprint:
-            theirs = scene_from_settings(about["scene"], about["name"])
-            difference = "; ".join(scene.differences(theirs)) or "the fingerprints differ"
-        elif (array.shape[1:], array.chunks[1:], array.fill_value) != ((5,), (5,), 0.0) or (
-            array.shape[0] != grid_rows(grid_axes(scene.table)) or array.dtype != np.dtype("<f8")
-        ):
+        theirs = scene_from_settings(about["scene"], about["name"])
+        layout = array.shape[1:], array.chunks[1:], array.fill_value, array.dtype
+        rows = grid_rows(grid_axes(theirs.table))
+        if (array.shape[0], *layout) != (rows, (5,), (5,), 0.0, np.dtype("<f8")):
             raise ValueError("its header is damaged")
     except Exception as error:  # of many kinds, where there is no array or its header is damaged
         raise ValueError(
             f"table {path}: {_line(error)}; name another folder, or delete this one and build it "
             "again with uuv_array table"
         ) from None
-    if difference:
+    if differences := scene.differences(theirs):
         raise ValueError(
-            f"table {path}: built for another scene than {scene.name}: {difference}; "
+            f"table {path}: built for another scene than {scene.name}: {'; '.join(differences)}; "
             "build one for this scene with uuv_array table"
         )
     return array

@@ -24,12 +24,7 @@ class ArraySettings:
     radius_m: Annotated[float | None, Quantity("sphere, curved only", "m", 0.01, 100)] = None
     wiring: Annotated[
         Order | None,
-        Quantity(
-            "for each detector, in reading order, the place of its reading in the message's image",
-            "",
-            0,
-            501**2,
-        ),
+        Quantity("place of each detector in the message's image, in reading order", "", 0, 501**2),
     ] = None
 
     def __post_init__(self) -> None:

@@ -14,6 +14,7 @@ from uuv_optical_array.forward.effects.forms import (
     Demodulation,
     Noise,
     Saturation,
+    Waveform,
 )
 
 
@@ -126,9 +127,6 @@ class Detection(NamedTuple):
     noise_factor: float
     light_factor: float
     peak_factor: float
-
-
-Waveform: TypeAlias = Literal["square", "sine", "slots"]
 
 
 def detection(waveform: Waveform, lamps: int) -> Detection:

@@ -9,6 +9,8 @@ from typing import Any, Literal, TypeAlias
 
 from uuv_optical_array.core.geometry import Array
 
+Waveform: TypeAlias = Literal["square", "sine", "slots"]  # of a modulated lamp
+
 
 @dataclass(frozen=True)
 class Transmission:
@@ -114,7 +116,7 @@ class Demodulation:
     - black_counts: reading of darkness, which keeps noise above zero.
     """
 
-    waveform: Literal["square", "sine", "slots"]
+    waveform: Waveform
     black_counts: float
 
 

@@ -51,10 +51,6 @@ class Sea(NamedTuple):
         """Return the light where a constant is off, as `ForwardModel.light` has its offsets."""
         return self.model.light(self.poses, 0.0, {name: np.array(by)})
 
-    def scaled(self, name: str, by: float) -> Array:
-        """Return the light where a constant is so many times as large, given by its logarithm."""
-        return self.offset(name, np.log(by))
-
     def lamps_and_rest(self) -> tuple[Array, Array]:
         """Return the light of each lamp, and that of all else, ``(n, L, side, side)``."""
         side, dark = self.model.array.side, self.offset(prior.POWER, -np.inf)
@@ -111,11 +107,6 @@ def other_attenuation(sea: Sea, by: float) -> Array:
     return sea._replace(model=model).offset(name, by)
 
 
-def daylight(sea: Sea, by: float, even: bool = False) -> Array:
-    """Add counts, even ones or such as rise from the port edge of the array to its starboard."""
-    return sea.light() + np.linspace(by if even else 0.0, by, sea.model.array.side)
-
-
 def second_lamp(sea: Sea, by: float, port_m: float = 0.0, above_m: float = 0.0) -> Array:
     """Add another lamp, parallel to the first, of a share of its power."""
     return sea.light() + by * sea.image(sea.aside(port_m, above_m))
@@ -167,11 +158,6 @@ def other_gains(sea: Sea, by: float) -> Array:
 def response_power(percent: float) -> float:
     """Return the power of the cosine by which detectors read so much less at 30 deg."""
     return float(np.log(1 - percent / 100) / np.log(np.cos(np.radians(30))))
-
-
-def other_response(sea: Sea, by: float) -> Array:
-    """Let detectors read so many per cent less at 30 deg."""
-    return sea.offset(prior.RESPONSE, response_power(by))
 
 
 def one_detector(sea: Sea, full_scales: float) -> Array:
@@ -248,16 +234,6 @@ def half_shadow(sea: Sea) -> Array:
     return sea.image(np.where(dark[:, None], 0.0, lamps) + rest)
 
 
-def rolled(sea: Sea, by: float) -> Array:
-    """Roll the follower, deg."""
-    return sea.model.light(sea.poses, np.radians(by))
-
-
-def mirrored(sea: Sea) -> Array:
-    """Swap port and starboard of the image, as a connector the wrong way round does."""
-    return sea.light()[..., ::-1]
-
-
 def at_random_times(sea: Sea) -> Array:
     """Let what moves in the scene move: each image is of a random time of a day."""
     return sea.model.light(sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses)))
@@ -294,73 +270,50 @@ def aside_poses(count: int, rng: np.random.Generator) -> Array:
     return poses
 
 
-# What a scene lacks for a kind that it cannot have; empty where it can.
-
-
-def needs_water(scene: Scene, by: float) -> str:
-    """Need an attenuation that can change so."""
+# What a kind needs of a scene, by how much it is off, and the same in words.
+NEEDS: dict[str, tuple[Callable[[Scene, float], bool], str]] = {
+    "": (lambda scene, by: True, ""),
     # 0.05 less 0.05 is a water that attenuates nothing, whatever rounding says.
-    enough = scene.attenuation[1] >= -by - 1e-12
-    return "" if enough else f"an attenuation of at least {-by:g} /m"
-
-
-def needs_sea(scene: Scene, by: float) -> str:
-    """Need water that scatters."""
-    return "" if "sea" in scene.effects else "the effect sea"
-
-
-def needs_sphere(scene: Scene, by: float) -> str:
-    """Need a sphere that carries detectors so much farther out than its own."""
-    radius_m, wider_by = scene.array.radius_m, max(by, 1 / by)
-    holds = radius_m is not None and wider_by * scene.array.width_m < np.sqrt(2) * radius_m
-    return "" if holds else "a curved array whose corners stay on the sphere"
-
-
-def needs_all_light(scene: Scene, by: float) -> str:
-    """Need readings of all light."""
-    return "readings without demodulation" if "demodulation" in scene.effects else ""
-
-
-def needs_modulation(scene: Scene, by: float, slots: bool = False) -> str:
-    """Need modulated lamps, or such as are lit in slots."""
-    waveform = scene.effects.get("demodulation", {}).get("waveform")
-    has = waveform == "slots" if slots else waveform
-    return "" if has else "the effect demodulation" + " with slots" * slots
-
-
-def needs_lamps(scene: Scene, by: float) -> str:
-    """Need several lamps."""
-    return "" if scene.lamps else "several lamps"
-
-
-def needs_beam(scene: Scene, by: float) -> str:
-    """Need a beam that can be narrower."""
-    enough = scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by
-    return "" if enough else f"a beam wider than {-by:g} deg"
-
-
-def needs_light(scene: Scene, by: float, draw: Draw) -> str:
-    """Need light at some of the poses."""
-    try:
-        lit_poses(ForwardModel(scene), 1, np.random.default_rng(0), draw)
-    except ValueError:
-        return "light at such places"
-    return ""
-
-
-def needs_motion(scene: Scene, by: float) -> str:
-    """Need an effect that changes with time."""
-    return "" if MOVING & set(scene.effects) else f"one of the effects {', '.join(sorted(MOVING))}"
+    "water": (
+        lambda scene, by: scene.attenuation[1] >= -by - 1e-12,
+        "an attenuation of at least {:g} /m",
+    ),
+    "sea": (lambda scene, by: "sea" in scene.effects, "the effect sea"),
+    "sphere": (
+        lambda scene, by: (
+            max(by, 1 / by) * scene.array.width_m < np.sqrt(2) * (scene.array.radius_m or 0.0)
+        ),
+        "a curved array whose corners stay on the sphere",
+    ),
+    "all light": (
+        lambda scene, by: "demodulation" not in scene.effects,
+        "readings without demodulation",
+    ),
+    "modulation": (lambda scene, by: "demodulation" in scene.effects, "the effect demodulation"),
+    "slots": (
+        lambda scene, by: scene.effects.get("demodulation", {}).get("waveform") == "slots",
+        "the effect demodulation with slots",
+    ),
+    "lamps": (lambda scene, by: bool(scene.lamps), "several lamps"),
+    "beam": (
+        lambda scene, by: scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by,
+        "a beam wider than {:g} deg",
+    ),
+    "motion": (
+        lambda scene, by: bool(MOVING & set(scene.effects)),
+        f"one of the effects {', '.join(sorted(MOVING))}",
+    ),
+}
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of mismatch.
+    """A kind of mismatch, off `by` so much.
 
     `name` is that of ``uuv_array study robustness --kinds``; `what` differs from the scene, and
     `cure` is what a user does about it, a sentence each. `times_prior` says by how many standard
     deviations of a calibrated prior it is off, None for what no prior is about. `draw` draws the
-    poses, and `missing` says what a scene lacks to differ like this, empty where it can.
+    poses, and `needs` is a key of `NEEDS`.
     """
 
     name: str
@@ -369,7 +322,8 @@ class Kind:
     of_sea: Callable[[Sea], Array]
     times_prior: float | None
     draw: Draw
-    missing: Callable[[Scene], str]
+    needs: str
+    by: float
 
     def light(self, model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
         """Return the light at the detectors, counts, ``(n, side, side)``, at poses ``(n, 5)``."""
@@ -379,6 +333,18 @@ class Kind:
     def within(self) -> bool:
         """Whether the prior covers it, so that it should be answered with a true covariance."""
         return self.times_prior is not None and self.times_prior <= WITHIN * (1 + 1e-9)
+
+    def missing(self, scene: Scene) -> str:
+        """Say what a scene lacks to differ like this; empty where it can."""
+        has, what = NEEDS[self.needs]
+        if not has(scene, self.by):
+            return what.format(-self.by)
+        try:
+            if self.draw is not uniform_poses:
+                lit_poses(ForwardModel(scene), 1, np.random.default_rng(0), self.draw)
+        except ValueError:
+            return "light at such places"
+        return ""
 
 
 def _kinds(
@@ -390,7 +356,7 @@ def _kinds(
     std: str = "",
     off: Callable[[float], float] = abs,
     draw: Draw = uniform_poses,
-    needs: Callable[..., str] = lambda scene, by: "",
+    needs: str = "",
 ) -> list[Kind]:
     """Return a kind, or one for each value of `by`, which name and sentence may contain.
 
@@ -400,10 +366,10 @@ def _kinds(
     for value in by or (0.0,):
         words: dict[str, Any] = {"by": value, "size": abs(value), "percent": 100 * value}
         words["more"] = "more" if value > 0 else "less"
-        of_sea, missing = partial(light, by=value) if by else light, partial(needs, by=value)
+        of_sea = partial(light, by=value) if by else light
         times = off(value) / SHIPPED[std] if std else None
         texts = name.format(**words), what.format(**words)
-        kinds.append(Kind(*texts, cure, of_sea, times, draw, missing))
+        kinds.append(Kind(*texts, cure, of_sea, times, draw, needs, value))
     return kinds
 
 
@@ -428,57 +394,59 @@ SIGNAL_CURE = "Check power, plug and wiring of the array: this is not light of t
 KINDS = (
     *_kinds("nothing", Sea.light, "The sea is the scene.", "Nothing.", std="lamp_power_std"),
     *_kinds("k{by:+g}", other_attenuation, "The water attenuates by {size:g} /m {more}.", K_CURE,
-            (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs=needs_water),
+            (-0.05, 0.05, -0.04, 0.04, -0.02, 0.02), "k_std_per_m", needs="water"),
     *_kinds("beam{by:+g}", partial(Sea.offset, name=prior.BEAM_SIGMA),
             "The beam's standard deviation is {size:g} deg {more}.", BEAM_CURE,
-            (-2.0, 2.0, -0.6, 0.6), "beam_sigma_std_deg", needs=needs_beam),
-    *_kinds("power_x{by:g}", partial(Sea.scaled, name=prior.POWER),
+            (-2.0, 2.0, -0.6, 0.6), "beam_sigma_std_deg", needs="beam"),
+    *_kinds("power_x{by:g}", lambda sea, by: sea.offset(prior.POWER, np.log(by)),
             "The lamp has {by:g} times its power.", POWER_CURE,
             (0.8, 1.2, 0.5, 2.0), "lamp_power_std", lambda by: abs(by - 1)),
-    *_kinds("ambient_{by:g}", partial(daylight, even=True),
+    *_kinds("ambient_{by:g}", lambda sea, by: sea.light() + by,
             "Daylight adds {by:g} counts to every reading.", AMBIENT_CURE,
-            (10.0,), "ambient_std_counts", needs=needs_all_light),
-    *_kinds("gradient_{by:g}", daylight,
+            (10.0,), "ambient_std_counts", needs="all light"),
+    *_kinds("gradient_{by:g}",
+            lambda sea, by: sea.light() + np.linspace(0.0, by, sea.model.array.side),
             "Daylight adds 0 counts at the port edge and {by:g} at the starboard edge.",
-            GRADIENT_CURE, (10.0, 30.0), needs=needs_all_light),
+            GRADIENT_CURE, (10.0, 30.0), needs="all light"),
     *_kinds("second_lamp_{by:g}", partial(second_lamp, port_m=0.3),
             "A second lamp of {percent:g} % of the power is 0.3 m to port of the first.",
-            LAMP_CURE, (0.1, 0.3), needs=needs_all_light),
+            LAMP_CURE, (0.1, 0.3), needs="all light"),
     *_kinds("waves_{by:g}", waves,
             "Waves change 400 counts of daylight by 30 % at 5 Hz; carriers begin at {by:g} Hz.",
-            "Modulate the lamps at 1 kHz or faster.", (1000, 40), needs=needs_modulation),
+            "Modulate the lamps at 1 kHz or faster.", (1000, 40), needs="modulation"),
     *_kinds("same_carrier_{by:g}", another_leader,
             "Another leader's lamp of {percent:g} % of the power, 0.3 m to port, has the carrier "
-            "of the first.", CARRIER_CURE, (0.1, 0.3), needs=needs_modulation),
+            "of the first.", CARRIER_CURE, (0.1, 0.3), needs="modulation"),
     *_kinds("other_carrier_{by:g}", partial(another_leader, off_hz=37.0),
             "Another leader's lamp of {percent:g} % of the power, 0.3 m to port, is 37 Hz off the "
-            "carrier.", CARRIER_CURE, (0.3,), needs=needs_modulation),
+            "carrier.", CARRIER_CURE, (0.3,), needs="modulation"),
     *_kinds("late_slots_{by:g}", late_slots,
             "The lamps light up and go out {percent:g} % of a slot late.",
             "Trigger lamps and converter by one clock, or leave the first samples of a slot out.",
-            (0.01,), needs=partial(needs_modulation, slots=True)),
+            (0.01,), needs="slots"),
     *_kinds("one_lamp_x{by:g}", one_lamp, "One of several lamps has {by:g} times its power.",
             "Calibrate the lamps again; clean their windows.", (0.9, 0.7), "lamps_power_std",
-            lambda by: 1 - by, needs=needs_lamps),
+            lambda by: 1 - by, needs="lamps"),
     *_kinds("hidden_lamp", partial(one_lamp, by=0.0), "One of several lamps is off or hidden.",
             "Look for `dark lamp` in the diagnostics, and keep the lamps clear of the hull.",
-            needs=needs_lamps),
+            needs="lamps"),
     *_kinds("gains_{by:g}", other_gains, "Each detector's gain is off by {percent:g} %, RMS.",
             GAIN_CURE, (0.005, 0.01, 0.02, 0.03), "gain_std"),
-    *_kinds("response-{by:g}", other_response,
+    *_kinds("response-{by:g}",
+            lambda sea, by: sea.offset(prior.RESPONSE, response_power(by)),
             "Detectors read {by:g} % less at 30 deg of incidence.", ARRAY_CURE,
             (2, 5), "cosine_power_std", response_power),
-    *_kinds("radius_x{by:g}", partial(Sea.scaled, name=prior.RADIUS),
+    *_kinds("radius_x{by:g}", lambda sea, by: sea.offset(prior.RADIUS, np.log(by)),
             "The sphere of the array is 5 % too small.", ARRAY_CURE,
-            (0.95,), "radius_std", lambda by: 0.05, needs=needs_sphere),
+            (0.95,), "radius_std", lambda by: 0.05, needs="sphere"),
     *_kinds("width_x{by:g}", wider, "The array is 5 % wider than the scene says.", ARRAY_CURE,
-            (1.05,), needs=needs_sphere),
+            (1.05,), needs="sphere"),
     *_kinds("lamp_axis_{by:g}", turned_lamp, "The lamp points {by:g} deg to port of its frame.",
             "Turn the lamp, or the frame `beacon`, by what `uuv_array calibrate` finds.",
             (2.0,), "lamp_aim_std_deg"),
-    *_kinds("scattering_x{by:g}", partial(Sea.scaled, name=prior.SCATTERING),
+    *_kinds("scattering_x{by:g}", lambda sea, by: sea.offset(prior.SCATTERING, np.log(by)),
             "The water scatters twice as much.", SEA_CURE,
-            (2.0,), "scattering_std", lambda by: float(np.log(by)), needs=needs_sea),
+            (2.0,), "scattering_std", lambda by: float(np.log(by)), needs="sea"),
     *_kinds("two_dirty", partial(some_detectors, number=2, gain=0.8),
             "Two detectors read 0.8 of their light.", FAULT_CURE),
     *_kinds("glint", partial(some_detectors, number=1, counts=50.0),
@@ -496,28 +464,29 @@ KINDS = (
             "An uneven, smooth shade changes the light over the array by {percent:g} %, RMS.",
             SHADE_CURE, (0.02, 0.05, 0.1)),
     *_kinds("half_shadow", half_shadow, "Half of the array lies in a hard shadow.", SHADE_CURE),
-    *_kinds("rolled_{by:g}", rolled,
+    *_kinds("rolled_{by:g}", lambda sea, by: sea.model.light(sea.poses, np.radians(by)),
             "The follower is rolled by {by:g} deg, and the estimator is not told.",
             "Set `use_imu` and connect the vehicle's IMU.", (15.0,)),
     *_kinds("aim_{by:g}", turned_mount, "The array is turned by {by:g} deg on its mount.",
             "Align the array on its mount, or calibrate after each time that it was taken off.",
             (1.0,), "aim_std_deg"),
-    *_kinds("mirrored", mirrored, "Port and starboard of the image are swapped.",
+    *_kinds("mirrored", lambda sea: sea.light()[..., ::-1],
+            "Port and starboard of the image are swapped.",
             "Check the wiring of the array: row 0 is the top, column 0 the port edge."),
     *_kinds("reflection", partial(second_lamp, by=0.1, above_m=1.0),
             "The surface, 0.5 m above the lamp, reflects a tenth of its light.",
             "Dive deeper or tilt the lamp down; near a calm surface trust no height."),
     *_kinds("moving", at_random_times, "What moves in the scene moves: plume, flicker, drift.",
             "Wait until the clouds have passed, or keep a distance at which the lamp outshines "
-            "them.", needs=needs_motion),
+            "them.", needs="motion"),
     *_kinds("near_2m", Sea.light,
             "The follower is 2 m behind the lamp, nearer than the table, and readings saturate.",
             "Extend `table.x_m`, and lower the gain of the array for short ranges.",
-            draw=near_poses, needs=partial(needs_light, draw=near_poses)),
+            draw=near_poses),
     *_kinds("aside_1.5m", Sea.light,
             "The follower is 1.5 m off the beam's axis, outside of the table.",
             "Extend `table.y_m` and `table.z_m` to where the vehicle can get.",
-            draw=aside_poses, needs=partial(needs_light, draw=aside_poses)),
+            draw=aside_poses),
     *_kinds("noise", noise, "The image is uniform noise.", SIGNAL_CURE),
     *_kinds("blob", blob, "The image is a random Gaussian blob.", SIGNAL_CURE),
 )
@@ -532,16 +501,12 @@ def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
     """
     if names is None:
         return tuple(kind for kind in KINDS if not kind.missing(scene))
-    chosen = [name.strip() for name in names.split(",")]
-    known = [kind.name for kind in KINDS]
+    known, chosen = {kind.name: kind for kind in KINDS}, [name.strip() for name in names.split(",")]
     for name in chosen:
         if name not in known:
             raise ValueError(f"--kinds: {name!r} is unknown; choose of {', '.join(known)}")
-    kinds = tuple(kind for kind in KINDS if kind.name in chosen)
-    for kind in kinds:
-        if missing := kind.missing(scene):
+        if missing := known[name].missing(scene):
             raise ValueError(
-                f"--kinds: {kind.name} needs {missing}, which scene {scene.name} has not; "
-                "leave it out"
+                f"--kinds: {name} needs {missing}, which scene {scene.name} has not; leave it out"
             )
-    return kinds
+    return tuple(kind for kind in KINDS if kind.name in chosen)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.geometry import Array, Z
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.core.storage.formats import plain
+from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
@@ -132,8 +132,7 @@ def measure(
         frames = frame_errors(answers, model, poses, images, over)["estimator"]
         done = len(frames.errors)
         answered = poses[:done] + frames.errors
-        shown = images[:done], light[:done]
-        ratio = log_ratio(model, answered, frames.covariances, *shown)
+        ratio = log_ratio(model, answered, frames.covariances, images[:done], light[:done])
         yield figures(kind, frames, ratio < EXCUSED_BELOW)
         if done < count:
             return
@@ -145,12 +144,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     def cell(value: Any) -> str:
         return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
 
-    lines = [[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
-        for line in lines
-    )
+    return columns([[*COLUMNS.values()], *([cell(row[key]) for key in COLUMNS] for row in rows)])
 
 
 def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
@@ -165,13 +159,14 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     left.barh(y, answered, color=ANSWERED)
     middle.barh(y, false, color=FALSE)
     middle.barh(y, excused, color=EXCUSED)
-    for axes, shares in ((left, answered), (middle, false)):
+    for axes, shares, label in (
+        (left, answered, "answered, of all (%)"),
+        (middle, false, "beyond 6 sigma, of answered (%)"),
+    ):
         for at, share in zip(y, shares, strict=True):
             text = f"{share:.0f}" if share in (0, 100) else f"{share:.1f}"
             axes.text(103, at, "-" if np.isnan(share) else text, va="center", fontsize=9)
-        axes.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100])
-    left.set_xlabel("answered, of all (%)")
-    middle.set_xlabel("beyond 6 sigma, of answered (%)")
+        axes.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100], xlabel=label)
     for key, marker, colour, _ in ERRORS:
         errors = [np.nan if row[key] is None else row[key] for row in rows]
         right.plot(errors, y, marker, color=colour, ms=6, alpha=0.85)
@@ -179,9 +174,8 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
     right.set(xscale="log", xlabel="RMS error of the answered, m or deg")
     plain_log_ticks(right.xaxis)
     for axes in grid:
-        for at, row in zip(y, rows, strict=True):
-            if row["within_twice_prior"]:
-                axes.axhspan(at - 0.5, at + 0.5, color="0.94", lw=0, zorder=0)
+        for at in y[[row["within_twice_prior"] for row in rows]]:
+            axes.axhspan(at - 0.5, at + 0.5, color="0.94", lw=0, zorder=0)
         axes.grid(axis="x", alpha=0.4)
         axes.set_axisbelow(True)
         axes.tick_params(axis="y", length=0)

@@ -22,8 +22,8 @@ from scipy.optimize import lsq_linear
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import apart
 from uuv_optical_array.studies import design_score
-from uuv_optical_array.studies.design_picture import draw
-from uuv_optical_array.studies.design_score import Choice, ScoredDesign, front
+from uuv_optical_array.studies.design import Choice, draw, front
+from uuv_optical_array.studies.design_score import ScoredDesign
 from uuv_optical_array.studies.design_sweep import Design, designed
 from uuv_optical_array.studies.shared.results import Results
 

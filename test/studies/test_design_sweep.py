@@ -20,8 +20,8 @@ from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.studies.design_sweep import (
     Design,
     Sweep,
-    default_lists,
     designed,
+    sweep_of,
     with_gain,
 )
 
@@ -55,8 +55,8 @@ def test_a_sweep_holds_each_design_that_can_be_built_once(shapes, sides, sizes, 
 def test_the_default_sweep_holds_the_scene_and_the_paper():
     for name in ("follow", "eren2016", "eren2017_tank"):
         scene = load_scene(name)
-        assert Design.of(scene) in Sweep(**default_lists(scene)).designs()
-    designs = Sweep(**default_lists(load_scene("follow"))).designs()
+        assert Design.of(scene) in sweep_of(scene).designs()
+    designs = sweep_of(load_scene("follow")).designs()
     assert Design("curved", 5, 0.4, 0.32, 8.0, 1, 0.0, 0.0) in designs
     # 5 sizes; on radii of 0.16 to 0.64 m fit 1, 2, 3, 4, 5 and 5 of them.
     assert len(designs) == (5 + 20) * 6 * 6

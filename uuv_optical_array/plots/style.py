@@ -147,6 +147,13 @@ def number_label(
     )  # fmt: skip
 
 
+def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:
+    """Write a table of text into the upper left corner of bare axes, beyond which it may reach."""
+    axes.set_axis_off()
+    words: dict[str, Any] = {"family": "monospace", "fontsize": size, "linespacing": spacing}
+    axes.text(0, 1, text, va="top", in_layout=False, **words)
+
+
 def label_ends(axes: "Axes", ends: Iterable[tuple[str, float]], gap: float = 0.055) -> None:
     """Write the name of each line beside its right end, so that none is on another."""
     low, high = axes.get_ylim()

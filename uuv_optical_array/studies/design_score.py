@@ -7,9 +7,7 @@ score means.
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -32,13 +30,11 @@ from uuv_optical_array.forward.working_volume import (
 )
 from uuv_optical_array.studies.design_sweep import Design, Mount, Power, Sweep, designed
 from uuv_optical_array.studies.shared.errors import position_and_angle
-from uuv_optical_array.studies.shared.pareto import thinned_front
 from uuv_optical_array.studies.shared.results import Line, Results
 from uuv_optical_array.studies.shared.separation import (
     THRESHOLD_DEG,
     WANTED,
     Conditions,
-    Motion,
     angles_deg,
     from_paper_axes,
     scene_signature,
@@ -52,6 +48,7 @@ PAPER: dict[str, Any] = {
     "width_m": 0.4,
     "radius_m": 0.32,
 }
+HOW = "power", "mount", "poses"  # a design is scored
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
 BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
@@ -124,7 +121,12 @@ class ScoredDesign(Line, Design):
 def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     """Score the array and lamp of a scene; the bound at `poses` ``(n, 5)``, noise from `rng`."""
     model = ForwardModel(scene)
-    moved_deg = np.array([separations(scene, motion) for motion in WANTED])
+    shape, side = scene.array.shape, scene.array.detectors_per_side
+    # Of both signs of a move the smaller angle.
+    moved_deg = np.array([
+        [angles_deg(scene, Conditions(shape, side, m, motion), [by, -by]).min() for m in RANGES_M]
+        for motion, by in WANTED.items()
+    ])  # fmt: skip
     noise_deg = np.array([signature_noise_deg(model, range_m, rng) for range_m in RANGES_M])
     with np.errstate(divide="ignore", invalid="ignore"):
         sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
@@ -139,14 +141,6 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
         *position_and_angle(alone[lit]),
     ]
     return ScoredDesign(*values)
-
-
-def separations(scene: Scene, motion: Motion) -> list[float]:
-    """Return the spectral angle of a wanted move, the smaller of both signs, deg, at `RANGES_M`."""
-    shape, side = scene.array.shape, scene.array.detectors_per_side
-    steps = [WANTED[motion], -WANTED[motion]]
-    every = (Conditions(shape, side, range_m, motion) for range_m in RANGES_M)
-    return [float(angles_deg(scene, conditions, steps).min()) for conditions in every]
 
 
 def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
@@ -212,13 +206,13 @@ class DesignStudy:
     @property
     def origin(self) -> dict[str, Any]:
         """What its scores depend on beside the design."""
-        own = {name: vars(self)[name] for name in ("power", "mount", "poses", "seed")}
+        own = {name: vars(self)[name] for name in (*HOW, "seed")}
         return {"scene": self.scene.name, "fingerprint": self.scene.fingerprint, **own}
 
     def score_rest(self, results: Results[ScoredDesign], progress: Progress = iter) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
-        scored_before = {line.design for line in results.lines}
-        left = [design for design in self.sweep.designs() if design not in scored_before]
+        before = {row.design for row in results.lines}
+        left = [design for design in self.sweep.designs() if design not in before]
         poses = uniform_poses(self.poses, np.random.default_rng([self.seed, 0]))
         scored: list[ScoredDesign] = []
         try:
@@ -233,80 +227,3 @@ class DesignStudy:
         """Return the designs of the sweep that have a score, in its order."""
         scored = {line.design: line for line in results.lines}
         return [scored[design] for design in self.sweep.designs() if design in scored]
-
-
-def front(rows: Sequence[ScoredDesign]) -> list[ScoredDesign]:
-    """Return the designs that represent all in detectors and bounds, fewest detectors first."""
-    bounds = np.reshape([(row.position_m, row.angle_deg) for row in rows], (-1, 2))
-    kept = [rows[i] for i in thinned_front([row.detectors for row in rows], bounds)]
-    return sorted(kept, key=lambda row: (row.detectors, row.position_m))
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What a sweep offers: the Pareto-optimal designs among its scored ones."""
-
-    study: DesignStudy
-    rows: Sequence[ScoredDesign]
-
-    @cached_property
-    def fronts(self) -> dict[str, list[ScoredDesign]]:
-        """Fronts of what is no wider than the scene's array, of what resolves, and of all."""
-        fits = [row for row in self.rows if row.width_m <= self.study.scene.array.width_m]
-        resolved = [row for row in fits if row.resolved_at_4m]
-        return {"fits": front(fits), "resolved": front(resolved), "any": front(self.rows)}
-
-    @cached_property
-    def papers(self) -> list[ScoredDesign]:
-        """The paper's array with the scene's lamps, where it is swept."""
-        own = dataclasses.replace(Design.of(self.study.scene), **PAPER)
-        return [row for row in self.rows if row.design == own]
-
-    @cached_property
-    def numbered(self) -> list[ScoredDesign]:
-        """Every design that is listed, once: the fronts in turn, then the paper's array."""
-        on_fronts = [row for rows in self.fronts.values() for row in rows]
-        return list(dict.fromkeys([*on_fronts, *self.papers]))
-
-    def table(self, numbers: Collection[int] | None = None) -> str:
-        """Return `numbered` as a table, or those of some numbers, from 1."""
-        heads = ("position", "angle", "lit", "at 4 m", "4 to 8 m", "", "15 deg", "")
-        width = max(51, 2 + max((len(row.label) for row in self.numbered), default=0))
-        line = f"{{:>3}} {{:<{width}}}{{:>8}}{{:>7}}{{:>5}}{{:>12}}{{:>12}}{{:>7}}  {{:<9}}{{}}"
-        units = ("m", "deg", "%", "deg", "deg", "sigma", "at", "front")
-        lines = [line.format("no", "design", *heads), line.format("", "", *units)]
-        for number, row in enumerate(self.numbered, start=1):
-            on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
-            values = (
-                *(row.label, f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"),
-                f"{100 * row.lit:.0f}",
-                f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}",
-                f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}",
-                *(f"{row.sigmas:.1f}", row.resolved),
-                ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array,
-            )
-            if numbers is None or number in numbers:
-                lines.append(line.format(number, *values))
-        return "\n".join(lines)
-
-    @property
-    def resolved_counts(self) -> tuple[int, int, int]:
-        """How many meet the criterion at 4 m, from 4 to 8 m, and there beyond noise."""
-        far = [row for row in self.rows if row.resolved_4_to_8m]
-        clear = sum(row.sigmas >= CLEAR_SIGMAS for row in far)
-        return sum(row.resolved_at_4m for row in self.rows), len(far), clear
-
-    def as_object(self) -> dict[str, Any]:
-        """Return plain values; None is not known, or has no bound."""
-        study, at = self.study, {id(row): i for i, row in enumerate(self.rows)}
-        about = {name: vars(study)[name] for name in ("power", "mount", "poses", "seed")}
-        return {
-            "scene": study.scene.name,
-            "sweep": vars(study.sweep),
-            **about,
-            "designs": [row.columns() for row in self.rows],
-            "fronts": {name: [at[id(row)] for row in rows] for name, rows in self.fronts.items()},
-            "numbered": [at[id(row)] for row in self.numbered],
-            "papers_array": [i for i, row in enumerate(self.rows) if row.is_papers_array],
-            "dropped": study.sweep.dropped(),
-        }

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from uuv_optical_array.core.settings import Setting, check, declared
 from uuv_optical_array.forward.array import ArraySettings, Shape
-from uuv_optical_array.forward.lamps import ring_of_lamps
+from uuv_optical_array.forward.lamps import BeaconLamp, ring_of_lamps
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -58,15 +58,13 @@ class Design:
     @classmethod
     def of(cls, scene: Scene) -> "Design":
         """Return the design that a scene has; of several lamps with the means of their ring."""
+        lamps = scene.lamps or (BeaconLamp(),)
+        spread_m = fmean(math.hypot(lamp.y_m, lamp.z_m) for lamp in lamps)
+        tilt_deg = fmean(math.hypot(lamp.pitch_deg, lamp.yaw_deg) for lamp in lamps)
+        ring = scene.lamp_count, round(spread_m, 3), round(tilt_deg, 3)
         values: dict[str, Any] = {**vars(scene.array), **vars(scene.lamp)}
-        out = [
-            (math.hypot(lamp.y_m, lamp.z_m), lamp.pitch_deg, lamp.yaw_deg) for lamp in scene.lamps
-        ]
-        values |= {"lamps": scene.lamp_count, "spread_m": 0.0, "tilt_deg": 0.0}
-        if out:
-            values["spread_m"] = round(fmean(far for far, _, _ in out), 3)
-            values["tilt_deg"] = round(fmean(math.hypot(*axis) for _, *axis in out), 3)
-        return cls(**{field.name: values[field.name] for field in dataclasses.fields(cls)})
+        values |= dict(zip(RING, ring, strict=True))
+        return cls(**{name: values[name] for name in SWEPT})
 
     @property
     def detectors(self) -> int:
@@ -127,23 +125,21 @@ class Sweep:
         return dict(Counter(filter(None, map(_fault, self._grid()))))
 
     def _grid(self) -> Iterator[Design]:
+        every = itertools.product(self.lamps, self.spread_m, self.tilt_deg)
+        # One lamp is in the middle.
+        rings = list(dict.fromkeys(ring if ring[0] > 1 else (1, 0.0, 0.0) for ring in every))
         for shape in self.shape:
-            radii = self.radius_m if shape == "curved" else (None,)
-            sides = self.detectors_per_side
-            rings = [
-                (lamps, *place)
-                for lamps in self.lamps
-                for place in itertools.product(self.spread_m, self.tilt_deg)
-            ]
-            # One lamp is in the middle.
-            rings = list(dict.fromkeys(ring if ring[0] > 1 else (1, 0.0, 0.0) for ring in rings))
+            radii, sides = self.radius_m if shape == "curved" else (None,), self.detectors_per_side
             grid = itertools.product(radii, self.width_m, self.beam_sigma_deg, rings, sides)
             for radius_m, width_m, sigma_deg, ring, side in grid:
                 yield Design(shape, side, width_m, radius_m, sigma_deg, *ring)
 
 
-def lists_named(words: Sequence[str]) -> dict[str, list[Any]]:
-    """Read lists of a sweep, each ``NAME=VALUE,VALUE``; ValueError for what is none."""
+def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
+    """Return a sweep about a scene's own design, or of lists, each ``NAME=VALUE,VALUE``.
+
+    A ValueError says which word is no such list, or what `Sweep` finds wrong.
+    """
     lists: dict[str, list[Any]] = {}
     for word in words:
         name, _, values = word.partition("=")
@@ -156,17 +152,10 @@ def lists_named(words: Sequence[str]) -> dict[str, list[Any]]:
             lists[name] = [kind(v) if kind in (int, float) else v for v in values.split(",")]
         except ValueError:
             raise ValueError(f"{word}: give numbers with commas between them") from None
-    return lists
-
-
-def default_lists(scene: Scene) -> dict[str, tuple[Any, ...]]:
-    """Return the lists of a sweep about a scene's own design, which is one of its designs."""
-    own = Design.of(scene)
-    lists = {
-        name: tuple(sorted({*values, getattr(own, name) or values[0]}))
-        for name, values in DEFAULTS.items()
-    } | {name: (getattr(own, name),) for name in RING}
-    return {"shape": typing.get_args(Shape), **lists}
+    own = vars(Design.of(scene))
+    about = {name: sorted({*values, own[name] or values[0]}) for name, values in DEFAULTS.items()}
+    about |= {"shape": [*typing.get_args(Shape)], **{name: [own[name]] for name in RING}}
+    return Sweep(**{**about, **lists})
 
 
 def _fault(design: Design) -> str:
@@ -197,8 +186,7 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     side, radius_m = design.detectors_per_side, design.radius_m
     array = ArraySettings(design.shape, side, design.width_m, bow_m, radius_m)
     lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=design.beam_sigma_deg)
-    own, names = Design.of(scene), (*RING,)
-    ring = {name: getattr(design, name) for name in names}
+    own, ring = Design.of(scene), {name: getattr(design, name) for name in RING}
     lamps = scene.lamps if ring.items() <= vars(own).items() else ring_of_lamps(**ring)
     if lamps and not scene.lamps:
         raise ValueError(
@@ -208,11 +196,10 @@ def designed(scene: Scene, design: Design, power: Power = "flux", mount: Mount =
     changed = dataclasses.replace(scene, array=array, lamp=lamp).with_lamps(lamps)
     if power == "counts" or design == own:
         return changed
-    own_sr, solid_angle_sr = (
+    own_sr, beam_sr = (
         beam_solid_angle(math.radians(it.beam_sigma_deg)) for it in (scene.lamp, design)
     )
-    base_flux = ForwardModel(scene).power * own_sr
-    brighter = base_flux / solid_angle_sr / ForwardModel(changed).power
+    brighter = ForwardModel(scene).power * own_sr / beam_sr / ForwardModel(changed).power
     if power == "flux_in_range" and brighter > 1:
         return with_gain(changed, 1 / brighter)
     lamp = dataclasses.replace(lamp, reference_counts=brighter * lamp.reference_counts)

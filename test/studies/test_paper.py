@@ -18,15 +18,18 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.paper import draw, report, reproduce
-from uuv_optical_array.studies.paper_choices import alternatives, noisy
-from uuv_optical_array.studies.paper_statements import (
+from uuv_optical_array.studies.paper import (
     SIDES,
     STATEMENTS,
     STEPS,
+    alternatives,
     best_gain,
+    draw,
     least_detected,
+    noisy,
     panels,
+    report,
+    reproduce,
 )
 from uuv_optical_array.studies.shared.separation import (
     Conditions,

@@ -1,34 +1,33 @@
 """``uuv_array study paper``: repeat the figures of Eren et al. (2016), their numbers beside ours.
 
 What the paper leaves open is a choice: ours are the scene `eren2016` and `paper_signature`, others
-are in `paper_choices`.
+are `alternatives`.
 """
 
 import argparse
+import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.core.geometry import Array, rotation_matrix
 from uuv_optical_array.core.storage.formats import columns
+from uuv_optical_array.estimation.signature.features import key_parameters, skewness
+from uuv_optical_array.forward.array import Shape
+from uuv_optical_array.forward.effects import check_effects
+from uuv_optical_array.forward.effects.water import hanning_blur
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
-from uuv_optical_array.studies.paper_choices import alternatives, noisy
-from uuv_optical_array.studies.paper_statements import (
-    FAR,
-    MOTIONS,
-    SIDES,
-    STATEMENTS,
-    STEPS,
-    agreement,
-    least_detected,
-    panels,
-)
 from uuv_optical_array.studies.shared.separation import (
+    RECONSTRUCTION,
     THRESHOLD_DEG,
     UNITS,
     WANTED,
@@ -36,6 +35,8 @@ from uuv_optical_array.studies.shared.separation import (
     Conditions,
     Motion,
     angles_deg,
+    paper_signature,
+    scene_signature,
 )
 
 DESCRIPTION = """\
@@ -55,6 +56,264 @@ Ctrl-C ends it early and reports what is complete. docs/results/paper.md explain
 
 NOISE_RANGES_M = (4.0, 8.0)
 SEED = 1
+MOTIONS: tuple[Motion, ...] = get_args(Motion)
+# The steps of the paper's curves, in their units.
+STEPS: dict[Motion, Array] = {"shift": np.arange(31) * 3 / 100, "yaw": np.arange(31) / 1}
+FAR, NEAR = STEPS["shift"][STEPS["shift"] > 0.6], STEPS["shift"][STEPS["shift"] <= 0.6]
+SIDES = (3, 5, 7, 9, 11, 15, 21, 51, 101)  # the paper says 3 to 101
+SIGNS = {"is": "", "above": "> ", "below": "< "}
+
+# Spectral angles of moves, once scene and choice are fixed.
+Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of the paper's text about a figure, and the same number of ours.
+
+    The number and panel of the figure, such as ``4b``; what is compared, in words and as plain
+    values; whether the stated number ``is`` the angle, or the angle lies ``above`` or ``below`` it,
+    or else the paper's words; what computes our number, deg; and the stated number, deg.
+    """
+
+    figure: str
+    text: str
+    conditions: Mapping[str, Any]
+    relation: str
+    ours: Callable[[Angles], float]
+    paper: float | None = None
+
+    @property
+    def label(self) -> str:
+        """The paper's number as it is printed: ``12``, ``> 15``, or its words."""
+        return self.relation if self.paper is None else f"{SIGNS[self.relation]}{self.paper:g}"
+
+    def met(self, ours: float) -> bool | None:
+        """Whether our number lies on the stated side; ``None`` where no side is stated.
+
+        A number that is nan lies on neither.
+        """
+        if self.paper is None or self.relation == "is":
+            return None
+        return ours > self.paper if self.relation == "above" else ours < self.paper
+
+    def row(self, ours: float) -> dict[str, Any]:
+        """Return the statement as plain values, with our number, deg."""
+        stated = {"point": self.text, "conditions": self.conditions, "relation": self.relation}
+        return {**stated, "paper_deg": self.paper, "ours_deg": ours, "met": self.met(ours)}
+
+    def verdict(self, ours: float) -> str:
+        """Return how our number compares with the paper's, in a word or as a difference."""
+        met = self.met(ours)
+        if met is not None:
+            return "met" if met else "missed"
+        return "" if self.paper is None or math.isnan(ours) else f"{ours - self.paper:+.1f}"
+
+
+def _of(angles: Angles, conditions: Conditions, step: float) -> float:
+    return float(angles(conditions, [step])[0])
+
+
+def _at(figure: str, at: Conditions, step: float, relation: str, paper: float) -> Statement:
+    array, move = f"{at.shape} {at.side} x {at.side}", f"{at.motion} {step:g} {UNITS[at.motion]}"
+    text, plain = f"{array}, {at.range_m:g} m, {move}", at.as_object(step)
+    return Statement(figure, text, plain, relation, lambda angles: _of(angles, at, step), paper)
+
+
+def _curved_less_planar(angles: Angles, steps: Array) -> Array:
+    curved, planar = (Conditions(shape, 21, 4.0, "shift") for shape in ("curved", "planar"))
+    return angles(curved, steps) - angles(planar, steps)
+
+
+def best_gain(motion: Motion, step: float, sides: Sequence[int] = (7, 9, 11, 15, 21)) -> Statement:
+    """Compare the best array of more than 7 x 7 detectors of `sides` with that of 7 x 7, first."""
+    every = [Conditions("curved", side, 4.0, motion) for side in sides]
+
+    def ours(angles: Angles) -> float:
+        at_7, *others = (_of(angles, array, step) for array in every)
+        return max(others) - at_7
+
+    figure = "5a" if motion == "shift" else "5b"
+    text = f"best gain over 7 x 7, 4 m, {motion} {step:g} {UNITS[motion]}"
+    compared = {"compared_with_detectors_per_side": [*sides[1:]]}
+    plain = {**every[0].as_object(step), **compared}
+    return Statement(figure, text, plain, "not significant", ours)
+
+
+_BOTH = {"array": "curved less planar", "detectors_per_side": 21, "range_m": 4.0}
+STATEMENTS = (
+    Statement(
+        "4a",
+        "curved less planar, shift > 0.6 m, mean",
+        {**_BOTH, "shift_m": FAR.tolist(), "statistic": "mean"},
+        "is",
+        lambda angles: float(_curved_less_planar(angles, FAR).mean()),
+        2.0,
+    ),
+    Statement(
+        "4a",
+        "curved less planar, shift <= 0.6 m, largest",
+        {**_BOTH, "shift_m": NEAR.tolist(), "statistic": "largest in magnitude"},
+        "similar",
+        lambda angles: float(max(_curved_less_planar(angles, NEAR), key=abs)),
+    ),
+    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 5.0, "is", 5.0),
+    _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
+    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 5.0, "is", 12.0),
+    _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
+    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
+    best_gain("shift", 0.2),
+    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
+    best_gain("yaw", 10.0),
+    _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
+    _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
+)
+
+
+def agreement(ours: Sequence[float]) -> tuple[int, float]:
+    """Return how many numbers lie on the stated side, and the RMS difference of angles, deg."""
+    pairs = list(zip(STATEMENTS, ours, strict=True))
+    off = [value - s.paper for s, value in pairs if s.relation == "is" and s.paper is not None]
+    return sum(s.met(value) is True for s, value in pairs), float(np.sqrt(np.mean(np.square(off))))
+
+
+def panels() -> dict[str, list[Conditions]]:
+    """Return the curves of each panel of the paper's figures, by its number and letter."""
+    curves: dict[str, list[Conditions]] = {}
+    for motion, letter, letters in zip(MOTIONS, "ab", ("abc", "def"), strict=True):
+        curves[f"4{letter}"] = [Conditions(s, 21, 4.0, motion) for s in get_args(Shape)]
+        curves[f"5{letter}"] = [Conditions("curved", side, 4.0, motion) for side in SIDES]
+        for side, of_side in zip((3, 5, 101), letters, strict=True):
+            curves[f"6{of_side}"] = [Conditions("curved", side, m, motion) for m in RANGES_M]
+    return dict(sorted(curves.items()))
+
+
+def least_detected(steps: Array, angles: Array) -> float | None:
+    """Return the first step whose angle reaches the paper's threshold, or ``None``."""
+    reached = angles >= THRESHOLD_DEG
+    return float(steps[reached.argmax()]) if reached.any() else None
+
+
+def alternatives(rng: np.random.Generator) -> list[Choice]:
+    """Return the reconstruction, and choices that differ from it in one thing each."""
+    return [
+        RECONSTRUCTION,
+        *(Choice(f"beam sigma {deg:g} deg", _beam(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
+        *(Choice(f"attenuation {k:g} /m", _with(attenuation={"k_per_m": k})) for k in (0.05, 0.2)),
+        Choice("no blur", _with(forward_scatter=None)),
+        *(Choice(f"blur {m:g} m wide", _with(forward_scatter={"window_m": m})) for m in (0.1, 0.4)),
+        Choice("blur of 11 detectors always", _blur_of_11_detectors),
+        Choice("blur, dark beyond the border", images=_dark_border),
+        Choice(
+            "peak between detectors",
+            signature=lambda images, top, _: paper_signature(images, top, "subdetector"),
+        ),
+        Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
+        Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
+        Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
+        Choice(
+            "peak over full scale",
+            signature=lambda images, _, scene: scene_signature(
+                images, scene.full_scale_counts, scene
+            ),
+        ),
+        Choice("sample skewness", signature=_sample_skewness),
+        Choice("skewness of differences", signature=_differences),
+        Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
+        Choice("yaw about the array", poses=_about_array),
+        Choice("10 bits", _with(**TEN_BITS), images=ForwardModel.expose),
+        noisy(rng),
+    ]
+
+
+TEN_BITS: dict[str, Any] = {"adc": {"bits": 10}, "sensor_noise": None, "shot_noise": None}
+
+
+def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
+    """Return the choice with noise: 10 bits, 1 count, the mean of `draws` pairs of images."""
+
+    def read(model: ForwardModel, poses: Array) -> Array:
+        return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
+
+    change = _with(**{**TEN_BITS, "sensor_noise": {"sigma_counts": 1.0}})
+    return Choice("10 bits, noise of 1 count", change, images=read)
+
+
+def _beam(sigma_deg: float) -> Callable[[Scene], Scene]:
+    return lambda scene: dataclasses.replace(
+        scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
+    )
+
+
+def _with(**changed: dict[str, Any] | None) -> Callable[[Scene], Scene]:
+    """Change effects, or leave out those that are None."""
+
+    def change(scene: Scene) -> Scene:
+        effects = {**scene.effects, **changed}
+        kept = {name: values for name, values in effects.items() if values is not None}
+        return dataclasses.replace(scene, effects=check_effects(kept))
+
+    return change
+
+
+def _blur_of_11_detectors(scene: Scene) -> Scene:
+    spacing_m = scene.array.width_m / (scene.array.detectors_per_side - 1)
+    # The first and the last of the 11 samples are zero.
+    return _with(forward_scatter={"window_m": 10 * spacing_m})(scene)
+
+
+def _dark_border(model: ForwardModel, poses: Array) -> Array:
+    """Blur without mirroring: beyond the outermost detectors there is no light."""
+    blur = model.scene.effects.get("forward_scatter")
+    if blur is None:
+        return model.expected(poses)
+    bare = ForwardModel(_with(forward_scatter=None)(model.scene))
+    bare.power = model.power
+    side = model.array.side
+    # The middle of a blur three times as wide meets no mirror.
+    wide = hanning_blur(3 * side, model.array.spacing_m, blur["window_m"])
+    matrix = wide[side : 2 * side, side : 2 * side]
+    return matrix @ bare.expected(poses) @ matrix.T
+
+
+def _about_array(poses: Array, scene: Scene) -> Array:
+    """Turn about the array's centre: it stays where the aligned one is."""
+    bow = rotation_matrix(poses[:, 3], poses[:, 4])[..., 0]
+    moved = poses.copy()
+    moved[:, :3] += scene.array.bow_m * (np.array([1.0, 0.0, 0.0]) - bow)
+    return moved
+
+
+def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Scene], Array]:
+    """Return a signature whose column and row are found from those off the centre, of n."""
+
+    def signature(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+        vectors = key_parameters(images, on_axis_counts, scene.signature.peak)
+        vectors[..., 1:3] = place(vectors[..., 1:3], images.shape[-1])
+        return vectors
+
+    return signature
+
+
+def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    vectors = scene_signature(images, on_axis_counts, scene)
+    n = images.shape[-1]
+    vectors[..., 3:] *= np.sqrt(n * (n - 1)) / (n - 2)
+    return vectors
+
+
+def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
+    """Take differences of neighbours, one fewer than detectors, for the gradient."""
+    vectors = scene_signature(images, on_axis_counts, scene)
+    peak = key_parameters(images, on_axis_counts, "detector")[..., 1:3]
+    column, row = np.moveaxis((peak + (images.shape[-1] - 1) / 2).round().astype(int), -1, 0)
+    horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
+    vertical = np.take_along_axis(images, column[..., None, None], axis=-1)[..., 0]
+    vectors[..., 3] = skewness(np.diff(horizontal))
+    vectors[..., 4] = skewness(np.diff(vertical))
+    return vectors
 
 
 def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
@@ -112,11 +371,9 @@ def report(result: Mapping[str, Any]) -> str:
     """Return the tables of `reproduce`, as far as they are complete."""
     points = [point for figure in result["figures"].values() for point in figure["points"]]
     rows: list[tuple[object, ...]] = [("no.", "fig", "spectral angle (deg)", "paper", "ours", "")]
-    for i, (statement, point) in enumerate(zip(STATEMENTS, points, strict=False), 1):
-        ours, verdict = point["ours_deg"], statement.verdict(point["ours_deg"])
-        rows.append(
-            (i, statement.figure, statement.text, statement.label, _number(ours), f"{verdict:4}")
-        )
+    for i, (said, point) in enumerate(zip(STATEMENTS, points, strict=False), 1):
+        ours, verdict = _number(point["ours_deg"]), f"{said.verdict(point['ours_deg']):4}"
+        rows.append((i, said.figure, said.text, said.label, ours, verdict))
     lines = [columns(rows, 3)]
     if result["sizes"]:
         lines += [
@@ -138,10 +395,8 @@ def report(result: Mapping[str, Any]) -> str:
             "Other choices, one at a time. met: how many of the six < and >;",
             "rms: of the differences from the five stated angles.",
         ]
-        rows = [("choice", "met", "rms (deg)")]
-        for row in result["choices"]:
-            rows.append((row["choice"], row["met"], f"{row['rms_deg']:.1f}"))
-        lines.append(columns(rows))
+        rows = [(row["choice"], row["met"], f"{row['rms_deg']:.1f}") for row in result["choices"]]
+        lines.append(columns([("choice", "met", "rms (deg)"), *rows]))
     return "\n".join(lines)
 
 
@@ -189,9 +444,8 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
             names = {"4": curve["array"], "5": f"{curve['detectors_per_side']}"}
             dashed = "--" if curve["array"] == "planar" else "-"
             axes.plot(STEPS[motion], curve["angle_deg"], color=shade, lw=1.8, ls=dashed)
-            ends.append(
-                (names.get(panel[0], f"{curve['range_m']:g} m"), float(curve["angle_deg"][-1]))
-            )
+            name = names.get(panel[0], f"{curve['range_m']:g} m")
+            ends.append((name, float(curve["angle_deg"][-1])))
         label_ends(axes, ends)
         _draw_statements(axes, panel, motion)
     picture.suptitle(
@@ -246,7 +500,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compute, print and draw."""
     scene = options.scene_of(args)
-    output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     result: dict[str, Any] = {"scene": scene.name, "seed": SEED, "picture": None}
     try:
         reproduce(scene, SEED, progress.over, result)

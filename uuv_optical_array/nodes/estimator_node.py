@@ -135,12 +135,12 @@ class EstimatorNode(Node):
         self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
-        self.shapes = publish(self, MarkerArray, "markers", LASTING)
         below_base = self.parameters["tf_parent"] == "base"
         own = self.base_frame if below_base else body_beside(self.beacon_frame, self.child_frame)
         beam = markers.beam(self.scene, self.beacon_frame, -self.extent[0][0])
         body = markers.body(self.scene, own)
-        self.shapes.publish(MarkerArray(markers=beam + body))
+        shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
+        shapes.show(beam + body)
         if hand_over is None:
             with_image = self.parameters["use_image"]
             subscribe(self, PointCloud2, "array/features", self.on_features, newest=with_image)

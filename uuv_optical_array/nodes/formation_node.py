@@ -51,7 +51,7 @@ class FormationNode(Node):
         self.controller = FormationController(self.settings({}))
         self.diagnostics = Diagnostics(self)
         self.commands = publish(self, TwistStamped, "cmd_vel")
-        self.shapes = publish(self, MarkerArray, "markers", LASTING)
+        self.shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
         self.shown: Any = None  # frame and station of the marker that was published
         if subscribed:
             subscribe(self, Odometry, "relative_odometry", self.on_message)
@@ -119,7 +119,7 @@ class FormationNode(Node):
         place = list(self.parameters["station_m"])
         if self.shown != (place, frame):
             self.shown = place, frame
-            self.shapes.publish(MarkerArray(markers=[markers.station(np.array(place), frame)]))
+            self.shapes.show([markers.station(np.array(place), frame)])
 
     def on_timer(self) -> None:
         """Publish the command, from the first pose on."""

@@ -3,15 +3,39 @@
 import numpy as np
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType  # type: ignore[attr-defined]
+from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import signs
 from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.nodes.shared.node import FinitePublisher
 from uuv_optical_array.view.shapes import beams, fin, hull
 
 LAMP, FOLLOWER, STATION = (1.0, 0.9, 0.5), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0)  # red, green, blue
+PERIOD_S = 1.0
+
+
+class Shapes:
+    """Publish markers, and again each second to those who listen.
+
+    RViz keeps the error of a marker that came before its frame until the marker comes again.
+    """
+
+    def __init__(self, node: Node, publisher: FinitePublisher) -> None:
+        self._publisher, self._shown = publisher, MarkerArray()
+        node.create_timer(PERIOD_S, self._again, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def show(self, shapes: list[Marker]) -> None:
+        """Publish these from now on."""
+        self._shown = MarkerArray(markers=shapes)
+        self._publisher.publish(self._shown)
+
+    def _again(self) -> None:
+        if self._shown.markers and self._publisher.heard:
+            self._publisher.publish(self._shown)
 
 
 def beam(scene: Scene, frame: str, length_m: float) -> list[Marker]:

@@ -1,5 +1,6 @@
 """``uuv_array study accuracy``: statistics in closed form on planted errors, then real runs."""
 
+import dataclasses
 import functools
 import json
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ import yaml
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
@@ -221,10 +223,10 @@ def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, t
 
 def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
     scene = load_scene("coastal")
-    found = accuracy.costs(scene, 40, 3)
+    poses = lit_poses(ForwardModel(scene), 40, np.random.default_rng(3))
+    found = accuracy.costs(scene, poses)
     assert list(found)[:2] == ["as it is", "lamp_power_std"]
     assert "k_std_per_m" not in found, "coastal has absorption"
-    poses = lit_poses(ForwardModel(scene), 40, np.random.default_rng(3))
     settings = scene.settings()
     for key in ("lamp_power_std", "cosine_power_std", "lamp_aim_std_deg"):
         settings["prior"] = {**scene.settings()["prior"], key: 0.0}
@@ -233,6 +235,56 @@ def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
         rms = np.sqrt(np.mean(square, axis=0)) * [1, 1, 1, 180 / np.pi, 180 / np.pi]
         assert list(found[key].values()) == pytest.approx(rms.tolist())
         assert max(np.divide(rms, list(found["as it is"].values()))) <= 1
+
+
+def test_lamps_of_one_power_are_compared_in_three_seas(capsys, tmp_path):
+    picture = tmp_path / "lamps.png"
+    run("--scene", "leading_lights", "--lamps", picture, "--poses", 24, "--json")
+    answer = json.loads(capsys.readouterr().out)
+    rows = {(row["lamps"], row["sea"]): row for row in answer["lamps"]}
+    assert list(rows) == [(n, sea) for n in (1, 2, 3, 4) for sea in ("known", "drawn", "cloud")]
+    assert matplotlib.image.imread(picture).shape[2] == 4
+    accuracy.draw_lamps(answer["lamps"][:5], "interrupted").draw_without_rendering()
+    lines = accuracy.lamps_table(answer["lamps"]).splitlines()[2:]
+    for line, row in zip(lines, rows.values(), strict=True):
+        x, _, _, pitch, yaw = row["rms_error"].values()
+        words = line.split()
+        assert words[:3] == [str(row["lamps"]), row["sea"], f"{x:.3f}"]
+        assert words[6] == f"{np.sqrt((pitch**2 + yaw**2) / 2):.3f}"
+        assert words[8:11] == [f"{row['nees_mean']:.2f}", "0", str(row["without_pose"])]
+    bound = {key: list(row["rms_bound"].values()) for key, row in rows.items()}
+    # Three lamps see aside of the beam what one cannot, and behind a cloud, too.
+    assert bound[3, "known"][1] < 0.4 * bound[1, "known"][1]
+    assert bound[3, "cloud"][1] < 0.5 * bound[1, "cloud"][1]
+
+
+@pytest.mark.parametrize("lamps", [1, 3])
+def test_behind_a_cloud_the_bound_is_that_of_five_more_unknowns(lamps):
+    scene = load_scene("leading_lights")
+    scene = dataclasses.replace(
+        scene, prior=dataclasses.replace(scene.prior, aim_std_deg=0.0, lamp_aim_std_deg=0.0)
+    )
+    cases = {(name["lamps"], name["sea"]): truth for name, truth, _ in accuracy.by_lamps(scene)}
+    drawn, cloud = (ForwardModel(cases[lamps, sea]) for sea in ("drawn", "cloud"))
+    # By the axis, so that no roll matters, and Legendre polynomials in place of the modes.
+    pose, stds = np.array([-5.0, 0, 0, 0, 0]), drawn.scene.nuisance_std()
+    stds.pop("follower.roll_rad", None)
+    light, jacobian = drawn.linearised(pose, 0.0, {name: np.zeros(()) for name in stds})
+    column, row = np.meshgrid(*2 * [np.linspace(-1, 1, 5)])
+    modes = [m - m.mean() for m in (column, row, column**2, column * row, row**2)]
+    modes = np.array([m.ravel() / np.sqrt(np.mean(m**2)) for m in modes])
+    signal = light - 20.0
+    jacobian = np.hstack([jacobian, signal[:, None] * np.tile(modes, lamps).T])
+    # A fifth, a quarter of it in a tilt, and a quarter of that in a bow and in each detector.
+    precision = np.array([0.05, 0.05, 0.0125, 0.0125, 0.0125, *stds.values()]) ** -2.0
+    precision = np.diag([*5 * [0.0], *np.roll(precision, -5)])
+    noise = cloud.noise._replace(square=drawn.noise.square + 0.0125**2)
+    weights = information(light, noise)
+    whole = np.linalg.inv(jacobian.T * weights @ jacobian + precision)
+    expected = np.sqrt(np.diag(whole)[:5])
+    found = cramer_rao_bound(cloud, pose).std
+    np.testing.assert_allclose(found[[0, 3, 4]], expected[[0, 3, 4]], rtol=1e-6)
+    assert found[1] > 1.5 * cramer_rao_bound(drawn, pose).std[1] or lamps == 3
 
 
 @pytest.fixture
@@ -278,6 +330,9 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(answers_of)
         (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
         (("--known", "--moving"), ("--known", "--moving", "leave one")),
         (("--known", "--drawn"), ("--known", "--drawn", "leave one")),
+        (("--known", "--lamps"), ("--known", "--lamps", "leave one")),
+        (("--lamps", "--method", "sam"), ("--lamps", "sam", "use least_squares")),
+        (("--lamps",), ("--lamps", "reference", "no lamps")),
         (("--drawn",), ("--drawn", "reference", "prior")),
         (("--moving",), ("--moving", "reference", "lamp_drift, lamp_flicker, plume")),
     ],

@@ -9,7 +9,11 @@ from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import uniform_poses
-from uuv_optical_array.studies.shared.errors import frame_errors, position_and_angle
+from uuv_optical_array.studies.shared.errors import (
+    frame_errors,
+    position_and_angle,
+    range_across_angle,
+)
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +25,7 @@ def test_errors_are_distance_and_angle():
     errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
     assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
     assert np.isnan(position_and_angle(np.empty((0, 5)))).all()
+    assert range_across_angle([2, 3, 4, 6, 8]) == pytest.approx((2, 5 / 2**0.5, 10 / 2**0.5))
 
 
 def test_methods_take_turns_on_every_image(model):

@@ -2,7 +2,7 @@
 
 import argparse
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -18,17 +18,20 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
+from uuv_optical_array.forward.lamps import ring_of_lamps
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ROLL, Known
+from uuv_optical_array.forward.prior import ROLL, UNEVEN_DEPTH, FrameLight, Known, PriorSettings
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, save
+from uuv_optical_array.studies.design_sweep import Design
 from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
     answer_of,
     by_column,
     frame_errors,
+    range_across_angle,
 )
 from uuv_optical_array.studies.shared.results import until_interrupted
 
@@ -37,7 +40,10 @@ Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
 covariances of the estimates. --known measures what it costs to know less of the sea: seas are drawn
 from each of the priors exactly, calibrated and as_bought, and a picture shows the errors; a table
-says how much better the bound is where one more setting of the prior is known. --moving takes each
+says how much better the bound is where one more setting of the prior is known. --lamps compares
+one to four lamps of the same total power, placed and tilted as the scene's are, in three seas: one
+that is known, one that is drawn from the prior, and that one behind a cloud, which shades every
+image unevenly by 20 %; the estimator then holds half of the images for shaded. --moving takes each
 image at a random time, so that flicker, drift and clouds act, which no estimator knows.
 --drawn draws what the scene's prior leaves uncertain, such as the lamp's power, for each image.
 docs/results/accuracy.md explains every figure."""
@@ -49,25 +55,39 @@ examples:
   uuv_array study accuracy --method sam              the paper's method
   uuv_array study accuracy --shape planar            the same scene with a planar array
   uuv_array study accuracy --scene follow --known    what it costs to know less of the sea
+  uuv_array study accuracy --scene leading_lights --lamps  what several lamps gain
   uuv_array study accuracy --scene harbour --drawn   K and the lamp's power drawn from the prior
   uuv_array study accuracy --scene night_plume --moving   with clouds, flicker and drift
 Ctrl-C ends the study early and reports the frames it has."""
 
 POSES, KNOWN_POSES = 20_000, 4_000
 BAND = 0.95
-COLOURS = {"exactly": "#1f6fb4", "calibrated": "#2c9c5a", "as_bought": "#e08a00"}
+COLOURS = "#3b5b8c", "#4fb37a", "#f6cf7a"  # from dark to light, so that grey tells them, too
 BAR = 0.26
+NUMBERS = 1, 2, 3, 4  # of lamps
+SEAS = {
+    "known": "known sea",
+    "drawn": "sea drawn from the prior",
+    "cloud": f"the same behind a cloud, an uneven shade of {UNEVEN_DEPTH:.0%}",
+}
+RMS = "rms_error", "rms_bound"
+CLOUD, EXPECTED = FrameLight(1.0, UNEVEN_DEPTH), 0.5  # and the share that the estimator expects
 
 
 def measure(
-    estimator: Estimator, poses: Array, images: Array, progress: Progress = iter
+    estimator: Estimator,
+    poses: Array,
+    images: Array,
+    progress: Progress = iter,
+    truth: Scene | None = None,
 ) -> dict[str, Any]:
     """Return the `figures` of images at true poses ``(n, 5)``, m and rad, by a believed scene.
 
-    Ctrl-C ends it with the frames it has. A ValueError says that no frame got a pose.
+    The bound is that of the scene `truth`; ``None``: the believed one. Ctrl-C ends it with the
+    frames it has. A ValueError says that no frame got a pose.
     """
     scene = estimator.scene
-    model, answers = ForwardModel(scene), {"estimator": answer_of(estimator)}
+    model, answers = ForwardModel(truth or scene), {"estimator": answer_of(estimator)}
     bounds = _bounds(model, poses)
     frames = frame_errors(answers, model, poses, images, progress)["estimator"]
     if not frames.posed.any():
@@ -137,31 +157,66 @@ def exposed(
     return model.read(light, rng)
 
 
-def compare_known(
-    scene: Scene, count: int, seed: int, progress: Progress = iter
+def compare(
+    cases: Iterable[tuple[dict[str, Any], Scene, Scene]],
+    poses: Array,
+    seed: int,
+    progress: Progress = iter,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the `figures` of a scene in seas drawn from each of `PRIORS`, as ``known``.
+    """Yield the `figures` of each case in a sea that is drawn from its prior, with its name.
 
-    Poses and noise are the same in every sea. After Ctrl-C the last one is of fewer frames.
+    A case is its name, the true scene and the believed one. Poses, ``(n, 5)`` in m and rad, and
+    noise are the same in every sea. After Ctrl-C the last one is of fewer frames.
     """
-    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
-    for known in get_args(Known):
-        believed = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name)
+    for name, truth, believed in cases:
         noise = np.random.default_rng((seed, 2))
-        images = exposed(ForwardModel(believed), poses, seed, True, False, noise)
+        images = exposed(ForwardModel(truth), poses, seed, True, False, noise)
         estimator = Estimator(believed, "least_squares").wait()
-        result = measure(estimator, poses, images, progress)
-        yield {"known": known, **result}
-        if result["poses"] < count:
+        result = measure(estimator, poses, images, progress, truth)
+        yield {**name, **result}
+        if result["poses"] < len(poses):
             return
 
 
-def costs(scene: Scene, count: int, seed: int) -> dict[str, dict[str, float]]:
+def by_known(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
+    """Yield a scene with each of `PRIORS`, as cases of `compare`."""
+    for known in get_args(Known):
+        believed = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name)
+        yield {"known": known}, believed, believed
+
+
+class Clouded(Scene):
+    """A scene of whose images each is shaded unevenly, as by the light `CLOUD`."""
+
+    def nuisance_std(self) -> dict[str, float]:
+        """Return the standard deviations of the shade, too."""
+        return {**super().nuisance_std(), **self.prior.std_in(CLOUD)}
+
+
+def by_lamps(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
+    """Yield a scene with each of `NUMBERS` of lamps in each of `SEAS`, as cases of `compare`.
+
+    Lamps are as far from the centre and as much tilted as those of the scene.
+    """
+    ring = Design.of(scene)
+    for lamps in NUMBERS:
+        places = ring_of_lamps(lamps=lamps, spread_m=ring.spread_m, tilt_deg=ring.tilt_deg)
+        drawn = scene.with_lamps(places)
+        known = dataclasses.replace(drawn, prior=PriorSettings())
+        shaded = dataclasses.replace(drawn.prior, gain_std=drawn.prior.gain_std_in(CLOUD))
+        cloud = Clouded(**{**vars(drawn), "prior": shaded})
+        expected = dataclasses.replace(drawn.prior, uneven_probability=EXPECTED)
+        wary = dataclasses.replace(drawn, prior=expected)
+        pairs = (known, known), (drawn, drawn), (cloud, wary)
+        for sea, (truth, believed) in zip(SEAS, pairs, strict=True):
+            yield {"lamps": lamps, "sea": sea}, truth, believed
+
+
+def costs(scene: Scene, poses: Array) -> dict[str, dict[str, float]]:
     """Return the RMS bound of a scene, and what it is where one more setting is known, m and deg.
 
-    Settings are keys of the prior. Poses are those of `compare_known`.
+    Settings are keys of the prior; poses have shape ``(n, 5)``, m and rad.
     """
-    poses = lit_poses(ForwardModel(scene), count, np.random.default_rng(seed))
 
     def bound(**known: Any) -> dict[str, float]:
         prior = dataclasses.replace(scene.prior, **known)
@@ -200,7 +255,7 @@ model of 4 poses), 99th percentile {slow_ms:.2f} ms"""
 
 
 def comparison(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows of `compare_known` as text."""
+    """Return rows of `by_known` as text."""
     line = "{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
     heads = ("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")
     lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "")]
@@ -219,28 +274,75 @@ def cost_table(bounds: dict[str, dict[str, float]]) -> str:
     return "\n".join(map(str.rstrip, lines))
 
 
-def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
-    """Draw the RMS errors of `compare_known` as bars, and each bound as a line across its bar."""
-    figure = new_figure(9, 4.2)
-    grid = figure.subplots(1, 2, width_ratios=(3, 2))
-    for axes, dofs, unit in zip(grid, (slice(0, 3), slice(3, 5)), ("m", "deg"), strict=True):
-        names = DOF_NAMES[dofs]
-        for i, row in enumerate(rows):
-            at = np.arange(len(names)) + (i - (len(rows) - 1) / 2) * BAR
-            errors, bounds = (list(row[key].values())[dofs] for key in ("rms_error", "rms_bound"))
-            axes.bar(at, errors, 0.9 * BAR, color=COLOURS[row["known"]])
-            axes.hlines(bounds, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
-            for x, error, bound in zip(at, errors, bounds, strict=True):
-                top = x, max(error, bound)
-                axes.annotate(f"{error:.2g}", top, (0, 6), textcoords="offset points", ha="center")
-        axes.set_xticks(range(len(names)), names)
-        axes.set_ylabel(f"RMS error ({unit})")
-        axes.margins(y=0.12)
-        axes.spines[["top", "right"]].set_visible(False)
-    handles = [mark(row["known"], "s", color=COLOURS[row["known"]], ms=9) for row in rows]
+def lamps_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows of `by_lamps` as text."""
+    line = "{:<7}{:<7}" + 3 * "{:>10}{:>8}" + "{:>8}{:>9}{:>9}{:>10}"
+    heads = ("range", "m", "across", "m", "angle", "deg")
+    lines = [
+        line.format("lamps", "sea", *heads, "NEES", "beyond", "no pose", "time"),
+        line.format("", "", *(3 * ("error", "bound")), "", "6 sigma", "", "ms"),
+    ]
+    for row in rows:
+        both = zip(*(range_across_angle(row[key].values()) for key in RMS), strict=True)
+        errors = [f"{value:.3f}" for pair in both for value in pair]
+        honesty = f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
+        median = f"{row['frame_ms']['median']:.2f}"
+        lines.append(line.format(row["lamps"], row["sea"], *errors, *honesty, median))
+    return "\n".join(map(str.rstrip, lines))
+
+
+def _bars(axes: Any, errors: Array, bounds: Array, names: Sequence[Any]) -> None:
+    """Draw errors ``(series, names)`` as bars, and each bound as a line across its bar."""
+    for i, (heights, limits) in enumerate(zip(errors, bounds, strict=True)):
+        at = np.arange(len(names)) + (i - (len(errors) - 1) / 2) * BAR
+        axes.bar(at, heights, 0.9 * BAR, color=COLOURS[i])
+        axes.hlines(limits, at - 0.5 * BAR, at + 0.5 * BAR, color="k", lw=1.6)
+        for x, error, bound in zip(at, heights, limits, strict=True):
+            if np.isfinite(error):
+                text, top = f"{error:#.2g}".lstrip("0"), (x, max(error, bound))
+                axes.annotate(
+                    text, top, (0, 5), textcoords="offset points", ha="center", fontsize=8
+                )
+    axes.set_xticks(range(len(names)), names)
+    axes.margins(y=0.12)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _legend(figure: Any, labels: Iterable[str]) -> None:
+    handles = [mark(label, "s", color=COLOURS[i], ms=9) for i, label in enumerate(labels)]
     handles.append(mark("Cramer-Rao bound", "_", color="k", ms=12))
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
+
+
+def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
+    """Draw the errors of `by_known`."""
+    figure = new_figure(9, 4.2)
+    grid = figure.subplots(1, 2, width_ratios=(3, 2))
+    errors, bounds = (np.array([list(row[key].values()) for row in rows]) for key in RMS)
+    for axes, dofs, unit in zip(grid, (slice(0, 3), slice(3, 5)), ("m", "deg"), strict=True):
+        _bars(axes, errors[:, dofs], bounds[:, dofs], DOF_NAMES[dofs])
+        axes.set_ylabel(f"RMS error ({unit})")
+    _legend(figure, (row["known"] for row in rows))
     figure.suptitle(f"Errors by how well the sea is known: {about}")
+    return figure
+
+
+def draw_lamps(rows: Sequence[dict[str, Any]], about: str) -> Any:
+    """Draw the errors of `by_lamps`."""
+    figure = new_figure(14, 4.6)
+    values = np.full((2, len(NUMBERS) * len(SEAS), 3), np.nan)
+    values[:, : len(rows)] = [
+        [range_across_angle(row[key].values()) for row in rows] for key in RMS
+    ]
+    errors, bounds = values.reshape(2, len(NUMBERS), len(SEAS), 3).transpose(0, 3, 2, 1)
+    titles = "range (m)", "across, an axis (m)", "angle, pitch or yaw (deg)"
+    panels = zip(figure.subplots(1, 3), errors, bounds, titles, strict=True)
+    for axes, heights, limits, title in panels:
+        _bars(axes, heights, limits, NUMBERS)
+        axes.set(title=title, xlabel="lamps")
+    figure.axes[0].set_ylabel("RMS error of one image")
+    _legend(figure, SEAS.values())
+    figure.suptitle(f"Errors by number of lamps of the same total power: {about}")
     return figure
 
 
@@ -249,19 +351,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_scene(parser, "reference")
     options.add_shape(parser)
     options.add_method(parser)
-    poses = Quantity(f"random poses; {KNOWN_POSES} with --known", "", 1, 1e7)
+    poses = Quantity(f"random poses; {KNOWN_POSES} with --known or --lamps", "", 1, 1e7)
     options.add_number(parser, "poses", poses, POSES)
     parser.set_defaults(poses=None)
     options.add_seed(parser)
-    parser.add_argument(
-        "--known",
-        type=Path,
-        nargs="?",
-        const=Path("known.png"),
-        metavar="FILE",
-        help="compare the priors of a sea known well and less well, and draw the errors into FILE "
-        "(default: %(const)s)",
-    )
+    for option, what in (
+        ("known", "the priors of a sea known well and less well"),
+        ("lamps", "one to four lamps of the scene's total power"),
+    ):
+        parser.add_argument(
+            f"--{option}",
+            type=Path,
+            nargs="?",
+            const=Path(f"{option}.png"),
+            metavar="FILE",
+            help=f"compare {what}, and draw the errors into FILE (default: %(const)s)",
+        )
     drawn, moving = (
         "draw the sea of each image from the scene's prior",
         "take images at random times",
@@ -273,11 +378,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
-    if args.known and args.method != "least_squares":
-        raise ValueError(f"--known: {args.method} estimates no constants; use least_squares")
-    if args.known and (args.moving or args.drawn):
-        option = "--moving" if args.moving else "--drawn"
-        raise ValueError(f"--known: takes no {option}; leave one of them out")
+    options_given = [
+        f"--{name}" for name in ("known", "lamps", "moving", "drawn") if vars(args)[name]
+    ]
+    if args.known or args.lamps:
+        first, *others = options_given
+        if args.method != "least_squares":
+            raise ValueError(f"{first}: {args.method} estimates no constants; use least_squares")
+        if others:
+            raise ValueError(f"{first}: takes no {others[0]}; leave one of them out")
+    if args.lamps and not scene.lamps:
+        raise ValueError(
+            f"--lamps: scene {scene.name} has no lamps; name one such as leading_lights"
+        )
     if args.moving and not MOVING & set(scene.effects):
         names = ", ".join(sorted(MOVING))
         raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
@@ -287,27 +400,33 @@ def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and print it."""
+    compared = "known" if args.known else "lamps" if args.lamps else ""
     if args.poses is None:
-        args.poses = KNOWN_POSES if args.known else POSES
+        args.poses = KNOWN_POSES if compared else POSES
     count, seed = args.poses, args.seed
     scene = options.scene_of(args)
     scene = scene.with_shape(args.shape or scene.array.shape)
     with options.checking_options():
         _check_truth(args, scene)
+    rng, model = np.random.default_rng(seed), ForwardModel(scene)
+    poses = lit_poses(model, count, rng)
     result: dict[str, Any]
-    if args.known:
-        picture = outputs.file_to_write(args.known, "--known", outputs.PICTURE)
-        cases = compare_known(scene, count, seed, progress.over)
-        rows = until_interrupted(cases)
-        bounds = costs(scene, count, seed)
-        result = {"poses": count, "known": rows, "costs": bounds, "picture": str(picture)}
-        text = f"{comparison(rows)}\n\n{cost_table(bounds)}\n\npicture: {picture}"
-        complete = len(rows) == len(get_args(Known)) and rows[-1]["poses"] == count
-        save(draw(rows, f"scene {scene.name}, {count} poses"), picture)
+    if compared:
+        picture = outputs.file_to_write(vars(args)[compared], f"--{compared}", outputs.PICTURE)
+        cases = list((by_known if args.known else by_lamps)(scene))
+        rows = until_interrupted(compare(cases, poses, seed, progress.over))
+        complete = len(rows) == len(cases) and rows[-1]["poses"] == count
+        result = {"poses": count, compared: rows, "picture": str(picture)}
+        about_it = f"scene {scene.name}, {count} poses"
+        if args.known:
+            result["costs"] = bounds = costs(scene, poses)
+            tables, figure = f"{comparison(rows)}\n\n{cost_table(bounds)}", draw(rows, about_it)
+        else:
+            tables, figure = lamps_table(rows), draw_lamps(rows, about_it)
+        save(figure, picture)
+        text = f"{tables}\n\npicture: {picture}"
     else:
         estimator = Estimator(scene, args.method).wait()
-        rng, model = np.random.default_rng(seed), ForwardModel(scene)
-        poses = lit_poses(model, count, rng)
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
         result = measure(estimator, poses, images, progress.over)
         text, complete = report(result), result["poses"] == count

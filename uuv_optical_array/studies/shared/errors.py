@@ -1,7 +1,8 @@
 """Errors of poses, and errors and times of estimators that answer the same frames in turns."""
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, PITCH, Array, X, Y, Z
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import scene_parameters
 from uuv_optical_array.estimation.signature_table import Progress
@@ -38,6 +39,12 @@ def by_column(values: Array) -> dict[str, float]:
     """Name values of the five degrees of freedom, m and deg."""
     names = (f"{name}_{unit}" for name, unit in zip(DOF_NAMES, DOF_UNITS, strict=True))
     return dict(zip(names, values.tolist(), strict=True))
+
+
+def range_across_angle(rms: Iterable[float]) -> tuple[float, float, float]:
+    """Return RMS errors in x, of y and z together, and of pitch and yaw, of five in any units."""
+    x, y, z, pitch, yaw = rms
+    return x, math.hypot(y, z) / math.sqrt(2), math.hypot(pitch, yaw) / math.sqrt(2)
 
 
 @dataclass(frozen=True)
@@ -80,13 +87,14 @@ class FrameErrors:
     def summary(self) -> dict[str, Any]:
         """Return how many frames were answered, how many are false, NEES, and RMS errors."""
         answered = int(self.posed.sum())
-        square = self.rms_error**2 if answered else np.full(5, np.nan)
+        rms = self.rms_error if answered else np.full(5, np.nan)
+        ahead, across, angle = range_across_angle((rms * IN_DEGREES).tolist())
         return {
             "answered": answered,
             "beyond_6_sigma": int(self.beyond_sigma(SIGMAS).sum()),
-            "rms_range_m": np.sqrt(square[X]),
-            "rms_across_m": np.sqrt(square[Y : Z + 1].mean()),
-            "rms_angle_deg": np.degrees(np.sqrt(square[PITCH:].mean())),
+            "rms_range_m": ahead,
+            "rms_across_m": across,
+            "rms_angle_deg": angle,
             "nees_mean": self.nees.mean() if answered else None,
         }
 

@@ -15,14 +15,15 @@ from scipy.stats import kstest, norm, uniform
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.studies import approach, approach_runs
-from uuv_optical_array.studies.approach import all_cases, as_object
-from uuv_optical_array.studies.approach_runs import (
+from uuv_optical_array.studies import approach
+from uuv_optical_array.studies.approach import (
     CASES,
     FRAMES,
     METHODS,
     ApproachErrors,
     Choices,
+    all_cases,
+    as_object,
     assumed_scene,
     by_docking,
     draw_offsets,
@@ -204,7 +205,7 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeyp
         assert len(images) == len(first) == 1
         return np.broadcast_to(first[:, None], (1, FRAMES, 5)), None, None
 
-    monkeypatch.setattr(approach_runs, "smoothed", docking)
+    monkeypatch.setattr(approach, "smoothed", docking)
     first = np.array([[np.nan] * 5, [1.0] * 5])
     poses = by_docking(None, np.zeros((2, FRAMES, 5, 5)), first)
     assert np.isnan(poses[0]).all()
@@ -270,7 +271,7 @@ def test_an_interrupt_before_the_first_runs_measures_nothing(
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(approach_runs, "calibrate", interrupted)
+    monkeypatch.setattr(approach, "calibrate", interrupted)
     run("--scene", tank_file, *words, "--output", tmp_path / "none.png", code=130)
     assert "interrupted" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -1,32 +1,43 @@
-"""``uuv_array study approach``: repeat the Monte Carlo of Eren et al. (2017), and by our method."""
+"""``uuv_array study approach``: repeat the Monte Carlo of Eren et al. (2017), and by our method.
+
+A follower closes from 8.5 m to 4.5 m at 0.5 m/s and takes 41 images. In each run the water's
+temperature (and so the detectors' gain) and its attenuation are off by unknown constants. Published
+are mean errors at the end and 95 % errors at the start and at the end.
+"""
 
 import argparse
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any, get_args
+from contextlib import suppress
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.random import Generator
 
 from uuv_optical_array.cli import options, outputs, progress
-from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.core.geometry import (
+    DOF_NAMES,
+    DOF_UNITS,
+    IN_DEGREES,
+    PITCH,
+    YAW,
+    Array,
+    rotation_matrix,
+)
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns, plain
-from uuv_optical_array.forward.scene import Scene
+from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.signature.features import scene_parameters
+from uuv_optical_array.estimation.tracking.settings import TrackerSettings
+from uuv_optical_array.estimation.tracking.tracker import Tracker
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
-from uuv_optical_array.studies.approach_runs import (
-    AIM,
-    CASES,
-    FRAMES,
-    METHODS,
-    RANGES_M,
-    ApproachErrors,
-    Case,
-    Choices,
-    Noise,
-    simulate,
-)
+from uuv_optical_array.studies.docking_smoother import DockingSettings, Motion, bound, smoothed
 from uuv_optical_array.studies.shared.errors import by_column
+from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 DESCRIPTION = """\
@@ -45,6 +56,22 @@ examples:
   uuv_array study approach --choices --runs 60  what each choice changes, at the end of a run
 Ctrl-C ends it early and reports the complete runs."""
 
+FAR_M, NEAR_M, SPEED_M_PER_S, RATE_HZ = 8.5, 4.5, 0.5, 5.0
+STEP_S = 1 / RATE_HZ
+FRAMES = round((FAR_M - NEAR_M) / SPEED_M_PER_S * RATE_HZ) + 1
+TIMES_S = STEP_S * np.arange(FRAMES)
+RANGES_M = FAR_M - SPEED_M_PER_S * TIMES_S
+TURN_RATE_DEG_PER_S = 10.0
+NOISE_COUNTS = 0.01 * 1023.0  # 1 % of full scale
+AVERAGED = 10
+# 2 mV of 576 mV for each degree by which the water's temperature is off.
+GAIN_PER_C = -2 / 576
+TEMPERATURE_C, K_PER_M = 3.0, 0.015
+
+BATCH = 20
+# The simulated vehicle holds its speed and does not drift.
+DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
+METHODS = ("moments", "least_squares", "tracker", "docking")
 PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
 PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
 HALF, SEED = 0.5, 1
@@ -52,13 +79,219 @@ CUT_SHORT = "only complete runs count"
 SIGMA_95 = 1.96
 WIDE_BEAM_DEG = 15.0
 
+Noise = Literal["uniform", "gaussian", "averaged"]
+# The aim is this many times smaller than the published errors at the end: position, angles.
+AIM = np.array([5, 5, 5, 1, 1])
 
-def choices_named(names: Sequence[str]) -> Choices:
-    """Return the choices of names, a kind of `Noise` and ``half``; ValueError for two kinds."""
-    kinds = [name for name in get_args(Noise) if name in names] or [Choices().noise]
-    if len(kinds) > 1:
-        raise ValueError(f"--choices: {' and '.join(kinds)} exclude each other; leave one out")
-    return Choices(kinds[0], HALF if "half" in names else 1.0)
+
+class Case(NamedTuple):
+    """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors.
+
+    These are the mean at the end, and 95 % at the start and at the end: x, y, z in m, pitch and yaw
+    in deg; nan where the paper gives none.
+    """
+
+    k_per_m: float
+    path: Array
+    mean_end: Array
+    start_95: Array
+    end_95: Array
+
+
+def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array:
+    """Follow the heading from y, z = `start`, with a constant speed towards the lamp."""
+    poses = np.zeros((FRAMES, 5))
+    poses[:, PITCH], poses[:, YAW] = np.radians(pitch_deg), np.radians(yaw_deg)
+    heading = rotation_matrix(poses[:, PITCH], poses[:, YAW])[..., 0]
+    slope = heading[:, 1:] / heading[:, :1]
+    steps = SPEED_M_PER_S * STEP_S * (slope[1:] + slope[:-1]) / 2
+    poses[:, 0] = -RANGES_M
+    poses[:, 1:3] = start
+    poses[1:, 1:3] += np.cumsum(steps, axis=0)
+    return poses
+
+
+# The paper's frame has y to starboard and z down. It does not say when a zigzag turns: here once,
+# half-way.
+_YAW = np.clip((TIMES_S - TIMES_S[-1] / 2) * TURN_RATE_DEG_PER_S, -10.0, 10.0)
+_DIVE = _path((0.0, 0.0), np.full(FRAMES, 10.0), np.zeros(FRAMES))
+_ZIGZAG = _path((-0.2, 0.1), np.zeros(FRAMES), _YAW)
+_IN_DIVE = [0.02, 0.02, 0.18, 5, 1], [0.83, 0.18, 0.22, 2, np.nan], [0.43, 0.20, 0.28, 1, 1]
+_IN_ZIGZAG = [0.13, 0.13, 0.05, 3, 4], [0.83, 0.18, 0.20, 2, 3], [0.46, 0.30, 0.28, 1, 1]
+_IN_MURK = [0.26, 0.17, 0.01, 3, 4], [np.nan] * 5, [0.36, 0.80, 0.86, 8, 9]
+CASES = {
+    "dive": Case(0.09, _DIVE, *np.array(_IN_DIVE)),
+    "zigzag": Case(0.09, _ZIGZAG, *np.array(_IN_ZIGZAG)),
+    "zigzag, murky": Case(0.2, _ZIGZAG, *np.array(_IN_MURK)),
+}
+
+
+class Choices(NamedTuple):
+    """What the paper leaves open.
+
+    Noise of 1 % is uniform from 0 to 1 % of full scale, Gaussian with that standard deviation, or
+    the mean of `AVERAGED` uniform ones. `offset_share` is the standard deviation of temperature and
+    attenuation as a share of what they are off "by up to": 0.5 where that is the 95 % point.
+    """
+
+    noise: Noise = "uniform"
+    offset_share: float = 1.0
+
+
+def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
+    """Return the scene that the estimators assume, with the uncertainty of its settings.
+
+    The lamp of the tank stays the same, whatever the water. The mean of unipolar noise is an
+    ambient level, its spread a Gaussian one. ValueError for a scene without attenuation.
+    """
+    if "attenuation" not in scene.effects:
+        raise ValueError(f"scene {scene.name}: no effects.attenuation; add it")
+    width = NOISE_COUNTS
+    level, sigma = (0.0, width) if choices.noise == "gaussian" else (width / 2, width / 12**0.5)
+    if choices.noise == "averaged":
+        # The scene adds a whole rounding to a mean of which each reading was rounded.
+        sigma = ((sigma**2 + 1 / 12) / AVERAGED - 1 / 12) ** 0.5
+    settings = scene.settings()
+    settings["effects"]["ambient"] = {"level_counts": 0.0}
+    # The reading that the same lamp gives in the water of the case.
+    lamp = settings["lamp"]
+    aligned = np.array([-lamp["reference_range_m"], 0.0, 0.0, 0.0, 0.0])
+    off = {"attenuation.k_per_m": np.array(case.k_per_m - scene.effects["attenuation"]["k_per_m"])}
+    dark = ForwardModel(scene_from_settings(settings, scene.name))
+    lamp["reference_counts"] = float(dark.light(aligned, 0.0, off).max())
+    settings["effects"]["attenuation"]["k_per_m"] = case.k_per_m
+    settings["effects"]["ambient"]["level_counts"] = level
+    settings["effects"]["sensor_noise"] = {"sigma_counts": sigma}
+    settings["prior"] = {
+        "lamp_power_std": choices.offset_share * TEMPERATURE_C * abs(GAIN_PER_C),
+        "k_std_per_m": choices.offset_share * K_PER_M,
+    }
+    return scene_from_settings(settings, scene.name)
+
+
+def draw_offsets(choices: Choices, runs: int, rng: Generator) -> dict[str, Array]:
+    """Draw the offsets of each run: of the logarithm of the gain, and of the attenuation, 1/m."""
+    degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
+    return {
+        "lamp.power": np.log1p(GAIN_PER_C * degrees),
+        "attenuation.k_per_m": rng.normal(0.0, choices.offset_share * K_PER_M, runs),
+    }
+
+
+def expose(
+    model: ForwardModel, path: Array, offsets: dict[str, Array], noise: Noise, rng: Generator
+) -> Array:
+    """Expose all images of n runs with `draw_offsets`, counts, ``(n, frames, side, side)``."""
+    shape = (len(offsets["lamp.power"]), len(path))
+    spread = {name: np.broadcast_to(off[:, None], shape) for name, off in offsets.items()}
+    light = model.light(np.broadcast_to(path, (*shape, 5)), 0.0, spread)
+    if noise == "gaussian":
+        return model.converted(light + NOISE_COUNTS * rng.standard_normal(light.shape))
+    total, readings = np.zeros_like(light), AVERAGED if noise == "averaged" else 1
+    for _ in range(readings):
+        # The mean of unipolar noise is in the light, as an ambient level.
+        total += model.converted(light + NOISE_COUNTS * (rng.random(light.shape) - 0.5))
+    return total / readings
+
+
+class ApproachErrors(NamedTuple):
+    """The errors in n runs of a case, m and rad.
+
+    `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
+    the Cramer-Rao bound of a single frame with the prior of lamp and water, `run_bound` that of all
+    frames so far and the motion of `DOCKING`, both ``(FRAMES, 5)``.
+    """
+
+    errors: Mapping[str, Array]
+    bound: Array
+    run_bound: Array
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return len(self.errors[METHODS[0]])
+
+    def mean(self, method: str) -> Array:
+        """Mean error, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.asarray(np.nanmean(self.errors[method], axis=0))
+
+    def percentile_95(self, method: str, about_mean: bool = False) -> Array:
+        """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
+        errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
+        # The slow way only where a frame has no pose.
+        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
+        return np.asarray(percentile(errors, 95, axis=0))
+
+    def ratio(self, method: str) -> Array:
+        """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
+        return np.sqrt(np.nanmean(self.errors[method] ** 2, axis=0)) / self.bound
+
+    def without_pose(self, method: str) -> int:
+        """Count the frames without a pose."""
+        return int(np.isnan(self.errors[method][..., 0]).sum())
+
+
+def simulate(
+    scene: Scene,
+    case: Case,
+    choices: Choices,
+    runs: int,
+    rng: Generator,
+    done: Callable[[int], object] = lambda runs: None,
+    batch: int = BATCH,
+) -> ApproachErrors:
+    """Run a case by every method, `batch` runs at a time.
+
+    `rng` is the source of calibration, offsets and noise; `done` is called with the number of runs
+    after every batch. Ctrl-C ends it with the complete batches, and is raised before the first.
+    """
+    model = ForwardModel(assumed_scene(scene, case, choices))
+    moments = calibrate(model, rng)
+    estimator = Estimator(model.scene, "least_squares").wait()
+    motion = Motion(model, STEP_S, DOCKING)
+    batches: list[dict[str, Array]] = []
+    try:
+        for start in range(0, runs, batch):
+            count = min(batch, runs - start)
+            offsets = draw_offsets(choices, count, rng)
+            images = expose(model, case.path, offsets, choices.noise, rng)
+            single, tracked = _by_least_squares(estimator, images)
+            docking = by_docking(motion, images, single[:, 0])
+            poses = (dead_reckoned(moments.poses(images)), single, tracked, docking)
+            batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
+            done(count)
+    except KeyboardInterrupt:
+        if not batches:
+            raise
+    return ApproachErrors(
+        {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
+        cramer_rao_bound(model, case.path).std,
+        bound(motion, case.path),
+    )
+
+
+def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
+    """Estimate all frames of all runs, as single images and as a track."""
+    single, tracked = np.full((2, len(images), FRAMES, 5), np.nan)
+    parameters = scene_parameters(images, estimator.scene)
+    for run_number in range(len(images)):
+        tracker = Tracker(TrackerSettings())
+        for frame, time_s in enumerate(TIMES_S):
+            at = run_number, frame
+            with suppress(NoPose):
+                estimate = estimator.estimate(images[at], parameters[at])
+                single[at] = estimate.pose
+                stamp_ns = round(time_s * 1e9)
+                tracked[at] = tracker.update(stamp_ns, estimate.pose, estimate.covariance).pose
+    return single, tracked
+
+
+def by_docking(motion: Motion, images: Array, first: Array) -> Array:
+    """Smooth all runs at once; a run without a `first` pose, shape ``(n, 5)``, gets none."""
+    poses, started = np.full((len(images), FRAMES, 5), np.nan), ~np.isnan(first[:, 0])
+    if started.any():
+        poses[started], _, _ = smoothed(motion, images[started], first[started])
+    return poses
 
 
 def alternatives(scene: Scene) -> dict[str, tuple[Scene, Choices]]:
@@ -95,26 +328,26 @@ def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
     """Return a case as plain values, in m and deg; None where the paper gives none."""
 
     def of_method(method: str) -> dict[str, Any]:
-        mean, errors = result.mean(method), result.percentile_95(method)
-        about_mean, ratio = result.percentile_95(method, about_mean=True), result.ratio(method)
-        values = {"mean_end": mean[-1], "start_95": errors[0], "end_95": errors[-1]}
+        errors, about_mean = (result.percentile_95(method, about) for about in (False, True))
+        values = {"mean_end": result.mean(method)[-1], "start_95": errors[0], "end_95": errors[-1]}
         values |= {"start_95_about_mean": about_mean[0], "end_95_about_mean": about_mean[-1]}
-        ratios = zip(RANGES_M.round(1)[::5], ratio[::5], strict=True)
+        ratios = zip(RANGES_M.round(1)[::5], result.ratio(method)[::5], strict=True)
         return {
             **{name: by_column(value * IN_DEGREES) for name, value in values.items()},
             "ratio_to_bound": {f"{metres:g} m": by_column(values) for metres, values in ratios},
             "without_pose": result.without_pose(method),
         }
 
-    figures = {
-        "runs": result.runs,
-        "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
-        "aim_end_95": by_column(case.end_95 / AIM),
-        "methods": {method: of_method(method) for method in METHODS},
-        "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
-        "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
-    }
-    return plain(figures)
+    return plain(
+        {
+            "runs": result.runs,
+            "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
+            "aim_end_95": by_column(case.end_95 / AIM),
+            "methods": {method: of_method(method) for method in METHODS},
+            "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
+            "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
+        }
+    )
 
 
 def _row(label: str, values: Mapping[str, float | None]) -> list[str]:
@@ -130,9 +363,11 @@ def report(name: str, case: Mapping[str, Any]) -> str:
             rows.append(_row(f"  {method}", values[key]))
             if method == "moments" and key != "mean_end":
                 rows.append(_row("    about their mean", values[f"{key}_about_mean"]))
-    rows.append(_row("  the aim", case["aim_end_95"]))
-    rows.append(_row("  bound of one image", case["bound_end_95"]))
-    rows.append(_row("  bound of all, with the motion", case["run_bound_end_95"]))
+    rows += [
+        _row("  the aim", case["aim_end_95"]),
+        _row("  bound of one image", case["bound_end_95"]),
+        _row("  bound of all, with the motion", case["run_bound_end_95"]),
+    ]
     counts = (f"{method} {values['without_pose']}" for method, values in case["methods"].items())
     without = f"frames without a pose, of {case['runs'] * FRAMES}: {', '.join(counts)}"
     return f"{columns(rows)}\n{without}"
@@ -232,11 +467,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the cases, print them and draw them."""
-    runs = args.runs
-    with options.checking_options():
-        choices = choices_named(args.choices or ())
+    runs, named = args.runs, args.choices or ()
+    kinds = [kind for kind in get_args(Noise) if kind in named] or [Choices().noise]
+    if len(kinds) > 1:
+        both = " and ".join(kinds)
+        raise options.OptionError(f"--choices: {both} exclude each other; leave one out")
+    choices = Choices(kinds[0], HALF if "half" in named else 1.0)
     scene = options.scene_of(args)
-    output: Path = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
+    output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
     if args.choices == []:
         rows = until_interrupted(compare(scene, runs, SEED))

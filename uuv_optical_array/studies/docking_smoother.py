@@ -8,7 +8,7 @@ curved; here the whole path is fitted anew with every image, by damped Gauss-New
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])
 # A state is the pose and these three. A path is the states of all frames, one after the other, and
 # then the offsets of the scene's uncertain settings.
 SPEED, PITCH_RATE, YAW_RATE, STATE = 5, 6, 7, 8
+TINY = 1e-30
 MAX_STEPS = 12
 CONVERGED = 5e-3  # decrement of the negative log-posterior below which a step is the last
 
@@ -39,25 +40,18 @@ class DockingSettings:
 
 def predict(states: Array, step_s: float) -> tuple[Array, Array]:
     """Return the states one step later, shape ``(..., 8)``, and their derivatives."""
-    pitch, yaw = (
-        states[..., angle] + step_s / 2 * states[..., rate]
-        for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE))
-    )
-    sin_p, cos_p, sin_y, cos_y = np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
-    way = step_s * states[..., SPEED, None]
-    heading = np.stack([cos_p * cos_y, cos_p * sin_y, -sin_p], axis=-1)
-    by_pitch = way * np.stack([-sin_p * cos_y, -sin_p * sin_y, -cos_p], axis=-1)
-    by_yaw = way * np.stack([-cos_p * sin_y, cos_p * cos_y, np.zeros_like(yaw)], axis=-1)
-    later = states.copy()
-    later[..., :3] += way * heading
-    later[..., PITCH:SPEED] += step_s * states[..., PITCH_RATE:STATE]
-    slope = np.broadcast_to(np.eye(STATE), (*states.shape, STATE)).copy()
-    slope[..., :3, PITCH], slope[..., :3, YAW] = by_pitch, by_yaw
-    slope[..., :3, SPEED] = step_s * heading
-    slope[..., :3, PITCH_RATE] = step_s / 2 * by_pitch
-    slope[..., :3, YAW_RATE] = step_s / 2 * by_yaw
-    slope[..., PITCH, PITCH_RATE] = slope[..., YAW, YAW_RATE] = step_s
-    return later, slope
+
+    def later(states: Any) -> Any:
+        turns = step_s * states[..., PITCH_RATE:]
+        pitch, yaw = np.moveaxis(states[..., PITCH:SPEED] + turns / 2, -1, 0)
+        cosine = np.cos(pitch)
+        heading = np.stack([cosine * np.cos(yaw), cosine * np.sin(yaw), -np.sin(pitch)], axis=-1)
+        change = step_s * states[..., SPEED, None] * heading, turns, 0 * states[..., SPEED:]
+        return states + np.concatenate(change, axis=-1)
+
+    # Complex steps give derivatives to rounding (W. Squire and G. Trapp, 1998).
+    stepped = later(states[..., None, :] + 1j * TINY * np.eye(STATE))
+    return later(states), np.swapaxes(stepped.imag / TINY, -1, -2)
 
 
 class Motion:
@@ -69,14 +63,12 @@ class Motion:
         self.first = np.array([-FIRST_RANGE_M, *np.zeros(STATE - 1)])
         self.first_precision = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn]) ** -2.0
         self.offset_precision = np.array([*model.scene.prior.nuisance_std().values()]) ** -2.0
-        noise = np.zeros((STATE, STATE))
-        noise[range(3), range(3)] = step_s * s.slip_m**2
-        noise[SPEED, SPEED] = step_s * s.speed_walk_m_per_s**2
+        slip, speed = s.slip_m**2, s.speed_walk_m_per_s**2
+        noise = step_s * np.diag([slip, slip, slip, 0.0, 0.0, speed, 0.0, 0.0])
         # White-noise acceleration of both angles.
-        for angle, rate in ((PITCH, PITCH_RATE), (YAW, YAW_RATE)):
-            noise[np.ix_([angle, rate], [angle, rate])] = walk**2 * np.array(
-                [[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]]
-            )
+        for turned in ([PITCH, PITCH_RATE], [YAW, YAW_RATE]):
+            powers = [[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]]
+            noise[np.ix_(turned, turned)] = walk**2 * np.array(powers)
         self.step_precision = np.linalg.inv(noise)
 
 

@@ -28,11 +28,10 @@ from uuv_optical_array.studies.shared.tradeoff_measurement import (
     PUBLISHED,
     SHAPES,
     Group,
-    at_one_speed,
     measure,
     plan,
 )
-from uuv_optical_array.studies.tradeoff import fronts, numbered
+from uuv_optical_array.studies.tradeoff import at_one_speed, fronts, numbered
 
 GROUPS = [
     Group("curved", 3, 3, METHODS),

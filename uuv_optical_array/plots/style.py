@@ -3,7 +3,7 @@
 Matplotlib takes a second to import, so it is imported when something is drawn.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -131,20 +131,27 @@ def apart(heights: Sequence[float], gap: float) -> list[float]:
     return [mean + i * gap for i, mean in enumerate(level)]
 
 
-def number_label(
+def number_points(
     axes: "Axes",
-    number: int,
-    point: tuple[float, float],
-    place: tuple[float, float],
+    points: Mapping[int, tuple[float, float]],
+    at: float,
+    gap: float,
     ha: Literal["center", "right"] = "center",
 ) -> None:
-    """Write the number of a point in a box, at a place in fractions of the axes."""
+    """Write the numbers of points in boxes, one above the other, at a place across the axes.
+
+    The ordinate is logarithmic; `at` and `gap` are fractions of the axes.
+    """
+    low, high = np.log(axes.get_ylim())
+    upwards = sorted(points, key=lambda number: (points[number][1], number))
+    heights = [(np.log(points[number][1]) - low) / (high - low) for number in upwards]
     box = {"boxstyle": "round,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6}
     line = {"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
-    axes.annotate(
-        str(number), point, place, textcoords="axes fraction", ha=ha, va="center", fontsize=9,
-        fontweight="bold", zorder=5, bbox=box, arrowprops=line,
-    )  # fmt: skip
+    for number, height in zip(upwards, apart(heights, gap), strict=True):
+        axes.annotate(
+            str(number), points[number], (at, height), textcoords="axes fraction", ha=ha,
+            va="center", fontsize=9, fontweight="bold", zorder=5, bbox=box, arrowprops=line,
+        )  # fmt: skip
 
 
 def write_table(axes: "Axes", text: str, size: float, spacing: float) -> None:

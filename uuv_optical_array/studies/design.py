@@ -231,16 +231,13 @@ def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name
         best = {row.detectors_per_side: row for row in on_front}
         line = [best[side] for side in sorted(best)]
         axes.plot([*map(place, line)], [*map(bound, line)], "k", ls=dashes, lw=1.2, zorder=2.5)
-    low, high = np.log(axes.get_ylim())
     for i, side in enumerate(sides):
-        of_side = [(n, row) for n, row in named.items() if row.detectors_per_side == side]
-        of_side.sort(key=lambda item: (bound(item[1]), item[0]))
-        heights = [(np.log(bound(row)) - low) / (high - low) for _, row in of_side]
-        for (number, row), height in zip(of_side, style.apart(heights, LABEL_GAP), strict=True):
-            point = place(row), bound(row)
-            axes.plot(*point, "o", color=style.SHAPE_COLOURS[row.shape], ms=6, mec="k", zorder=3)
-            at = (i + 0.5 + LANE) / len(sides), height
-            style.number_label(axes, number, point, at, ha="right")
+        of_side = {n: row for n, row in named.items() if row.detectors_per_side == side}
+        points = {n: (place(row), bound(row)) for n, row in of_side.items()}
+        for n, row in of_side.items():
+            colour = style.SHAPE_COLOURS[row.shape]
+            axes.plot(*points[n], "o", color=colour, ms=6, mec="k", zorder=3)
+        style.number_points(axes, points, (i + 0.5 + LANE) / len(sides), LABEL_GAP, ha="right")
 
 
 def _close_up(by_beam: Any, by_radius: Any, choice: Choice) -> None:

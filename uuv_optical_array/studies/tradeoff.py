@@ -1,7 +1,10 @@
 """``uuv_array study tradeoff``: measure what accuracy costs in time, by method and table."""
 
 import argparse
+import dataclasses
+import statistics
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -11,26 +14,14 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
-from uuv_optical_array.plots.style import (
-    METHOD_COLOURS,
-    METHOD_MARKS,
-    SPECIFIED,
-    apart,
-    mark,
-    new_figure,
-    number_label,
-    plain_log_ticks,
-    save,
-)
+from uuv_optical_array.plots import style
 from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
 from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
-    QUICK_LEAVES_OUT,
     SETTINGS_CSV,
     Measurement,
     Mode,
-    at_one_speed,
     measure_missing,
     origin_of,
     plan,
@@ -51,10 +42,25 @@ examples:
   uuv_array study tradeoff --scene sea.yaml  your own scene, into sea.tradeoff/
 Ctrl-C ends it early and draws the settings that are measured."""
 
+QUICK_LEAVES_OUT = (
+    "left out but for --full: tables of 1e7 poses, of 1e6 but on the scene's own array, of 1e3 and "
+    "8e3 on arrays of the other shape, and the look-up but on planar arrays up to 7 x 7"
+)
 ERRORS = {
     "position": ("position_m", "RMS position error (m)", 0),
     "angle": ("angle_deg", "RMS angle error (deg)", 1),
 }
+
+
+def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
+    """Return rows with times as if the machine had been as fast for all as for the median one."""
+    model_ms = statistics.median([row.model_ms for row in rows]) if rows else 0.0
+    scaled = []
+    for row in rows:
+        median_ms, p99_ms = (ms * model_ms / row.model_ms for ms in (row.median_ms, row.p99_ms))
+        times: dict[str, Any] = {"median_ms": median_ms, "p99_ms": p99_ms, "model_ms": model_ms}
+        scaled.append(dataclasses.replace(row, **times))
+    return scaled
 
 
 def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
@@ -93,18 +99,15 @@ def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
 def report(rows: Sequence[Measurement]) -> str:
     """Return the table of the settings on a front, with times at one speed of the machine."""
     rows = at_one_speed(rows)
-    heads = ("position", "angle", "median", "99 %", "models", "front")
-    lines: list[tuple[object, ...]] = [
-        ("no", "setting", *heads),
-        ("", "", "m", "deg", "ms", "ms"),
-    ]
+    heads = ("no", "setting", "position", "angle", "median", "99 %", "models", "front")
+    lines: list[tuple[object, ...]] = [heads, ("", "", "m", "deg", "ms", "ms")]
     on_front = fronts(rows)
     for number, i in enumerate(numbered(rows), start=1):
         row = rows[i]
-        errors = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"
+        off = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"
         times = f"{row.median_ms:.2f}", f"{row.p99_ms:.2f}", f"{row.models:.1f}"
         names = " and ".join(name for name, front in on_front.items() if front[i])
-        lines.append((number, row.label, *errors, *times, names))
+        lines.append((number, row.label, *off, *times, names))
     return columns(lines, 2)
 
 
@@ -115,19 +118,15 @@ PALE = 0.3  # how opaque the mark of a setting on no front is
 def draw(rows: Sequence[Measurement], about: str) -> Any:
     """Draw errors against time, every setting a mark; return the figure."""
     rows = at_one_speed(rows)
-    figure = new_figure(14, 9.6)
+    figure, mark = style.new_figure(14, 9.6), style.mark
     grid = figure.add_gridspec(2, 1, height_ratios=[3, 1])
     above = grid[0].subgridspec(1, 2)
-    panels = [figure.add_subplot(above[0, i]) for i in range(2)]
-    for axes, name in zip(panels, ERRORS, strict=True):
-        _draw_panel(axes, rows, name)
-    key = figure.add_subplot(grid[1])
-    key.set_axis_off()
-    words: dict[str, Any] = {"family": "monospace", "fontsize": 8.5, "linespacing": 1.35}
-    key.text(0.0, 1, report(rows), va="top", in_layout=False, **words)
-    methods = [method for method in METHOD_MARKS if any(row.method == method for row in rows)]
+    for i, name in enumerate(ERRORS):
+        _draw_panel(figure.add_subplot(above[0, i]), rows, name)
+    style.write_table(figure.add_subplot(grid[1]), report(rows), 8.5, 1.35)
+    marks = {m: at for m, at in style.METHOD_MARKS.items() if any(row.method == m for row in rows)}
     handles = [
-        *(mark(m, METHOD_MARKS[m], color=METHOD_COLOURS[m], ms=8) for m in methods),
+        *(mark(m, at, color=style.METHOD_COLOURS[m], ms=8) for m, at in marks.items()),
         mark("filled: curved array", "h", ms=8),
         mark("hollow: planar array", "h", mfc="none", ms=8),
         mark("pale: another setting is better", "h", alpha=PALE, ms=8),
@@ -144,14 +143,14 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     column, title, which = ERRORS[name]
     on_front = fronts(rows)[name]
     for row, best in zip(rows, on_front, strict=True):
-        colour = METHOD_COLOURS[row.method]
-        style = {"marker": METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": 55}
+        colour = style.METHOD_COLOURS[row.method]
+        look = {"marker": style.METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": 55}
         if row.without_pose > MOST_WITHOUT_POSE:
-            style = {"marker": "x", "color": "0.5", "s": 30}
+            look = {"marker": "x", "color": "0.5", "s": 30}
         elif row.shape == "planar":
-            style["fc"] = "none"
+            look["fc"] = "none"
         alpha = 1.0 if best else PALE
-        axes.scatter(row.median_ms, getattr(row, column), alpha=alpha, zorder=3, **style)
+        axes.scatter(row.median_ms, getattr(row, column), alpha=alpha, zorder=3, **look)
     axes.set(xscale="log", yscale="log", xlabel="median time of a frame (ms)", ylabel=title)
     low, high = np.log(axes.get_xlim())
     # Room for numbers left of all points.
@@ -160,17 +159,20 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     side, unit = best.detectors_per_side, column.rpartition("_")[2]
     wanted = float(SPECIFICATION[3 * which])
     for value, text, line, colour in (
-        (wanted, f"{wanted:g} {unit}, wanted by the paper", "--", SPECIFIED),
+        (wanted, f"{wanted:g} {unit}, wanted by the paper", "--", style.SPECIFIED),
         (volume_spread()[which], "no measurement at all", ":", "0.4"),
         (getattr(best, f"floor_{column}"), f"bound, {best.shape} {side} x {side}", "-.", "0.4"),
     ):
         axes.axhline(value, color=colour, ls=line, lw=1.5, zorder=1)
         words = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 9}
         axes.annotate(text, (0.01, value), xycoords=axes.get_yaxis_transform(), **words)
-    _draw_front(axes, rows, on_front, column)
+    members = {number: rows[i] for number, i in enumerate(numbered(rows), 1) if on_front[i]}
+    points = {n: (row.median_ms, float(getattr(row, column))) for n, row in members.items()}
+    axes.step(*zip(*points.values(), strict=True), where="post", color="k", lw=1.5, zorder=2.5)
+    style.number_points(axes, points, LABELS_AT, LABEL_GAP)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     for axis in (axes.xaxis, axes.yaxis):
-        plain_log_ticks(axis)
+        style.plain_log_ticks(axis)
     above = axes.secondary_xaxis("top", functions=(_inverse, _inverse))
     above.set_xlabel("frames per second")
     above.xaxis.set_major_formatter("{x:g}")
@@ -180,20 +182,6 @@ def _inverse(values: ArrayLike) -> Array:
     """Turn ms into frames per second, and back."""
     with np.errstate(divide="ignore"):
         return 1e3 / np.asarray(values, dtype=float)
-
-
-def _draw_front(
-    axes: Any, rows: Sequence[Measurement], on_front: NDArray[np.bool_], column: str
-) -> None:
-    """Draw the front as steps, and its numbers in a column left of all points."""
-    members = [(number, rows[i]) for number, i in enumerate(numbered(rows), 1) if on_front[i]]
-    x, y = ([getattr(row, key) for _, row in members] for key in ("median_ms", column))
-    axes.step(x, y, where="post", color="k", lw=1.5, zorder=2.5)
-    members.sort(key=lambda member: float(getattr(member[1], column)))
-    low, high = np.log(axes.get_ylim())
-    heights = [(np.log(getattr(row, column)) - low) / (high - low) for _, row in members]
-    for (number, row), height in zip(members, apart(heights, LABEL_GAP), strict=True):
-        number_label(axes, number, (row.median_ms, getattr(row, column)), (LABELS_AT, height))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -221,20 +209,19 @@ def run(args: argparse.Namespace) -> int:
         f"scene {scene.name}, {origin['frames']} frames each; {origin['machine']}, "
         f"load average {min(loads):.1f} to {max(loads):.1f}"
     )
+    pictures = [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
     figure = draw(rows, about)
-    pictures = [folder / f"tradeoff{suffix}" for suffix in (".png", ".pdf")]
     for picture in pictures:
-        save(figure, picture)
+        style.save(figure, Path(picture))
     without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
     lines = [
         f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n",
         f"{without} of {len(rows)} settings left more than 1 % of frames without a pose",
         *([QUICK_LEAVES_OUT] if mode == "quick" else []),
         f"file: {folder / SETTINGS_CSV}",
-        f"pictures: {', '.join(map(str, pictures))}",
+        f"pictures: {', '.join(pictures)}",
     ]
-    result = {"complete": complete, **origin, **as_object(rows)}
-    result["pictures"] = [*map(str, pictures)]
+    result = {"complete": complete, **origin, **as_object(rows), "pictures": pictures}
     count = sum(len(group.methods) for group in groups)
     missing = f"{len(rows)} of {count} settings; run it again to go on"
     return outputs.finish(args, result, "\n".join(lines), "" if complete else missing)

@@ -17,18 +17,3 @@ def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
     finite = np.isfinite(costs).all(axis=1)
     no_more = (costs[:, None] <= costs).all(axis=2) & finite[:, None]
     return finite & ~(no_more & ~no_more.T).any(axis=0)
-
-
-def thinned_front(effort: ArrayLike, costs: ArrayLike) -> list[int]:
-    """Find few points that represent all: their places, none of which represents another.
-
-    A point represents another one that takes no less effort, ``(n,)``, and whose costs, ``(n, k)``
-    and > 0, are each at least its own over `STEP`.
-    """
-    effort, costs = np.asarray(effort), np.asarray(costs, dtype=float)
-    kept: list[int] = []
-    # A later point never represents an earlier one: that would need a smaller product.
-    for i in np.lexsort((costs.prod(axis=1), effort)).tolist():
-        if not any((costs[other] <= STEP * costs[i]).all() for other in kept):
-            kept.append(i)
-    return kept

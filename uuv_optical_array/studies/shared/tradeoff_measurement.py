@@ -8,12 +8,11 @@ import dataclasses
 import math
 import os
 import platform
-import statistics
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,17 +22,11 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import METHODS, Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import build_table
+from uuv_optical_array.forward import working_volume
 from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
-from uuv_optical_array.forward.working_volume import known_volume_std, lit_poses, volume_table
-from uuv_optical_array.studies.shared import published
-from uuv_optical_array.studies.shared.errors import (
-    Answer,
-    answer_of,
-    frame_errors,
-    position_and_angle,
-)
+from uuv_optical_array.studies.shared import errors, published
 from uuv_optical_array.studies.shared.results import Line, Results
 
 SETTINGS_CSV = "tradeoff.csv"
@@ -51,10 +44,6 @@ STEPS = (4, 6, 10, 16, 25)
 FRAMES: dict[Mode, int] = {"quick": 300, "full": 1000}
 QUICK_STEPS, QUICK_OWN_STEPS = (10,), (4, 6, 10, 16)
 QUICK_LOOK_UP_SIDE = 7
-QUICK_LEAVES_OUT = (
-    "left out but for --full: tables of 1e7 poses, of 1e6 but on the scene's own array, of 1e3 and "
-    "8e3 on arrays of the other shape, and the look-up but on planar arrays up to 7 x 7"
-)
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
 # Work as a number of rows of a table: the images of a calibration, a look-up, and a frame.
@@ -65,8 +54,7 @@ OTHER_WORK = {
 FRAME_WORK = 300
 
 
-@dataclass(frozen=True)
-class Group:
+class Group(NamedTuple):
     """Settings that share an array and a table, and are measured together, frame by frame in turn.
 
     `steps` are the values along each axis of the table; 0 for published methods, which have their
@@ -82,7 +70,7 @@ class Group:
         """Return the scene with this array, and with a table of the working volume."""
         array = scene.array.with_shape(self.shape)
         array = dataclasses.replace(array, detectors_per_side=self.detectors_per_side, wiring=None)
-        table = volume_table(self.steps) if self.steps else scene.table
+        table = working_volume.volume_table(self.steps) if self.steps else scene.table
         return dataclasses.replace(scene, array=array, table=table)
 
     def work(self, frames: int) -> int:
@@ -178,23 +166,9 @@ class Measurement(Line):
         return self.detectors_per_side, self.table_rows, self.median_ms
 
 
-def at_one_speed(rows: Sequence[Measurement]) -> list[Measurement]:
-    """Return rows with times as if the machine had been as fast for all as for the median one."""
-    model_ms = statistics.median([row.model_ms for row in rows]) if rows else 0.0
-    return [
-        dataclasses.replace(
-            row,
-            median_ms=row.median_ms * model_ms / row.model_ms,
-            p99_ms=row.p99_ms * model_ms / row.model_ms,
-            model_ms=model_ms,
-        )
-        for row in rows
-    ]
-
-
 def _answers(
     scene: Scene, methods: Sequence[str], rng: np.random.Generator
-) -> tuple[dict[str, Answer], int]:
+) -> tuple[dict[str, errors.Answer], int]:
     """Return how each method of a group answers, and the rows of its table, if any."""
     if methods == (MOMENTS,):
         try:
@@ -202,13 +176,13 @@ def _answers(
         except (np.linalg.LinAlgError, ValueError):
             return {MOMENTS: _no_calibration}, 0
         return {MOMENTS: lambda image: (moments(image), math.nan)}, 0
-    is_look_up = methods == (LOOK_UP,)
-    table = build_table(published.lookup_scene(scene) if is_look_up else scene)
-    if is_look_up:
+    if methods == (LOOK_UP,):
+        table = build_table(published.lookup_scene(scene))
         look_up = published.LookUp(table).pose
         return {LOOK_UP: lambda image: (look_up(image), math.nan)}, len(table.poses)
-    estimators = {m: Estimator(table, m).wait() for m in METHODS if m in methods}
-    return {name: answer_of(estimator) for name, estimator in estimators.items()}, len(table.poses)
+    table = build_table(scene)
+    rows, names = len(table.poses), [method for method in METHODS if method in methods]
+    return {name: errors.answer_of(Estimator(table, name).wait()) for name in names}, rows
 
 
 def _no_calibration(image: Array) -> tuple[Array, float]:
@@ -220,23 +194,23 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
     yardstick, scene = ForwardModel(scene), group.scene(scene)
     model, side = ForwardModel(scene), group.detectors_per_side
     rng = np.random.default_rng([seed, side, SHAPES.index(group.shape)])
-    poses = lit_poses(model, frames, rng)
+    poses = working_volume.lit_poses(model, frames, rng)
     images = model.expose(poses, rng)
     began = time.perf_counter()
     answers, rows = _answers(scene, group.methods, rng)
     build_s = time.perf_counter() - began
-    results = frame_errors(answers, yardstick, poses, images)
+    results = errors.frame_errors(answers, yardstick, poses, images)
     if any(len(result.errors) < frames for result in results.values()):
         raise KeyboardInterrupt  # cut short, so no measurement
     bound = cramer_rao_bound(model, poses)
-    floor = known_volume_std(bound.information)
+    floor = working_volume.known_volume_std(bound.information)
     return [
         Measurement(
             *(method, group.shape, side, group.steps, rows),
             float((~result.posed).mean()),
-            *position_and_angle(result.errors[result.posed]),
-            *position_and_angle(bound.std),
-            *position_and_angle(floor),
+            *errors.position_and_angle(result.errors[result.posed]),
+            *errors.position_and_angle(bound.std),
+            *errors.position_and_angle(floor),
             *result.frame_ms,
             model_ms=result.model_ms,
             models=result.frame_ms[0] / result.model_ms,
@@ -252,25 +226,17 @@ def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Meas
 
     Ctrl-C ends it with the groups before it; it is raised where there are none.
     """
-
-    def settings(group: Group) -> set[tuple[str, str, int, int]]:
-        array = group.shape, group.detectors_per_side, group.steps
-        return {(method, *array) for method in group.methods}
-
     rows = results.lines
     measured = {(row.method, row.shape, row.detectors_per_side, row.steps) for row in rows}
-    left = [group for group in groups if not settings(group) <= measured]
+    left = [g for g in groups if not {(method, *g[:3]) for method in g.methods} <= measured]
     if not left:
         return True
     folder, frames, seed = results.path.parent, results.origin["frames"], results.origin["seed"]
     folder.mkdir(parents=True, exist_ok=True)
+    count, total = sum(len(g.methods) for g in groups), sum(g.work(frames) for g in left)
+    already = f", {len(rows)} are there" if rows else ""
+    print(f"{count} settings{already}; into {folder}", file=sys.stderr)
     try:
-        count, total = (
-            sum(len(group.methods) for group in groups),
-            sum(g.work(frames) for g in left),
-        )
-        already = f", {len(rows)} are there" if rows else ""
-        print(f"{count} settings{already}; into {folder}", file=sys.stderr)
         with progress.counter(100, "%") as bar:
             for group in left:
                 side, table = group.detectors_per_side, f" {group.steps}^5" * (group.steps > 0)

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from measured import row
 
+from uuv_optical_array.commands import render
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.plots import follow, scene, style
+from uuv_optical_array.plots import follow, style
 from uuv_optical_array.studies import tradeoff
 from uuv_optical_array.studies.approach import METHODS
 from uuv_optical_array.studies.shared.tradeoff_measurement import ALL_METHODS
@@ -135,8 +136,8 @@ def test_a_run_has_no_negative_zero_and_says_what_is_drawn():
 
 def test_rows_of_images_use_the_whole_scale_and_ticks_are_detectors():
     own = load_scene("sunlit_shallow")
-    images = ForwardModel(own).expose(scene.sheet_poses(), np.random.default_rng(0))
-    figure = scene.draw_scene(own, images)
+    images = ForwardModel(own).expose(render.sheet_poses(), np.random.default_rng(0))
+    figure = render.draw_scene(own, images)
     panels = figure.subfigs[0].axes
     sheet = [axes for axes in panels if axes.get_aspect() == 1.0]
     assert len(sheet) == images.shape[0] * images.shape[1]

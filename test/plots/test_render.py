@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from uuv_optical_array.commands.render import COLUMNS, draw_scene, sheet_poses
 from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import RANGES_M
-from uuv_optical_array.plots.scene import COLUMNS, draw_scene, sheet_poses
 
 run = functools.partial(command_line.run, "render")
 

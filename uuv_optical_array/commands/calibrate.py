@@ -6,16 +6,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from scipy.stats import norm
 
 from uuv_optical_array.calibration.calibrate import Calibration, FittedParameter, calibrate
 from uuv_optical_array.cli import bag, options, outputs, progress
-from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, check
 from uuv_optical_array.core.storage import files
+from uuv_optical_array.forward.light import HALF_SQUARE, RANGE
+from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
-from uuv_optical_array.plots.calibration import draw_calibration
-from uuv_optical_array.plots.style import save
+from uuv_optical_array.plots.style import array_image, new_figure, save, signed
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import LEAST_STD, with_places
 
@@ -47,6 +49,11 @@ STDS = {
     "attitude": Quantity("of pitch and yaw", "deg", 0, 90),
 }
 SHOWN_IMAGES = 5
+DOTS = 1500  # readings that are drawn; the means are those of all
+BINS = 20
+LEAST = 10  # readings in a bin that is drawn
+EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
+DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -86,31 +93,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def pose_std_of(args: argparse.Namespace) -> Array | None:
-    """Return the standard deviation of the poses, m and rad, ``(5,)``; ``None``: exact."""
-    with options.checking_options():
-        position, attitude = (
-            check(Annotated[float, quantity], value, f"--pose-std, {name}")
-            for (name, quantity), value in zip(STDS.items(), args.pose_std, strict=True)
-        )
-    if not position and not attitude:
-        return None
-    return np.maximum([*[position] * 3, *[np.radians(attitude)] * 2], LEAST_STD)
-
-
 def _digits(std: float) -> int:
     """Return the decimals that show two digits of a standard error."""
     return int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if 0 < std < np.inf else 4
 
 
 def _row(parameter: FittedParameter) -> str:
-    digits = _digits(parameter.std)
-    error = "-" if np.isnan(parameter.std) else f"{parameter.std:.{digits}f}"
-    line = (
-        f"{parameter.name:<27}{parameter.start:>12.6g}{parameter.value:>14.{digits}f}{error:>12}  "
-        f"{parameter.unit:<11}{parameter.note}"
-    )
-    return line.rstrip()
+    name, unit, start, value, std, note = dataclasses.astuple(parameter)
+    digits = _digits(std)
+    error = "-" if np.isnan(std) else f"{std:.{digits}f}"
+    values = f"{name:<27}{start:>12.6g}{value:>14.{digits}f}{error:>12}"
+    return f"{values}  {unit:<11}{note}".rstrip()
 
 
 def _gains(result: Calibration) -> list[str]:
@@ -125,14 +118,9 @@ def _gains(result: Calibration) -> list[str]:
     if len(gains) > 9:
         low, high, std = (f"{x:.{digits}f}" for x in (gains.min(), gains.max(), gains.std()))
         return [head, f"  {gains.size} from {low} to {high}, spread {std}"]
-    rows = []
-    for row, errors_of_row in zip(gains, result.gain_std, strict=True):
-        cells = [
-            f"{gain:>{digits + 5}.{digits}f}" if np.isfinite(error) else "-".rjust(digits + 5)
-            for gain, error in zip(row, errors_of_row, strict=True)
-        ]
-        rows.append("".join(cells))
-    return [head, *rows]
+    shown = np.where(np.isfinite(result.gain_std), gains, np.nan)
+    wide = [[f"{x:.{digits}f}".replace("nan", "-").rjust(digits + 5) for x in row] for row in shown]
+    return [head, *map("".join, wide)]
 
 
 def report(
@@ -145,9 +133,9 @@ def report(
     seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
+    at_places = f" at {places} places" if places else ""
     lines = [
-        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s"
-        f"{f' at {places} places' if places else ''}, base_link "
+        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at_places}, base_link "
         f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
         "its axis",
         *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
@@ -162,20 +150,16 @@ def report(
     i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
     if correlations[i, j]:
         first, second = result.parameters[i].name, result.parameters[j].name
-        pair = f"{first} with {second} {correlations[i, j]:+.2f}"
-        lines.append(f"strongest correlation: {pair}")
-    lines.append(
-        f"mean squared residual {result.misfit:.3f} of {int(result.uncensored.sum())} readings "
-        "(1: the model explains them)"
-    )
-    if result.outliers or result.outlying_images:
-        where = [f"{seconds[i]:.3f} s" for i in result.outlying_images[:SHOWN_IMAGES]]
-        more = ", ..." if len(result.outlying_images) > SHOWN_IMAGES else ""
-        at = f" (at {', '.join(where)}{more})" if where else ""
-        lines.append(
-            f"outliers left out: {result.outliers} single readings, "
-            f"{len(result.outlying_images)} whole images{at}"
-        )
+        lines.append(f"strongest correlation: {first} with {second} {correlations[i, j]:+.2f}")
+    count, images = int(result.uncensored.sum()), result.outlying_images
+    explained = "(1: the model explains them)"
+    lines.append(f"mean squared residual {result.misfit:.3f} of {count} readings {explained}")
+    if result.outliers or images:
+        where = [f"{seconds[i]:.3f} s" for i in images[:SHOWN_IMAGES]]
+        where += ["..."] * (len(images) > SHOWN_IMAGES)
+        at = f" (at {', '.join(where)})" if where else ""
+        whole = f"{len(images)} whole images{at}"
+        lines.append(f"outliers left out: {result.outliers} single readings, {whole}")
     return "\n".join([*lines, *(f"note: {note}" for note in result.notes)])
 
 
@@ -200,9 +184,104 @@ def as_json(result: Calibration, recording: Recording) -> dict[str, Any]:
     }
 
 
+def _draw_residuals(
+    axes: Any, across: Array, result: Calibration, label: str, log: bool = False
+) -> None:
+    """Draw residuals against another quantity, and the mean of each bin with its standard error."""
+    uncensored, residuals = result.uncensored, result.residuals
+    x, y = across[uncensored], residuals[uncensored]
+    order = np.argsort(x)
+    some = order[:: max(1, len(x) // DOTS)]  # spread along the axis as all of them are
+    axes.plot(x[some], y[some], ".", ms=2, color=DOT, alpha=0.5, zorder=1, rasterized=True)
+    out = ~result.used & np.resize(np.isfinite(result.gain_std), result.used.shape[1])
+    if out.any():
+        edge = np.clip(residuals[out], -EDGE, EDGE)
+        axes.plot(across[out], edge, "x", ms=5, color=OUT, label="left out", zorder=3)
+    if log:
+        axes.set_xscale("log")
+    if len(x):
+        # Each bin has as many readings, so that the means have the same standard error.
+        parts = [part for part in np.array_split(order, BINS) if len(part) >= LEAST]
+        middle = [np.median(x[part]) for part in parts]
+        mean = [y[part].mean() for part in parts]
+        error = [2 * y[part].std() / np.sqrt(len(part)) for part in parts]
+        axes.errorbar(
+            middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
+            label="mean of a bin\n± 2 std errors",
+        )  # fmt: skip
+        if log:
+            drawn = across[uncensored | out]
+            axes.set_xlim(drawn.min() / 1.1, drawn.max() * 1.1)
+    axes.axhline(0, color="k", lw=0.8)
+    axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.3, EDGE + 0.3))
+    axes.grid(alpha=0.3)
+
+
+def _draw_histogram(axes: Any, result: Calibration) -> None:
+    """Draw the distribution of the residuals beside the normal one."""
+    residuals = result.residuals[result.uncensored]
+    edges = np.linspace(-EDGE, EDGE, 61).tolist()
+    axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
+    x = np.linspace(-EDGE, EDGE, 241)
+    axes.plot(x, norm.pdf(x), color=BIN, lw=1.5, label="standard normal")
+    axes.set(
+        xlabel="residual (std of a reading)",
+        ylabel="density",
+        title=f"mean square {result.misfit:.2f}; 1 where the model explains the data",
+        xlim=(-EDGE, EDGE),
+    )
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(alpha=0.3)
+
+
+def _draw_gains(figure: Any, axes: Any, result: Calibration) -> None:
+    """Draw the gains, in per cent of the mean, with their standard errors."""
+    off = 100 * (result.gains - 1)
+    known = np.isfinite(result.gain_std)
+    limit = max(1.0, float(np.abs(off[known]).max(initial=0)))  # 0.0 % is pale
+    shown = np.where(known, off, np.nan)
+    axes.patch.set(facecolor="0.85", hatch="xx", edgecolor="0.6")
+    mesh = array_image(axes, shown, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    side = len(off)
+    if side <= 9:
+        for (row, column), value in np.ndenumerate(shown):
+            colour = "white" if abs(value) > 0.6 * limit else "black"
+            if np.isfinite(value):
+                text = f"{signed(value, 1)}\n±{100 * result.gain_std[row, column]:.2f}"
+                axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
+    figure.colorbar(mesh, ax=axes, label="gain (% off the mean), ± std error")
+    note = "" if known.any() else ": as they were"
+    axes.set(xlabel="column, to starboard", ylabel="row, downwards", title=f"gains{note}")
+
+
+def draw_calibration(result: Calibration, recording: Recording, title: str) -> Any:
+    """Draw residuals against counts, range, angle and time, their distribution, and the gains."""
+    rays = ForwardModel(result.scene).rays(recording.poses, recording.rolls)
+    times = (recording.seconds - recording.seconds.min())[:, None]
+    figure = new_figure(16, 9)
+    grid = figure.subplots(2, 3).ravel()
+    for axes, across, label in (
+        (grid[0], np.maximum(result.mean, 0.1), "expected reading (counts)"),
+        (grid[1], rays[RANGE], "range from lamp to detector (m)"),
+        (grid[2], np.degrees(np.sqrt(2 * rays[HALF_SQUARE])), "angle off the beam's axis (deg)"),
+        (grid[3], np.broadcast_to(times, result.mean.shape), "time in the bag (s)"),
+    ):
+        _draw_residuals(axes, across, result, label, log=axes is grid[0])
+    _draw_histogram(grid[4], result)
+    _draw_gains(figure, grid[5], result)
+    grid[0].legend(fontsize=8, loc="upper left")
+    figure.suptitle(title, fontsize=13)
+    return figure
+
+
 def run(args: argparse.Namespace) -> int:
     """Read the bag, fit, print and write."""
-    pose_std, scene = pose_std_of(args), options.scene_of(args)
+    with options.checking_options():
+        for (name, quantity), value in zip(STDS.items(), args.pose_std, strict=True):
+            check(Annotated[float, quantity], value, f"--pose-std, {name}")
+    stds = np.repeat(args.pose_std, [3, 2]) / IN_DEGREES
+    pose_std = np.maximum(stds, LEAST_STD) if stds.any() else None
+    scene = options.scene_of(args)
     if args.noise and "sensor_noise" not in scene.effects:
         raise options.OptionError(f"--noise: no effects.sensor_noise in {scene.name}; add it")
     table = args.places and files.user_path(args.places)

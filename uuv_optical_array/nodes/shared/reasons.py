@@ -14,6 +14,7 @@ class Reason(NamedTuple):
 
 
 _DRIVER = "The node that publishes the topic does not keep to the README's topics table."
+_STAMPS = "Give each exposure its own stamp; look for a second publisher on `array/image`."
 _OLD_CLOCK = "The stamps come from another clock than the node's."
 
 # Frames that get no pose, and messages that are not used. WARN.
@@ -23,8 +24,7 @@ REFUSALS = {
         "Look at `array/image`. Bring the lamp into view; check its supply and the window.",
     ),
     "no pattern": Reason(
-        "Every detector reads the same, or is dark or at full scale: the lamp is too near, the "
-        "array is shorted, or it sees daylight alone.",
+        "All detectors read the same, dark or full scale: lamp too near, array shorted, daylight.",
         "Look at `array/image`; back off from the lamp; check the array's cable and gain.",
     ),
     "above full scale": Reason(
@@ -32,50 +32,40 @@ REFUSALS = {
         "Correct `effects.adc` of the scene to the converter that is mounted.",
     ),
     "not five finite numbers": Reason(
-        "The key parameters are not those of an image.",
-        "Restart the feature node; check its input.",
+        "These are no key parameters.", "Restart the feature node; check its input."
     ),
     "not of this array": Reason(
         "A key parameter is impossible for an array of the scene's size.",
         "Set the same `scene` for the feature and the estimator node.",
     ),
     "another image": Reason(
-        "The key parameters are not those of the image with their stamp.",
-        "Give each exposure its own stamp; look for a second publisher on `array/image`.",
+        "The key parameters are not those of the image with their stamp.", _STAMPS
     ),
     "frozen": Reason(
         "The same readings come again with new stamps, down to their noise.",
         "Restart the array's driver; check its cable.",
     ),
     "no match": Reason(
-        "No signature of the table is within `max_angle_rad`: the pose is outside of the table, or "
-        "the sea is not the scene.",
+        "No signature is within `max_angle_rad`: beyond the table, or the sea is not the scene.",
         "Come closer to the station; else calibrate, or widen the scene's `table`.",
     ),
     "no fit": Reason(
-        "No pose of the scene explains the image: another lamp, daylight, a dirty window, dead or "
-        "mirrored detectors, or a sea that is not the scene.",
+        "No pose explains it: another lamp or sea, daylight, dirty, dead or mirrored detectors.",
         "Cover the lamp and look at `array/image`; then calibrate. `scene_...` says what differs.",
     ),
     "outlier": Reason(
-        "The pose is too far from the track: a reflection, or a manoeuvre that is faster than "
-        "`velocity_walk_m_per_s` and `turn_walk_deg_per_s` expect.",
-        "If it lasts, raise these two; where `own_motion` changes often, see there.",
+        "The pose is too far from the track: a reflection, or a manoeuvre that is too fast for it.",
+        "If it lasts, raise `velocity_walk_m_per_s` and `turn_walk_deg_per_s`; see `own_motion`.",
     ),
     "too uncertain": Reason(
-        "The standard deviation of the range is so large that the pose steers nothing: the images "
-        "are not of the scene (`mismatch`), or nearly dark.",
+        "The range is too uncertain to steer by: images not of the scene (`mismatch`), or dark.",
         "Look at the estimator's diagnostics, and cure what they name.",
     ),
     "late frame": Reason(
-        "The frame came after a newer one. With a pose of `buffer_s` or less of age it entered the "
-        "track; its pose is not published.",
+        "It came after a newer one. Its pose is not published, but tracked if within `buffer_s`.",
         "Look for load and for a network between the array and the estimator.",
     ),
-    "repeated stamp": Reason(
-        "Two frames have the same stamp.",
-        "Look for a second publisher; give each exposure its own stamp.",
-    ),
+    "repeated stamp": Reason("Two frames have one stamp.", _STAMPS),
     "stamp not later": Reason(
         "The stamp is not later than the one before: repeated, or in the wrong order.",
         "Look for a second publisher and for a clock that is set back. It recovers by itself.",
@@ -85,16 +75,14 @@ REFUSALS = {
         "If it lasts, let the driver stamp each exposure by a clock that is synchronised.",
     ),
     "wrong frame": Reason(
-        "A track is not in `beacon_frame`: of another estimator, or of no estimator.",
+        "A track is not in `beacon_frame`: it is not of this estimator.",
         "Set the same `beacon_frame` and `frame_prefix` for the estimator and the formation node.",
     ),
     "no image": Reason(
         "Key parameters came, and no image with their stamp.",
         "Let the array's driver and the feature node keep one stamp; see `use_image`.",
     ),
-    "no table": Reason(
-        "The signature table could not be read.", "Remove the cause of the error `table ...`."
-    ),
+    "no table": Reason("The signature table could not be read.", "See the error `table ...`."),
     "no roll": Reason(
         "No `imu` message is near the image in time.",
         "Check the IMU's topic and clock, or raise `max_imu_age_s`; else set `use_imu` to false.",
@@ -104,19 +92,14 @@ REFUSALS = {
         "Remap `imu` to the topic of its filter, or set `use_imu` to false.",
     ),
     "not finite": Reason(
-        "A message holds NaN or infinity. Where its text says `not published`, this node computed "
-        "it and did not publish it.",
-        "Check the node that publishes it; if it was this one, report it with a bag.",
+        "A message holds NaN or infinity; where it is `not published`, this node computed it.",
+        "Check the node that publishes it; if it is this one, report it with a bag.",
     ),
-    "out of bounds": Reason(
-        "A number in a message is larger than any vehicle's; are its units m, m/s and rad/s?",
-        _DRIVER,
-    ),
+    "out of bounds": Reason("A number is too large; are its units m, m/s and rad/s?", _DRIVER),
     "bad attitude": Reason("A quaternion does not have the length 1.", _DRIVER),
     "wrong encoding": Reason("The image is not mono16.", _DRIVER),
     "wrong size": Reason(
-        "The image has not as many detectors as the scene, or the cloud not one point.",
-        "Name the scene of the array that is mounted.",
+        "Image or cloud has not the scene's size.", "Name the scene of the mounted array."
     ),
     "wrong step": Reason("The rows of the image have the wrong length.", _DRIVER),
     "truncated": Reason("The message has fewer or more bytes than it says.", _DRIVER),
@@ -130,31 +113,26 @@ REFUSALS = {
         "The leader's odometry lags far behind the follower's.", "Check `leader/odometry`."
     ),
     "no leader pose at the follower's stamp": Reason(
-        "The leader's odometry has a gap there, or begins later.",
-        "Raise `max_gap_s`; let both odometries have one clock.",
+        "Its odometry has a gap or begins later.", "Raise `max_gap_s`; use one clock for both."
     ),
-    "frames differ": Reason(
-        "The two odometries are in different frames.", "Publish both in one frame."
-    ),
+    "frames differ": Reason("The odometries are in two frames.", "Publish both in one frame."),
 }
 
 # Lasting conditions that prevent answers or make them worse. WARN.
 WARNINGS = {
     "no input": Reason(
         "Nothing came that the node could answer.",
-        "Follow the topics upstream: `ros2 topic hz` on what the node subscribes to. Names, "
-        "namespace, `ROS_DOMAIN_ID` and QoS must agree.",
+        "Try `ros2 topic hz` upstream; names, namespace, `ROS_DOMAIN_ID` and QoS must agree.",
     ),
     "several publishers": Reason(
         "Two nodes publish on a topic that must have one publisher: two runs are mixed.",
         "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     ),
     "mismatch": Reason(
-        "The images of the last half minute differ from the scene by more than its prior says. The "
-        "text names what would explain them best. The track's covariance says that next to "
-        "nothing is known of the pose, so that the follower stops.",
-        "Look at what is named: clean or repair the detector, cover other lamps, check the lamp's "
-        "battery; then calibrate, or widen the scene's `prior`.",
+        "For half a minute the images differ from the scene by more than its prior allows; the "
+        "text names the best explanation. The track is then so uncertain that the follower stops.",
+        "Look at what is named: detector, other lamps, the lamp's battery; then calibrate, or "
+        "widen the scene's `prior`.",
     ),
     "old stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP), or `use_sim_time` for a bag."),
     "future stamps": Reason(_OLD_CLOCK, "Set the clocks (NTP, PTP); check who publishes `/clock`."),
@@ -164,12 +142,11 @@ WARNINGS = {
     ),
     "zero stamp": Reason("A message has no stamp.", "Let the driver stamp each exposure."),
     "dark lamp": Reason(
-        "One of several lamps shows nothing, though the pose by the others says that it should.",
+        "One of several lamps is dark, though by the pose of the others it should show.",
         "Look whether it is switched on, and whether something hides it.",
     ),
     "faulty detector": Reason(
-        "A reading fits no pose that explains the others: a detector is dead, stuck or dirty, or "
-        "in a glint. The pose is that of the others.",
+        "A detector is dead, stuck, dirty or in a glint. The pose is that of the others.",
         "Clean or repair the detector; until then name it in `effects.detector_faults`.",
     ),
     "not engaged": Reason(
@@ -181,8 +158,7 @@ WARNINGS = {
         "Start the leader (`demo:=leader`), or let `leader_odometry` name its topic.",
     ),
     "leader waits": Reason(
-        "The demonstration's leader waits for a follower's first command, or for its fit to be "
-        "compiled.",
+        "The demonstration's leader waits for a follower's first command, or its compiled fit.",
         "It sets off when each `estimator_node` has a pose and its `fit` is compiled.",
     ),
 }
@@ -193,23 +169,17 @@ ERRORS = {
         "The folder of the signature table is missing, damaged or of another scene.",
         "Build it with `uuv_array table`, or empty the parameter `table`.",
     ),
-    "scene": Reason(
-        "No pose of the scene's table has light.", "Correct the scene's `table` or its lamp."
-    ),
+    "scene": Reason("No pose of its table has light.", "Correct the scene's `table` or its lamp."),
 }
 
 # Names as Markdown, the nodes that show them, and the meaning with its unit. Counts are since the
 # start; all else is of the last message that was answered, or of the last second.
 VALUES = (
     ("`answered`, `refused`, `refused: ...`", "all", "messages answered, refused, and by kind"),
+    ("`passed_over`", "feature in `follower_node`, estimator", "images left out for a newer one"),
     (
-        "`passed_over`",
-        "feature in `follower_node`, estimator",
-        "images that were left out because a newer one had come",
-    ),
-    (
-        "`Events in window`, `Events since startup`, `Duration of window (s)`, `Actual "
-        "frequency (Hz)`",
+        "`Events in window`, `Events since startup`, `Duration of window (s)`, "
+        "`Actual frequency (Hz)`",
         "all",
         "answers in the last five seconds; their rate",
     ),
@@ -224,56 +194,36 @@ VALUES = (
     (
         "`light_level`, `saturated_share`",
         "feature",
-        "brightest detector, and share of detectors at full scale: near 0 the light is dim, "
-        "at 1 it saturates",
+        "brightest detector, and share of those at full scale; near 0 the light is dim",
     ),
     ("`range_m`", "simulator, formation", "distance behind the lamp, m"),
     (
         "`method`, `fit`",
         "estimator",
-        "the method, and whether its fit runs compiled or, with the same answers, as it stands",
+        "the method; whether its fit is compiled or, with the same answers, runs as it stands",
     ),
-    (
-        "`angle_rad`, `runner_up_angle_rad`",
-        "estimator",
-        "spectral angle to the nearest signatures",
-    ),
+    ("`angle_rad`, `runner_up_angle_rad`", "estimator", "spectral angle to the best signatures"),
     (
         "`misfit`, `runner_up_misfit`",
         "estimator",
-        "probability that an image of this scene leaves larger residuals; where it stays near 0, "
-        "the sea is not the scene",
+        "probability of larger residuals in this scene; if it stays near 0, the sea is another",
     ),
-    (
-        "`unobservable`",
-        "estimator",
-        "degrees of freedom of which the image says next to nothing",
-    ),
-    (
-        "`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`",
-        "estimator",
-        "standard deviations of the pose, m and rad",
-    ),
+    ("`unobservable`", "estimator", "degrees of freedom of which the image says next to nothing"),
+    ("`std_x`, `std_y`, `std_z`, `std_pitch`, `std_yaw`", "estimator", "of the pose, m and rad"),
     (
         "`table_margin`",
         "estimator",
-        "how far inside of the scene's `table` the pose is, and on which axis: 1 in its middle, 0 "
-        "at its edge, negative beyond",
+        "place in the scene's `table` and its axis: 1 in the middle, 0 at the edge, < 0 beyond",
     ),
     (
         "`own_motion`",
         "estimator",
         "whether the track knows from `cmd_vel` how the follower moves: `told`; `not told`, where "
-        "no command came for `command_timeout_s`, or by another clock; `contradicted`, where the "
-        "images show another motion: the vehicle does not obey, or the commands are not in m/s and "
-        "rad/s along its own axes. Then they are not used; where that lasts, set `use_commands` to "
-        "false",
+        "none came for `command_timeout_s`, or by another clock; `contradicted` by the images and "
+        "not used: it does not obey, or they are not in m/s and rad/s along its own axes; if that "
+        "lasts, set `use_commands` to false",
     ),
-    (
-        "`learnt_...`",
-        "estimator",
-        "what the track has learnt of a constant that the scene does not know",
-    ),
+    ("`learnt_...`", "estimator", "what the track has learnt of a constant"),
     ("`scene_...`", "estimator", "what to write into the scene, because the sea differs"),
 )
 REASONS = {**REFUSALS, **WARNINGS, **ERRORS}

@@ -1,0 +1,89 @@
+"""A bag of several lamps: replayed, calibrated on, and replayed by the scene that this gives."""
+
+import csv
+import importlib.util
+
+import numpy as np
+import pytest
+from bags import image_message, odometry_message, write_bag
+from calibrated_seas import exposed, lights
+from command_line import run
+from scipy.spatial.transform import Rotation
+
+from uuv_optical_array.core.geometry import DOF_NAMES
+from uuv_optical_array.forward.scene import load_scene
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
+)
+IMAGES = 100
+LOW, HIGH = [-6.5, -0.7, -0.7, -0.3, -0.3], [-3.0, 0.7, 0.7, 0.3, 0.3]
+POSE = [f"{name}_{'m' if len(name) == 1 else 'rad'}" for name in DOF_NAMES]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """The lamps, and poses of a follower that rolls by a degree."""
+    rng = np.random.default_rng(6)
+    scene = lights(rng)
+    return scene, rng.uniform(LOW, HIGH, (IMAGES, 5)), np.radians(rng.standard_normal(IMAGES)), rng
+
+
+@pytest.fixture(scope="module")
+def bag(drive, tmp_path_factory):
+    """What the nodes publish, with one image of a single lamp among the others."""
+    scene, poses, rolls, rng = drive
+    ahead, level = np.array([3.0, -2.0, -5.0]), Rotation.from_euler("ZYX", [0.7, 0.1, 0.05])
+    messages = []
+    for i, (image, pose, roll) in enumerate(
+        zip(exposed(scene, poses, rng, rolls), poses, rolls, strict=True)
+    ):
+        stamp = (1 + i) * 10**8
+        behind = level * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+        place = ahead + level.apply(pose[:3])
+        messages += [
+            odometry_message("/leader/odometry", stamp, ahead, level.as_quat()),
+            odometry_message("/follower/odometry", stamp, place, behind.as_quat()),
+            image_message(stamp, image),
+        ]
+    messages.append(image_message(10**8 + 5, image[:5]))
+    return write_bag(tmp_path_factory.mktemp("lights") / "lights", messages, "MCAP")
+
+
+def estimated(bag, folder, scene, capsys):
+    """Return poses and their standard deviations, nan without one, and what was printed."""
+    run("estimate", bag, "--scene", scene, "-o", folder)
+    with (folder / "frames.csv").open(newline="") as file:
+        rows = [
+            [row[f"{of}{key}"] for of in ("", "std_") for key in POSE]
+            for row in csv.DictReader(file)
+        ]
+    found = np.array([[float(cell or "nan") for cell in row] for row in rows])
+    return found[:, :5], found[:, 5:], capsys.readouterr().out
+
+
+def test_a_scene_that_is_calibrated_on_a_bag_of_lamps_explains_its_images(
+    bag, drive, tmp_path, capsys
+):
+    scene, poses, _, _ = drive
+    before, _, told = estimated(bag, tmp_path / "before", "leading_lights", capsys)
+    known = ~np.isnan(before[:, 0])
+    assert known.mean() < 0.5, "another sea, and other lamps"
+    assert f"{IMAGES} images" in told
+    assert "left out: 1 x /array/image: " in told
+    calibrated = tmp_path / "lights.yaml"
+    run("calibrate", bag, "--scene", "leading_lights", "--noise", "-o", calibrated)
+    told = capsys.readouterr().out
+    assert "lamps.2.yaw_deg" in told
+    lamps = load_scene(calibrated).lamps
+    for found, true in zip(lamps, scene.lamps, strict=True):
+        assert [found.pitch_deg, found.yaw_deg] == pytest.approx(
+            [true.pitch_deg, true.yaw_deg], abs=0.1
+        )
+        assert [found.y_m, found.z_m] == pytest.approx([true.y_m, true.z_m], abs=0.01)
+    after, std, told = estimated(bag, tmp_path / "after", calibrated, capsys)
+    assert f"{IMAGES} poses" in told
+    off = after - poses
+    assert (np.sqrt(np.mean(off**2, axis=0)) < [0.05, 0.03, 0.03, 0.02, 0.02]).all()
+    # As far off as the covariances say; all share the calibration's errors.
+    assert 0.7 < np.sqrt(np.mean((off / std) ** 2)) < 1.3

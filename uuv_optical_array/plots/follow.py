@@ -48,11 +48,9 @@ def _draw_paths(figure: Any, records: Sequence[FollowRecord], moments: list[floa
 def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
     """Draw the errors of the estimates and of the station over time."""
     for i, axes in enumerate(figure.subplots(1, 5)):
-        axes.axhspan(
-            -SPECIFICATION[i], SPECIFICATION[i], color=SPECIFIED, alpha=0.2, lw=0,
-            label="within the specification of Eren et al. (2016)",
-        )  # fmt: skip
-        limit = 3 * SPECIFICATION[i]
+        wanted, within = SPECIFICATION[i], "within the specification of Eren et al. (2016)"
+        axes.axhspan(-wanted, wanted, color=SPECIFIED, alpha=0.2, lw=0, label=within)
+        limit = 3 * wanted
         for number, record in enumerate(records):
             stamps, errors = record.errors()
             at_station, off_station = record.station_errors()
@@ -62,10 +60,9 @@ def _draw_errors(figure: Any, records: Sequence[FollowRecord]) -> None:
             line = "0.2" if len(records) == 1 else colour
             axes.plot(at_station, station, color=line, lw=1, label="truth less station")
             limit = max(limit, 1.1 * np.abs([*error, *station]).max())
-        title = f"{DOF_NAMES[i]}, specified ±{SPECIFICATION[i]:g} {DOF_UNITS[i]}"
-        axes.set_title(title, fontsize=10)
-        axes.set(xlabel="time (s)", ylabel=f"error of {DOF_NAMES[i]} ({DOF_UNITS[i]})")
-        axes.set_ylim(-limit, limit)
+        name, unit = DOF_NAMES[i], DOF_UNITS[i]
+        axes.set_title(f"{name}, specified ±{wanted:g} {unit}", fontsize=10)
+        axes.set(xlabel="time (s)", ylabel=f"error of {name} ({unit})", ylim=(-limit, limit))
         axes.grid(alpha=0.3)
         handles, labels = axes.get_legend_handles_labels()
     place: Any = {"loc": "outside lower center", "ncols": 3, "frameon": False}
@@ -80,11 +77,9 @@ def _draw_images(figure: Any, record: FollowRecord, moments: list[float]) -> Non
         image = record.images[moment]
         x, y, z, pitch, yaw = record.truth[moment] * IN_DEGREES
         mesh = array_image(axes, image, vmin=0, vmax=brightest)
-        axes.set_title(
-            f"{moment:.0f} s: x {signed(x, 1)}, y {signed(y, 2)}, z {signed(z, 2)} m\n"
-            f"pitch {signed(pitch, 0)}, yaw {signed(yaw, 0)} deg",
-            fontsize=8.5,
-        )
+        place = f"x {signed(x, 1)}, y {signed(y, 2)}, z {signed(z, 2)} m"
+        turned = f"pitch {signed(pitch, 0)}, yaw {signed(yaw, 0)} deg"
+        axes.set_title(f"{moment:.0f} s: {place}\n{turned}", fontsize=8.5)
         axes.set_xlabel("column, to starboard", fontsize=9)
     grid[0].set_ylabel("row, downwards", fontsize=9)
     figure.colorbar(mesh, ax=grid, label="reading (counts)", aspect=15)

@@ -39,22 +39,15 @@ class Browser:
         self._profile = tempfile.TemporaryDirectory(
             prefix="uuv_optical_array_", ignore_cleanup_errors=True
         )
-        options = [
-            "--headless=new",
-            "--remote-debugging-port=0",
-            f"--user-data-dir={self._profile.name}",
-            "--enable-unsafe-swiftshader",  # WebGL without a graphics card
-            "--no-first-run",
-        ]
+        options = ["--headless=new", "--remote-debugging-port=0", "--no-first-run"]
+        options.append(f"--user-data-dir={self._profile.name}")
+        options.append("--enable-unsafe-swiftshader")  # WebGL without a graphics card
         if os.geteuid() == 0:
             options.append("--no-sandbox")  # root has none
-        self._process = subprocess.Popen(
-            [program, *options, url],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,  # a terminal's Ctrl-C does not reach it
-        )
+        out = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+        # In a session of its own a terminal's Ctrl-C does not reach it.
+        words: dict[str, Any] = {**out, "text": True, "start_new_session": True}
+        self._process = subprocess.Popen([program, *options, url], **words)
         self._calls = 0
         try:
             with urllib.request.urlopen(f"{self._address()}/json/list", timeout=PATIENCE_S) as tabs:

@@ -112,63 +112,42 @@ class Page:
         server.initial_camera.look_at = middle
         server.initial_camera.fov = np.radians(50)
         self._sea = sea.add_frame("/sea", show_axes=False)
-        self._floor = sea.add_grid(
-            "/sea/floor",
-            *(80.0, 80.0),
-            cell_size=1.0,
-            section_size=SECTION_M,
-            cell_color=(38, 66, 98),
-            section_color=(58, 94, 134),
-            fade_distance=45.0,
-            position=(0.0, 0.0, -FLOOR_M),
-        )
+        lines = {"cell_size": 1.0, "section_size": SECTION_M, "fade_distance": 45.0}
+        colours = {"cell_color": (38, 66, 98), "section_color": (58, 94, 134)}
+        self._floor = sea.add_grid("/sea/floor", 80.0, 80.0, **lines, **colours)
+        self._floor.position = 0.0, 0.0, -FLOOR_M
 
     def _draw_vehicles(self) -> None:
         sea, array = self._server.scene, build_array(self._scene.array)
         half_m = max(self._scene.array.bow_m, 0.3)
         parts = {"hull": hull(half_m, 0.35 * half_m), "fin": fin(half_m)}
-        self._frames = {
-            name: sea.add_frame(f"/{name}", show_axes=False)
-            for name in ("leader", "follower", "estimate", "station")
-        }
-        for name, colour in (("leader", LEADER), ("follower", FOLLOWERS[0])):
+        names = "leader", "follower", "estimate", "station"
+        self._frames = {name: sea.add_frame(f"/{name}", show_axes=False) for name in names}
+        # The lamp is at the leader's origin, at its stern; the ellipsoid is in the follower.
+        for name, colour, ahead, opacity in (
+            ("leader", LEADER, half_m + 0.05, None),
+            ("follower", FOLLOWERS[0], 0.0, 0.5),
+        ):
+            look = {"color": _rgb(colour), "opacity": opacity, "side": "double"}
             for part, mesh in parts.items():
-                # The lamp is at the leader's origin, at its stern.
-                ahead = half_m + 0.05 if name == "leader" else 0.0
-                sea.add_mesh_simple(
-                    f"/{name}/{part}",
-                    *mesh,
-                    color=_rgb(colour),
-                    position=(ahead, 0.0, 0.0),
-                    opacity=0.5 if name == "follower" else None,  # the ellipsoid is inside
-                    side="double",
-                )
+                at = ahead, 0.0, 0.0
+                sea.add_mesh_simple(f"/{name}/{part}", *mesh, position=at, **look)
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
+        # Of a beam only the far wall is drawn, which hides nothing.
+        light = {"color": LAMP, "side": "front", "material": "toon3"}
         for i, (place, meshes) in enumerate(beams(self._scene, self._range_m)):
             ball = {"subdivisions": 2, "position": tuple(place)}
             sea.add_icosphere(f"/leader/lamp_{i}", 0.09, LAMP, **ball)
             for stds, (mesh, opacity) in enumerate(zip(meshes, (0.2, 0.1), strict=True), 1):
-                sea.add_mesh_simple(
-                    f"/leader/beam_{i}_{stds}_sigma",
-                    *mesh,
-                    color=LAMP,
-                    opacity=opacity,
-                    side="front",  # only the far wall is drawn, which hides nothing
-                    material="toon3",
-                )
-        self._detectors = sea.add_point_cloud(
-            "/follower/array",
-            array.positions,
-            np.zeros((len(array.positions), 3), np.uint8),
-            point_size=0.5 * array.spacing_m,
-            point_shape="circle",
-            point_shading="flat",
-            precision="float32",
-        )
+                name = f"/leader/beam_{i}_{stds}_sigma"
+                sea.add_mesh_simple(name, *mesh, opacity=opacity, **light)
+        dark = np.zeros((len(array.positions), 3), np.uint8)
+        dots = {"point_shape": "circle", "point_shading": "flat", "precision": "float32"}
+        size = {"point_size": 0.5 * array.spacing_m, **dots}
+        self._detectors = sea.add_point_cloud("/follower/array", array.positions, dark, **size)
         # A wire frame, because transparent bodies hide each other.
-        self._ellipsoid = sea.add_icosphere(
-            "/estimate/three_sigma", 1.0, _rgb(ESTIMATE), wireframe=True, subdivisions=2
-        )
+        frame = {"wireframe": True, "subdivisions": 2}
+        self._ellipsoid = sea.add_icosphere("/estimate/three_sigma", 1.0, _rgb(ESTIMATE), **frame)
         ends = half_m * np.array([[2.0, 0, 0], [0, 0.7, 0], [0, -0.7, 0], [0, 0, 1.2]])
         axes = np.stack([np.zeros((4, 3)), ends], axis=1)
         sea.add_line_segments("/estimate/axes", axes, _rgb(ESTIMATE), thickness=0.025)
@@ -189,22 +168,17 @@ class Page:
         self._left.set_width(LEFT_PX)
         self._tab = self._left.add_tab("now")
         by_lamp = " by each lamp" if self._scene.lamps else ""
+        label = f"image of the array{by_lamp}, port on the left, up on top"
         with self._tab:
             self._words = gui.add_html("")
-            self._image = gui.add_image(
-                np.zeros((8, 8, 3), np.uint8),
-                label=f"image of the array{by_lamp}, port on the left, up on top",
-                format="png",
-            )
+            self._image = gui.add_image(np.zeros((8, 8, 3), np.uint8), label=label, format="png")
         self._what = gui.add_html(ESTIMATES)
         self._ranges: list[tuple[float, float]] = [(0.0, 0.0)] * len(DOF_NAMES)
         self._charts = [self._chart(dof) for dof in range(len(DOF_NAMES))]
         full = math.floor(self._scene.full_scale_counts)
-        self._light = gui.add_uplot(
-            known(*np.zeros((2, 0))),
-            ({"label": "time (s)"}, _dots("peak", "#ffd66e")),
-            **_chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full)),
-        )
+        look = _chart_style(f"light: brightest detector (of {full:g} counts)", (0.0, full))
+        series = {"label": "time (s)"}, _dots("peak", "#ffd66e")
+        self._light = gui.add_uplot(known(*np.zeros((2, 0))), series, **look)
 
     def _chart(
         self, dof: int, instead_of: Any = None, span: tuple[float, float] | None = None
@@ -357,9 +331,8 @@ class Page:
         del path[:-PATH_POINTS]
         points = np.array([*path, at])
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        self._server.scene.add_line_segments(
-            f"/sea/{name}_path", segments, _rgb(colour), thickness=0.03
-        )
+        scene, name = self._server.scene, f"/sea/{name}_path"
+        scene.add_line_segments(name, segments, _rgb(colour), thickness=0.03)
 
 
 def words(sight: Sight, poses: int, images: int) -> str:
@@ -388,14 +361,13 @@ def _free_port(host: str, port: int) -> int:
     for candidate in range(port, min(port + PORTS_TRIED, 65536)):
         try:
             socket.create_server((host, candidate)).close()
+            return candidate
         except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                continue
-            raise ValueError(
-                f"host: {host!r} cannot be served at port {candidate} ({error}); give "
-                f"{LOOPBACK}, or 0.0.0.0 for the network, and a port above 1023"
-            ) from None
-        return candidate
+            if error.errno != errno.EADDRINUSE:
+                raise ValueError(
+                    f"host: {host!r} cannot be served at port {candidate} ({error}); give "
+                    f"{LOOPBACK}, or 0.0.0.0 for the network, and a port above 1023"
+                ) from None
     raise ValueError(f"port: none is free from {port} on; give another")
 
 
@@ -406,23 +378,15 @@ def _dots(label: str, colour: str) -> dict[str, Any]:
 
 
 def _chart_style(title: str, y_range: tuple[float, float] | None = None) -> dict[str, Any]:
-    small = {
-        "font": "11px sans-serif",
-        "stroke": "#c8d4e4",
-        "grid": {"stroke": "#ffffff18"},
-        "ticks": {"size": 4},
-    }
+    text = {"font": "11px sans-serif", "stroke": "#c8d4e4"}
+    small = {**text, "grid": {"stroke": "#ffffff18"}, "ticks": {"size": 4}}
     scales: dict[str, Any] = {"x": {"time": False}}
     if y_range is not None:
         scales["y"] = {"range": y_range}
     return {
-        "title": title,
-        "height": CHART_PX,
-        "legend": {"show": False},
-        "cursor": {"show": False},
-        "scales": scales,
+        **{"title": title, "height": CHART_PX, "padding": (8, 10, 0, 0), "scales": scales},
+        **{"legend": {"show": False}, "cursor": {"show": False}},
         "axes": ({**small, "size": 28}, {**small, "size": 44, "space": 18}),
-        "padding": (8, 10, 0, 0),
     }
 
 

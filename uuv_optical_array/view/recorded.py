@@ -12,7 +12,7 @@ from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import replay
 from uuv_optical_array.view.page import Page
-from uuv_optical_array.view.sight import WINDOW_S, Sight, note_on
+from uuv_optical_array.view.sight import WINDOW_S, Sight, sight_of
 
 LONGEST_WAIT_S = 1.0  # from one image to the next, however long the gap of the recording is
 
@@ -22,14 +22,8 @@ def sights_of(recording: Recording, estimator: Estimator) -> Iterator[Sight]:
     images, stamps_ns, commands = recording.images, recording.stamps_ns, recording.commands
     answers = replay(images, stamps_ns, estimator, TrackerSettings(), commands=commands)
     for answer, image, true in zip(answers, images, recording.poses, strict=True):
-        yield Sight(
-            float(answer.stamp_ns - stamps_ns[0]) * 1e-9,
-            image,
-            None if np.isnan(true).any() else true,
-            None if answer.track is None else answer.track.pose,
-            None if answer.track is None else answer.track.covariance,
-            note_on(answer),
-        )
+        seconds = float(answer.stamp_ns - stamps_ns[0]) * 1e-9
+        yield sight_of(answer, seconds, image, None if np.isnan(true).any() else true)
 
 
 class Player:

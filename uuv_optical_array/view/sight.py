@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,15 @@ def note_on(answer: Answer) -> str:
     if reason:
         return reason if reason.startswith("no light") else f"refused: {reason}"
     return answer.estimate.fault if answer.estimate else ""
+
+
+def sight_of(
+    answer: Answer, t_s: float, image: Array, true_pose: Array | None, **others: Any
+) -> Sight:
+    """Return an instant by the answer to its image, tracked; `others` are as in `Sight`."""
+    track = answer.track
+    tracked = (None, None) if track is None else (track.pose, track.covariance)
+    return Sight(t_s, image, true_pose, *tracked, **{"note": note_on(answer), **others})
 
 
 class Window:

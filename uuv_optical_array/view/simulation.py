@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions, Moment
+from uuv_optical_array.view.closed_loop import ClosedLoop, Conditions
 from uuv_optical_array.view.page import Page, Slider
-from uuv_optical_array.view.sight import Sight, note_on
+from uuv_optical_array.view.sight import note_on, sight_of
 
 STEP_S = 0.1
 
@@ -18,25 +18,15 @@ def sliders(conditions: Conditions) -> list[Slider]:
     x, y, z = conditions.station_m
     along, aside, _ = conditions.current_m_per_s
     powers = conditions.lamp_power
+    k_per_m, plume = conditions.k_per_m, conditions.plume_depth
+    water = "Attenuation of the water: 0.05 clear ocean, 0.1 tropical coastal"
+    names = [f"power of lamps[{i}]" for i in range(len(powers))] if powers[1:] else ["lamp power"]
+    lamps = zip(names, powers, strict=True)
+    cloud = "Optical depth in the middle of a cloud of sediment; 0 is none"
     return [
-        Slider(
-            "K (1/m)",
-            "Attenuation of the water: 0.05 clear ocean, 0.1 tropical coastal",
-            *(0.0, max(0.5, conditions.k_per_m), 0.005, conditions.k_per_m),
-        ),
-        *(
-            Slider(
-                f"power of lamps[{i}]" if len(powers) > 1 else "lamp power",
-                "Relative to the scene's; 0 is off",
-                *(0.0, 2.0, 0.05, power),
-            )
-            for i, power in enumerate(powers)
-        ),
-        Slider(
-            "plume",
-            "Optical depth in the middle of a cloud of sediment; 0 is none",
-            *(0.0, max(3.0, conditions.plume_depth), 0.1, conditions.plume_depth),
-        ),
+        Slider("K (1/m)", water, 0.0, max(0.5, k_per_m), 0.005, k_per_m),
+        *(Slider(n, "Relative to the scene's; 0 is off", 0.0, 2.0, 0.05, p) for n, p in lamps),
+        Slider("plume", cloud, 0.0, max(3.0, plume), 0.1, plume),
         Slider("current x (m/s)", "Along the leader's first heading", -0.5, 0.5, 0.05, along),
         Slider("current y (m/s)", "To port of the leader's first heading", -0.5, 0.5, 0.05, aside),
         Slider("astern (m)", "Station behind the lamp", 2.0, 10.0, 0.1, -x),
@@ -49,22 +39,6 @@ def chosen(values: list[float]) -> Conditions:
     """Return the conditions of the sliders' values."""
     k_per_m, *powers, plume, along, aside, astern, port, up = map(float, values)
     return Conditions(k_per_m, tuple(powers), plume, (along, aside, 0.0), (-astern, port, up))
-
-
-def sight_of(moment: Moment, conditions: Conditions) -> Sight:
-    """Return what the page shows of a moment."""
-    track = moment.frame.track
-    waits = "" if moment.leads else "the leader waits for its follower to see it"
-    return Sight(
-        moment.t_s,
-        moment.image,
-        moment.pose,
-        None if track is None else track.pose,
-        None if track is None else track.covariance,
-        note_on(moment.frame) or waits,
-        (moment.leader_position, moment.leader_rotation),
-        conditions.station_m,
-    )
 
 
 def simulate(
@@ -96,7 +70,11 @@ def simulate(
             restart = False
         if conditions is not loop.conditions:
             loop.change(conditions)
-        page.show(sight_of(loop.step(STEP_S), loop.conditions))
+        now = loop.step(STEP_S)
+        waits = "" if now.leads else "the leader waits for its follower to see it"
+        words = {"note": note_on(now.frame) or waits, "station_m": loop.conditions.station_m}
+        leader = now.leader_position, now.leader_rotation
+        page.show(sight_of(now.frame, now.t_s, now.image, now.pose, leader=leader, **words))
         due += STEP_S
         late_s = time.monotonic() - due
         if late_s > 0:

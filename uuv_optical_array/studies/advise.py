@@ -21,6 +21,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION, lit_poses
+from uuv_optical_array.studies.shared.errors import position_and_angle
 from uuv_optical_array.studies.shared.results import Results, read
 from uuv_optical_array.studies.shared.tradeoff_measurement import (
     MOST_WITHOUT_POSE,
@@ -99,26 +100,17 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     choices = [row for row in rows if row.method in METHODS]
     if not choices:
         raise ValueError(f"no setting of {', '.join(METHODS)} was measured; run it again to go on")
-
-    def cost(row: Measurement) -> tuple[float, tuple[float, ...]]:
-        return max(1.0, *need.shares(row).values()), row.effort
-
-    row = min(choices, key=cost)
-    shares = need.shares(row)
-    excess = {
-        name: getattr(row, name) - limit for name, limit in need.limits.items() if shares[name] > 1
-    }
-    return row, excess
+    row = min(choices, key=lambda row: (max(1.0, *need.shares(row).values()), row.effort))
+    beyond = [name for name, share in need.shares(row).items() if share > 1]
+    return row, {name: getattr(row, name) - need.limits[name] for name in beyond}
 
 
 def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
     """Return what to change for a setting: groups of the scene, and the node's parameter."""
     group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
     settings = group.scene(scene).settings()
-    return {
-        "scene": {"array": settings["array"], "table": settings["table"]},
-        "estimator_node": {"method": row.method},
-    }
+    changed = {group: settings[group] for group in ("array", "table")}
+    return {"scene": changed, "estimator_node": {"method": row.method}}
 
 
 def calibrating(scene: Scene, row: Measurement) -> str:
@@ -128,10 +120,8 @@ def calibrating(scene: Scene, row: Measurement) -> str:
         return ""
     exact = dataclasses.replace(believed, prior=PriorSettings())
     poses = lit_poses(ForwardModel(believed), BOUNDED, np.random.default_rng(1))
-    now, then = (
-        math.sqrt((cramer_rao_bound(ForwardModel(one), poses).std[:, :3] ** 2).sum(1).mean())
-        for one in (believed, exact)
-    )
+    bounds = (cramer_rao_bound(ForwardModel(one), poses).std for one in (believed, exact))
+    now, then = (position_and_angle(std)[0] for std in bounds)
     return (
         f"of its error {now:.2g} m is the least with the scene's prior, and {then:.2g} m if the "
         "scene were known exactly: a calibration (uuv_array calibrate) comes before more detectors"
@@ -145,12 +135,9 @@ def report(scene: Scene, need: Need, row: Measurement, excess: dict[str, float])
     if excess:
         lines = [f"no setting meets {needed}; the nearest: {row.label}"]
         for name, by in excess.items():
-            what, unit = UNITS[name]
-            limit = need.limits[name]
-            lines.append(
-                f"  {what} is {getattr(row, name):.3g} {unit}, "
-                f"{by:.2g} more than {limit:.3g} ({by / limit:+.0%})"
-            )
+            (what, unit), limit = UNITS[name], need.limits[name]
+            beyond = f"{by:.2g} more than {limit:.3g} ({by / limit:+.0%})"
+            lines.append(f"  {what} is {getattr(row, name):.3g} {unit}, {beyond}")
     lines += [
         "",
         f"errors: {row.position_m:.3g} m, {row.angle_deg:.3g} deg RMS; "
@@ -172,10 +159,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for name, (quantity, default) in NEEDS.items():
         options.add_number(parser, name, quantity, default)
     options.add_json(parser)
-    outputs.add_folder(
-        parser,
-        "folder of `uuv_array study tradeoff` (default: SCENE.tradeoff here, else the cache)",
-    )
+    about = "folder of `uuv_array study tradeoff` (default: SCENE.tradeoff here, else the cache)"
+    outputs.add_folder(parser, about)
 
 
 def _measured(scene: Scene, folder: Path) -> tuple[Path, Any, list[Measurement], bool]:
@@ -200,22 +185,11 @@ def run(args: argparse.Namespace) -> int:
     given = files.user_path(args.output or f"{scene.name}.tradeoff")
     path, frames, rows, complete = _measured(scene, given)
     row, excess = advise(rows, need)
-    load = max(row.load_average for row in rows)
-    result = {
-        "scene": scene.name,
-        "asked": vars(need),
-        "met": not excess,
-        "lacks": excess,
-        "found": row.columns(),
-        "change": settings_of(scene, row),
-        "measured": str(path),
-        "settings": len(rows),
-        "load_average": load,
-        "complete": complete,
-    }
-    text = (
-        f"{report(scene, need, row, excess)}\n\n"
-        f"of {len(rows)} settings, {frames} frames each, load average up to {load:.1f}: {path}"
-    )
+    load, count = max(row.load_average for row in rows), len(rows)
+    result = {"scene": scene.name, "asked": vars(need), "met": not excess, "lacks": excess}
+    result |= {"found": row.columns(), "change": settings_of(scene, row), "measured": str(path)}
+    result |= {"settings": count, "load_average": load, "complete": complete}
+    whence = f"of {count} settings, {frames} frames each, load average up to {load:.1f}: {path}"
+    text = f"{report(scene, need, row, excess)}\n\n{whence}"
     missing = "" if complete else "some settings are not measured yet"
     return outputs.finish(args, result, text, missing) or bool(excess)

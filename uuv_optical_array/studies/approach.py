@@ -16,15 +16,7 @@ from numpy.random import Generator
 
 from uuv_optical_array.cli import options, outputs, progress
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import (
-    DOF_NAMES,
-    DOF_UNITS,
-    IN_DEGREES,
-    PITCH,
-    YAW,
-    Array,
-    rotation_matrix,
-)
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, rotation_matrix
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.formats import columns, plain
 from uuv_optical_array.estimation.estimator import Estimator
@@ -100,15 +92,12 @@ class Case(NamedTuple):
 
 def _path(start: tuple[float, float], pitch_deg: Array, yaw_deg: Array) -> Array:
     """Follow the heading from y, z = `start`, with a constant speed towards the lamp."""
-    poses = np.zeros((FRAMES, 5))
-    poses[:, PITCH], poses[:, YAW] = np.radians(pitch_deg), np.radians(yaw_deg)
-    heading = rotation_matrix(poses[:, PITCH], poses[:, YAW])[..., 0]
+    pitch, yaw = np.radians([pitch_deg, yaw_deg])
+    heading = rotation_matrix(pitch, yaw)[..., 0]
     slope = heading[:, 1:] / heading[:, :1]
     steps = SPEED_M_PER_S * STEP_S * (slope[1:] + slope[:-1]) / 2
-    poses[:, 0] = -RANGES_M
-    poses[:, 1:3] = start
-    poses[1:, 1:3] += np.cumsum(steps, axis=0)
-    return poses
+    across = start + np.pad(np.cumsum(steps, axis=0), ((1, 0), (0, 0)))
+    return np.column_stack([-RANGES_M, across, pitch, yaw])
 
 
 # The paper's frame has y to starboard and z down. It does not say when a zigzag turns: here once,
@@ -172,10 +161,8 @@ def assumed_scene(scene: Scene, case: Case, choices: Choices) -> Scene:
 def draw_offsets(choices: Choices, runs: int, rng: Generator) -> dict[str, Array]:
     """Draw the offsets of each run: of the logarithm of the gain, and of the attenuation, 1/m."""
     degrees = rng.normal(0.0, choices.offset_share * TEMPERATURE_C, runs)
-    return {
-        "lamp.power": np.log1p(GAIN_PER_C * degrees),
-        "attenuation.k_per_m": rng.normal(0.0, choices.offset_share * K_PER_M, runs),
-    }
+    k_per_m = rng.normal(0.0, choices.offset_share * K_PER_M, runs)
+    return {"lamp.power": np.log1p(GAIN_PER_C * degrees), "attenuation.k_per_m": k_per_m}
 
 
 def expose(
@@ -263,11 +250,8 @@ def simulate(
     except KeyboardInterrupt:
         if not batches:
             raise
-    return ApproachErrors(
-        {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS},
-        cramer_rao_bound(model, case.path).std,
-        bound(motion, case.path),
-    )
+    every = {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS}
+    return ApproachErrors(every, cramer_rao_bound(model, case.path).std, bound(motion, case.path))
 
 
 def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
@@ -338,16 +322,15 @@ def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
             "without_pose": result.without_pose(method),
         }
 
-    return plain(
-        {
-            "runs": result.runs,
-            "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
-            "aim_end_95": by_column(case.end_95 / AIM),
-            "methods": {method: of_method(method) for method in METHODS},
-            "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
-            "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
-        }
-    )
+    figures = {
+        "runs": result.runs,
+        "published": {name: by_column(getattr(case, name)) for name in PUBLISHED},
+        "aim_end_95": by_column(case.end_95 / AIM),
+        "methods": {method: of_method(method) for method in METHODS},
+        "bound_end_95": by_column(SIGMA_95 * result.bound[-1] * IN_DEGREES),
+        "run_bound_end_95": by_column(SIGMA_95 * result.run_bound[-1] * IN_DEGREES),
+    }
+    return plain(figures)
 
 
 def _row(label: str, values: Mapping[str, float | None]) -> list[str]:
@@ -453,14 +436,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "eren2017_tank")
     options.add_number(parser, "runs", Quantity("runs of each case", "", 1, 1e6), 100)
-    parser.add_argument(
-        "--choices",
-        nargs="*",
-        choices=(*get_args(Noise), "half"),
-        help="noise of 1 %%: uniform from 0 to 1 %% (default), Gaussian with that standard "
+    about = (
+        "noise of 1 %%: uniform from 0 to 1 %% (default), Gaussian with that standard "
         "deviation, or averaged over 10 uniform readings; half: half the offsets of temperature "
-        "and attenuation; nothing named: compare all at the end of a run",
+        "and attenuation; nothing named: compare all at the end of a run"
     )
+    parser.add_argument("--choices", nargs="*", choices=(*get_args(Noise), "half"), help=about)
     options.add_json(parser)
     outputs.add_picture(parser, "approach.png")
 

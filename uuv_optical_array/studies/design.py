@@ -92,16 +92,12 @@ class Choice:
         lines = [line.format("no", "design", *heads), line.format("", "", *units)]
         for number, row in enumerate(self.numbered, start=1):
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
-            values = (
-                *(row.label, f"{row.position_m:.3f}", f"{row.angle_deg:.2f}"),
-                f"{100 * row.lit:.0f}",
-                f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}",
-                f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}",
-                *(f"{row.sigmas:.1f}", row.resolved),
-                ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array,
-            )
+            bounds = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}", f"{100 * row.lit:.0f}"
+            near = f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}"
+            far = f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}", f"{row.sigmas:.1f}", row.resolved
+            standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
             if numbers is None or number in numbers:
-                lines.append(line.format(number, *values))
+                lines.append(line.format(number, row.label, *bounds, near, *far, standing))
         return "\n".join(lines)
 
     @property
@@ -179,11 +175,9 @@ def draw(choice: Choice) -> Any:
         mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
     ]
     right.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
-    figure.suptitle(
-        f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}\n"
-        f"lamp power: {study.power}; mount: {study.mount}; {study.poses} poses, seed {study.seed}",
-        fontsize=13,
-    )
+    how = f"{study.power}; mount: {study.mount}; {study.poses} poses, seed {study.seed}"
+    title = f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}"
+    figure.suptitle(f"{title}\nlamp power: {how}", fontsize=13)
     return figure
 
 
@@ -306,24 +300,15 @@ def _lines(
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    parser.add_argument(
-        "--sweep",
-        nargs="+",
-        default=[],
-        metavar="NAME=VALUE,...",
-        help=f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)",
-    )
+    about = f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)"
+    parser.add_argument("--sweep", nargs="+", default=[], metavar="NAME=VALUE,...", help=about)
     scored = parser.add_argument_group("how it is scored")
     options.add_settings(scored, DesignStudy, *HOW)
     written = parser.add_argument_group("what is written")
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
     outputs.add_picture(written, None, about=about)
-    written.add_argument(
-        "--take",
-        type=options.whole_number,
-        metavar="NO",
-        help="write design NO of the table as a scene, too",
-    )
+    about = "write design NO of the table as a scene, too"
+    written.add_argument("--take", type=options.whole_number, metavar="NO", help=about)
     options.add_json(parser)
 
 

@@ -42,12 +42,8 @@ from uuv_optical_array.studies.shared.separation import (
 
 CLEAR_SIGMAS = 3.0
 # What Eren et al. (2016) choose; their lamp is not given.
-PAPER: dict[str, Any] = {
-    "shape": "curved",
-    "detectors_per_side": 5,
-    "width_m": 0.4,
-    "radius_m": 0.32,
-}
+PAPER: dict[str, Any] = {"shape": "curved", "detectors_per_side": 5}
+PAPER |= {"width_m": 0.4, "radius_m": 0.32}
 HOW = "power", "mount", "poses"  # a design is scored
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
@@ -131,15 +127,10 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
     with np.errstate(divide="ignore", invalid="ignore"):
         sigmas = moved_deg / np.where(noise_deg > ROUNDING_DEG, noise_deg, 0.0)
     known, alone, lit = bounds(model, poses)
-    values: list[Any] = [
-        *vars(Design.of(scene)).values(),
-        scene.lamp.reference_counts,
-        *(moved_deg[:, 0].tolist() + moved_deg.min(axis=1).tolist()),
-        *(sigmas[:, 0].tolist() + sigmas.min(axis=1).tolist()),
-        *position_and_angle(known),
-        float(lit.mean()),
-        *position_and_angle(alone[lit]),
-    ]
+    values: list[Any] = [*vars(Design.of(scene)).values(), scene.lamp.reference_counts]
+    for measure in (moved_deg, sigmas):
+        values += [*measure[:, 0].tolist(), *measure.min(axis=1).tolist()]
+    values += [*position_and_angle(known), float(lit.mean()), *position_and_angle(alone[lit])]
     return ScoredDesign(*values)
 
 
@@ -180,26 +171,24 @@ def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
     return [poses[start : start + step] for start in range(0, len(poses), step)]
 
 
+POWER = Quantity(
+    "lamps of equal flux; the same with the gain turned down where they would read brighter than "
+    "the scene's own; or lamps of equal counts"
+)
+MOUNT = Quantity(
+    "what stays in its place: the foremost point, or the array's frame, which is the centre of a "
+    "sphere as in the paper"
+)
+
+
 @dataclass(frozen=True)
 class DesignStudy:
     """A sweep, and how it is scored; `power` and `mount` as in `designed`."""
 
     scene: Scene
     sweep: Sweep
-    power: Annotated[
-        Power,
-        Quantity(
-            "lamps of equal flux; the same with the gain turned down where they would read "
-            "brighter than the scene's own; or lamps of equal counts"
-        ),
-    ] = "flux"
-    mount: Annotated[
-        Mount,
-        Quantity(
-            "what stays in its place: the foremost point, or the array's frame, which is the "
-            "centre of a sphere as in the paper"
-        ),
-    ] = "front"
+    power: Annotated[Power, POWER] = "flux"
+    mount: Annotated[Mount, MOUNT] = "front"
     poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
     seed: Annotated[int, SEED] = 1
 

@@ -65,13 +65,11 @@ def drive(
 ) -> Drive:
     """Drive once through a sea drawn from the scene's prior, with an estimator of the scene."""
     scene = estimator.scene
-    model, prior = ForwardModel(scene), scene.prior
-    offsets = {
-        name: np.array(std * rng.standard_normal()) for name, std in scene.nuisance_std().items()
-    }
-    roll = offsets.pop(ROLL, 0.0)
-    aims = rng.standard_normal((1, 4))
-    gains = 1 + prior.gain_std * rng.standard_normal((model.array.side, model.array.side))
+    model = ForwardModel(scene)
+    stds, side = scene.nuisance_std(), model.array.side
+    offsets = {name: np.array(std * rng.standard_normal()) for name, std in stds.items()}
+    roll, aims = offsets.pop(ROLL, 0.0), rng.standard_normal((1, 4))
+    gains = 1 + scene.prior.gain_std * rng.standard_normal((side, side))
     times_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     poses = course(times_s, duration_s, rng)
     pipeline = Pipeline(estimator)
@@ -107,7 +105,7 @@ def figures(drives: Sequence[Drive]) -> dict[str, Any]:
     tracked, single = (
         np.sqrt(np.nanmean(np.square(errors), axis=0)) * IN_DEGREES for errors in (last, singles)
     )
-    figures = {
+    result = {
         "drives": len(drives),
         "frames": len(posed),
         "refused": int((~posed).sum()),
@@ -119,7 +117,7 @@ def figures(drives: Sequence[Drive]) -> dict[str, Any]:
         "rms_single": dict(zip(DOF_NAMES, single, strict=True)),
         "range_ratio": tracked[X] / single[X],
     }
-    return plain(figures)
+    return plain(result)
 
 
 def report(result: dict[str, Any]) -> str:
@@ -156,19 +154,15 @@ def run(args: argparse.Namespace) -> int:
     count, seconds, rate, seed = args.drives, args.seconds, args.rate, args.seed
     scene = options.scene_of(args)
     if not scene.nuisance_std():
-        raise options.OptionError(
-            f"--scene: {scene.name} has no prior to draw seas from; give it one"
-        )
+        error = f"--scene: {scene.name} has no prior to draw seas from; give it one"
+        raise options.OptionError(error)
     estimator = Estimator(scene, args.method).wait()
-    drives = until_interrupted(
-        drive(estimator, seconds, rate, np.random.default_rng((seed, i)))
-        for i in progress.over(range(count), unit="drive")
-    )
+    rngs = (np.random.default_rng((seed, i)) for i in range(count))
+    over = progress.over(rngs, "drive", count)
+    drives = until_interrupted(drive(estimator, seconds, rate, rng) for rng in over)
     result, complete = figures(drives), len(drives) == count
     about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
-    head = (
-        f"{args.method} in scene {scene.name}, {len(drives)} drives of {seconds:g} s at "
-        f"{rate:g} Hz, seed {seed}"
-    )
+    driven = f"{len(drives)} drives of {seconds:g} s at {rate:g} Hz"
+    head = f"{args.method} in scene {scene.name}, {driven}, seed {seed}"
     missing = "" if complete else "only complete drives count"
     return outputs.finish(args, {**about, **result}, f"{head}\n\n{report(result)}", missing)

@@ -1,6 +1,7 @@
 """``uuv_array limits``: print and draw how well one image can fix the pose at all."""
 
 import argparse
+import itertools
 import re
 from collections.abc import Iterator
 from typing import Annotated, Any, get_args
@@ -99,13 +100,13 @@ def report(model: ForwardModel, pose: Array) -> str:
         "",
         "least standard deviation from one image, and what Eren et al. (2016) ask for:",
     ]
-    for name, unit, std, wanted, observable in zip(
-        DOF_NAMES, DOF_UNITS, bound.std * IN_DEGREES, SPECIFICATION, bound.observable, strict=True
-    ):
+    names = []
+    dofs = DOF_NAMES, DOF_UNITS, bound.std * IN_DEGREES, SPECIFICATION, bound.observable
+    for name, unit, std, wanted, observable in zip(*dofs, strict=True):
         verdict = "within" if std <= wanted else "beyond"
         known = f"{std:10.3g} {unit:<4} {verdict} {wanted:g} {unit}"
         lines.append(f"  {name:<6}{known if observable else '   unobservable'}")
-    names = [name for name, known in zip(DOF_NAMES, bound.observable, strict=True) if known]
+        names += [name] * bool(observable)
     lines += ["", f"observable: {', '.join(names) or 'nothing'}"]
     lines.append(f"condition number of the information, in m and rad: {bound.condition:.2g}")
     if stds := scene.nuisance_std():
@@ -141,9 +142,8 @@ def draw(
             row[0].plot(behind_m, shown[:, shown.shape[1] // 2], color=colour, lw=2, label=shape)
             mesh = _map(axes, behind_m, aside_m, worst, wanted, norm, labels)
             axes.set(ylabel="y, port (m)", yticks=[-1, -0.5, 0, 0.5, 1])
-        row[0].axhline(
-            wanted, color="k", lw=1.5, ls="--", label=f"Eren et al. (2016) ask for {wanted:g}"
-        )
+        asked = f"Eren et al. (2016) ask for {wanted:g}"
+        row[0].axhline(wanted, color="k", lw=1.5, ls="--", label=asked)
         row[0].set(yscale="log", ylim=(wanted / 1000, wanted * 100))
         row[0].set_xlim(behind_m[0], behind_m[-1])
         row[0].grid(alpha=0.4)
@@ -156,10 +156,8 @@ def draw(
     bar = figure.colorbar(mesh, ax=grid[:, 1:], extend="both", aspect=40)
     bar.set_label("bound / what Eren et al. (2016) ask for")
     bar.ax.axhline(1.0, color="k", lw=2, ls="--")
-    figure.suptitle(
-        f"Least standard deviation from one image (the Cramer-Rao bound), scene {scene_name}",
-        fontsize=14,
-    )
+    title = "Least standard deviation from one image (the Cramer-Rao bound), scene"
+    figure.suptitle(f"{title} {scene_name}", fontsize=14)
     drop_overlapping(figure, labels)
     return figure
 
@@ -192,8 +190,8 @@ def _map(
 
 def _label_places(contours: Any, behind_m: Array) -> Iterator[tuple[float, float]]:
     """Yield where contours are labelled: off the edges and the beam's axis, where they may meet."""
-    margin = EDGE * (behind_m[-1] - behind_m[0])
-    for piece in (piece for pieces in contours for piece in pieces):
+    margin = EDGE * np.ptp(behind_m)
+    for piece in itertools.chain.from_iterable(contours):
         from_edge = np.minimum(piece[:, 0] - behind_m[0], behind_m[-1] - piece[:, 0])
         piece = piece[from_edge > margin]
         for sign in (1, -1):
@@ -206,15 +204,10 @@ def _label_places(contours: Any, behind_m: Array) -> Iterator[tuple[float, float
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    parser.add_argument(
-        "--pose",
-        type=float,
-        nargs=5,
-        default=[-6.0, 0.0, 0.0, 0.0, 0.0],
-        metavar=tuple(POSE),
-        help=", ".join(f"{quantity.text} ({quantity.unit})" for quantity in POSE.values())
-        + " (default: -6 0 0 0 0)",
-    )
+    about = ", ".join(f"{quantity.text} ({quantity.unit})" for quantity in POSE.values())
+    words: dict[str, Any] = {"nargs": 5, "default": [-6.0, 0.0, 0.0, 0.0, 0.0], "type": float}
+    about += " (default: -6 0 0 0 0)"
+    parser.add_argument("--pose", metavar=tuple(POSE), help=about, **words)
     options.add_shape(parser)
     outputs.add_picture(parser, "limits.png")
 

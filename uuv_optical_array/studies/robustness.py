@@ -65,17 +65,14 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
 
     `plausible` says which images are about as likely by the scene as by the true light, ``(n,)``.
     """
-    beyond = frames.beyond_sigma(SIGMAS)
+    about = {"kind": kind.name, "what": kind.what, "times_prior": kind.times_prior}
     figures = {
-        "kind": kind.name,
-        "what": kind.what,
-        "times_prior": kind.times_prior,
         "within_twice_prior": kind.within,
         "frames": len(frames.errors),
         "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
-        "indistinguishable": int((beyond & plausible).sum()),
+        "indistinguishable": int((frames.beyond_sigma(SIGMAS) & plausible).sum()),
     }
-    return plain({**figures, **frames.summary()})
+    return plain({**about, **figures, **frames.summary()})
 
 
 def log_ratio(
@@ -197,11 +194,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    parser.add_argument(
-        "--kinds",
-        metavar="NAME,...",
-        help="kinds of mismatch, with commas between them (default: all that the scene can have)",
-    )
+    about = "kinds of mismatch, with commas between them (default: all that the scene can have)"
+    parser.add_argument("--kinds", metavar="NAME,...", help=about)
     poses = Quantity("how many random poses of each kind", "", 1, 1e7)
     options.add_number(parser, "poses", poses, 300)
     options.add_seed(parser)

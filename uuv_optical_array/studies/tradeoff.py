@@ -187,13 +187,11 @@ def _inverse(values: ArrayLike) -> Array:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "reference")
-    parser.add_argument(
-        "--full", action="store_true", help="every method, array and table, and more frames"
-    )
+    about = "every method, array and table, and more frames"
+    parser.add_argument("--full", action="store_true", help=about)
     options.add_json(parser)
-    outputs.add_folder(
-        parser, "folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)"
-    )
+    about = "folder of CSV file and picture, .png and .pdf (default: SCENE.tradeoff here)"
+    outputs.add_folder(parser, about)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -205,10 +203,8 @@ def run(args: argparse.Namespace) -> int:
     groups = plan(scene, mode)
     complete, rows = measure_missing(scene, groups, results), results.lines
     loads, origin = [row.load_average for row in rows], results.origin
-    about = (
-        f"scene {scene.name}, {origin['frames']} frames each; {origin['machine']}, "
-        f"load average {min(loads):.1f} to {max(loads):.1f}"
-    )
+    load = f"load average {min(loads):.1f} to {max(loads):.1f}"
+    about = f"scene {scene.name}, {origin['frames']} frames each; {origin['machine']}, {load}"
     pictures = [str(folder / f"tradeoff{suffix}") for suffix in (".png", ".pdf")]
     figure = draw(rows, about)
     for picture in pictures:

@@ -19,14 +19,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS, uniform_poses
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
-from uuv_optical_array.studies.photon_transport import (
-    RADII_M,
-    WATERS,
-    Lamp,
-    Phase,
-    PhotonSea,
-    shipped_pencil,
-)
+from uuv_optical_array.studies import photon_transport as photons
+from uuv_optical_array.studies.photon_transport import WATERS, Lamp, PhotonSea, shipped_pencil
 from uuv_optical_array.studies.shared.errors import answer_of, frame_errors
 from uuv_optical_array.studies.shared.results import until_interrupted
 
@@ -50,7 +44,7 @@ BRIGHTEST = 1000.0  # of the images that the law is compared with, counts
 DRIVE_IMAGES = 400
 MIDDLE_M = 6.0  # where the error of the photons by chance is stated
 # Water, phase function and beam, deg.
-CASES: tuple[tuple[str, Phase, float], ...] = (
+CASES: tuple[tuple[str, photons.Phase, float], ...] = (
     ("clear", "fournier_forand", 8.0),
     *(("coastal", "fournier_forand", beam) for beam in (4.0, 8.0, 16.0)),
     *(("harbour", "fournier_forand", beam) for beam in (4.0, 8.0, 16.0)),
@@ -83,7 +77,7 @@ def poses_between(ranges_m: tuple[float, float], count: int, rng: np.random.Gene
     return poses
 
 
-def law_beside(water: str, phase: Phase, beam_deg: float, poses: Array) -> dict[str, Any]:
+def law_beside(water: str, phase: photons.Phase, beam_deg: float, poses: Array) -> dict[str, Any]:
     """Compare the law with photons at poses: RMS in counts, power fitted, then a and b, too."""
     pencil = shipped_pencil(water, phase)
     lamp = Lamp(pencil, np.radians(beam_deg))
@@ -97,13 +91,12 @@ def law_beside(water: str, phase: Phase, beam_deg: float, poses: Array) -> dict[
 
     true = np.log([pencil.absorption_per_m, pencil.scattering_per_m])
     fit = least_squares(residual, true, diff_step=1e-4)
-    i = np.abs(RADII_M - MIDDLE_M).argmin()
-    axis = lamp.vector(RADII_M[i : i + 1], np.zeros(1))[0] * RADII_M[i] ** 2
+    i = np.abs(photons.RADII_M - MIDDLE_M).argmin()
+    radius_m = photons.RADII_M[i]
+    axis = lamp.vector(np.array([radius_m]), np.zeros(1))[0] * radius_m**2
+    case = {"water": water, "phase": phase, "beam_deg": beam_deg, "photons": pencil.photons}
     return {
-        "water": water,
-        "phase": phase,
-        "beam_deg": beam_deg,
-        "photons": pencil.photons,
+        **case,
         "by_chance": lamp.error[i, 0] / axis[0],
         "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
         "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
@@ -175,7 +168,7 @@ def report_law(rows: Sequence[dict[str, Any]]) -> str:
     lines: list[Sequence[str]] = [("water", "phase function", *heads)]
     for row in rows:
         about = f"{row['beam_deg']:g} deg", f"{100 * row['by_chance']:.2f} %"
-        errors = (f"{row[key]:.2f}" for key in ("rms_true", "rms_fitted"))
+        errors = f"{row['rms_true']:.2f}", f"{row['rms_fitted']:.2f}"
         water = (f"{x:.3f}" for pair in zip(row["fitted"], row["true"], strict=True) for x in pair)
         lines.append((row["water"], row["phase"], *about, *errors, *water))
     return f"law beside photons: RMS of images up to 1000 counts\n{columns(lines, 2)}"

@@ -86,16 +86,14 @@ class Results(Generic[LineT]):
 
     def __init__(self, path: Path, kind: type[LineT], origin: Mapping[str, Any]) -> None:
         there, self.lines = read(path, kind)
-        differ = [
+        differ = "; ".join(
             f"{name} is {there.get(name)} there and {value} here"
             for name, value in origin.items()
             if there and name != "scene" and there.get(name) != str(value)
-        ]
+        )
         if differ:
-            raise ValueError(
-                f"{path}: holds results of another run: {'; '.join(differ)}; "
-                "remove the file or name another"
-            )
+            error = f"{path}: holds results of another run: {differ}"
+            raise ValueError(f"{error}; remove the file or name another")
         self.path, self.origin = path, origin
 
     def append(self, lines: Iterable[LineT]) -> None:

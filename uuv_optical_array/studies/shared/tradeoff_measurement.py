@@ -112,14 +112,8 @@ def this_machine() -> str:
 
 def origin_of(scene: Scene, mode: Mode, seed: int = SEED) -> dict[str, Any]:
     """Return what a measurement made now depends on beside its setting."""
-    return {
-        "scene": scene.name,
-        "fingerprint": scene.fingerprint,
-        "machine": this_machine(),
-        "mode": mode,
-        "frames": FRAMES[mode],
-        "seed": seed,
-    }
+    about = {"scene": scene.name, "fingerprint": scene.fingerprint, "machine": this_machine()}
+    return {**about, "mode": mode, "frames": FRAMES[mode], "seed": seed}
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from uuv_optical_array.cli import options, progress
 from uuv_optical_array.control.trajectory import MAX_GAP, MAX_GAP_S
@@ -17,38 +17,21 @@ BEACON = Quantity("the lamp in the leader's base_link", "m", -100, 100)
 
 def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bool = False) -> None:
     """Add the bag and how it is read, the topic of the follower's commands included or not."""
-    parser.add_argument(
-        "bag",
-        type=Path,
-        nargs=None if required else "?",
-        help="folder of a rosbag2, or its .mcap or .db3 file",
-    )
+    about = "folder of a rosbag2, or its .mcap or .db3 file"
+    parser.add_argument("bag", type=Path, nargs=None if required else "?", help=about)
     names = asdict(Topics())
     if not commands:
         del names["commands"]
-    parser.add_argument(
-        "-r",
-        "--remap",
-        action="append",
-        default=[],
-        metavar="FROM:=TO",
-        help=f"another topic in place of {', '.join(names.values())}; may be repeated",
-    )
+    about = f"another topic in place of {', '.join(names.values())}; may be repeated"
+    words: dict[str, Any] = {"action": "append", "default": [], "metavar": "FROM:=TO"}
+    parser.add_argument("-r", "--remap", help=about, **words)
     parser.set_defaults(topics=names)
-    parser.add_argument(
-        "--beacon-position",
-        type=options.reader(Setting(float, BEACON, 0.0, optional=False)),
-        nargs=3,
-        default=[0.0, 0.0, 0.0],
-        metavar=("X", "Y", "Z"),
-        help=f"{BEACON.text}, m (default: 0 0 0)",
-    )
-    parser.add_argument(
-        "--odometry-axes",
-        choices=get_args(Axes),
-        default="flu",
-        help="axes of base_link in both odometries (default: %(default)s)",
-    )
+    metres = options.reader(Setting(float, BEACON, 0.0, optional=False))
+    words = {"type": metres, "nargs": 3, "default": [0.0, 0.0, 0.0], "metavar": ("X", "Y", "Z")}
+    about = f"{BEACON.text}, m (default: 0 0 0)"
+    parser.add_argument("--beacon-position", help=about, **words)
+    about = "axes of base_link in both odometries (default: %(default)s)"
+    parser.add_argument("--odometry-axes", choices=get_args(Axes), default="flu", help=about)
     options.add_setting(parser, "max_gap_s", Setting(float, MAX_GAP, MAX_GAP_S, optional=False))
 
 
@@ -59,10 +42,8 @@ def topics_of(args: argparse.Namespace) -> Topics:
         source, separator, target = rule.partition(":=")
         name = next((n for n, t in args.topics.items() if t == source.lstrip("/")), None)
         if not separator or not target or name is None:
-            known = ", ".join(args.topics.values())
-            raise options.OptionError(
-                f"--remap {rule}: give FROM:=TO, where FROM is one of {known}"
-            )
+            known = f"where FROM is one of {', '.join(args.topics.values())}"
+            raise options.OptionError(f"--remap {rule}: give FROM:=TO, {known}")
         topics[name] = target
     return Topics(**topics)
 

@@ -103,9 +103,8 @@ def settings_of(args: argparse.Namespace, owner: Callable[..., Any], *names: str
 
 def add_scene(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the option that names a scene."""
-    parser.add_argument(
-        "--scene", default=default, help="ready scene or YAML file (default: %(default)s)"
-    )
+    about = "ready scene or YAML file (default: %(default)s)"
+    parser.add_argument("--scene", default=default, help=about)
 
 
 def scene_of(args: argparse.Namespace) -> Scene:
@@ -133,9 +132,8 @@ def add_method(parser: argparse.ArgumentParser) -> None:
 
 def add_shape(parser: argparse.ArgumentParser) -> None:
     """Add the option that replaces the shape of the scene's array."""
-    parser.add_argument(
-        "--shape", choices=get_args(Shape), help="shape of the array (default: the scene's)"
-    )
+    about = "shape of the array (default: the scene's)"
+    parser.add_argument("--shape", choices=get_args(Shape), help=about)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -19,13 +19,9 @@ def add_picture(
     parser: Any, default: str | None, option: str = "--output", about: str = "picture"
 ) -> None:
     """Add the option that names a picture."""
-    parser.add_argument(
-        option,
-        type=Path,
-        default=default and Path(default),
-        metavar="FILE",
-        help=f"{about}: {_listed(PICTURE)}" + (" (default: %(default)s)" if default else ""),
-    )
+    about = f"{about}: {_listed(PICTURE)}" + (" (default: %(default)s)" if default else "")
+    path = default and Path(default)
+    parser.add_argument(option, type=Path, default=path, metavar="FILE", help=about)
 
 
 def add_folder(parser: Any, about: str, option: str = "--output") -> None:
@@ -36,14 +32,8 @@ def add_folder(parser: Any, about: str, option: str = "--output") -> None:
 
 def add_scene_file(parser: Any, default: str) -> None:
     """Add the option that names the scene to write."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path(default),
-        metavar="FILE",
-        help="scene to write (default: %(default)s)",
-    )
+    words = {"type": Path, "default": Path(default), "metavar": "FILE"}
+    parser.add_argument("-o", "--output", help="scene to write (default: %(default)s)", **words)
 
 
 def finish(
@@ -101,9 +91,8 @@ def _check_writable(folder: Path, path: Path, option: str) -> None:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"\n")
     except OSError as error:
-        raise OptionError(
-            f"{option} {path}: cannot write in {folder}: {error.strerror}; name another place"
-        ) from None
+        reason = f"cannot write in {folder}: {error.strerror}; name another place"
+        raise OptionError(f"{option} {path}: {reason}") from None
 
 
 def _listed(suffixes: Sequence[str]) -> str:

@@ -53,15 +53,9 @@ def counter(total: float | None, unit: str, what: str = "") -> Any:
     if total is not None:
         bar = "{percentage:3.0f}%|{bar}| " if terminal else ""
         form = "{desc}" + bar + "{n:.0f}/{total:.0f} {unit} [{elapsed}<{remaining}]"
-    return _Progress(
-        terminal,
-        desc=f"{what}: " if what else None,
-        total=total,
-        unit=unit,
-        bar_format=form,
-        mininterval=0.1 if terminal else EVERY_S,
-        miniters=1,
-    )
+    pace = {"mininterval": 0.1 if terminal else EVERY_S, "miniters": 1}
+    desc = f"{what}: " if what else None
+    return _Progress(terminal, desc=desc, total=total, unit=unit, bar_format=form, **pace)
 
 
 def over(

@@ -63,34 +63,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     outputs.add_scene_file(parser, "calibrated.yaml")
     outputs.add_picture(parser, None, "--picture", "draw the residuals")
     options.add_json(parser)
-    parser.add_argument(
-        "--pose-std",
-        nargs=2,
-        type=float,
-        default=[0.0, 0.0],
-        metavar=("M", "DEG"),
-        help=" and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)",
-    )
-    parser.add_argument(
-        "--places",
-        type=Path,
-        metavar="TABLE",
-        help="CSV of measured places and their errors, in place of odometries and --pose-std",
-    )
-    parser.add_argument(
-        "--hold",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="parameter that keeps the value of the scene, by the name that is printed, or gains; "
-        "may be repeated",
-    )
-    parser.add_argument(
-        "--noise", action="store_true", help="fit sensor_noise.sigma_counts to the residuals too"
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="write the scene even where the model is wrong"
-    )
+    about = " and ".join(quantity.text for quantity in STDS.values()) + " (default: 0 0, exact)"
+    words: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("M", "DEG")}
+    parser.add_argument("--pose-std", default=[0.0, 0.0], help=about, **words)
+    about = "CSV of measured places and their errors, in place of odometries and --pose-std"
+    parser.add_argument("--places", type=Path, metavar="TABLE", help=about)
+    about = "parameter that keeps the value of the scene, by the name that is printed, or gains; "
+    words = {"action": "append", "default": [], "metavar": "NAME"}
+    parser.add_argument("--hold", help=about + "may be repeated", **words)
+    about = "fit sensor_noise.sigma_counts to the residuals too"
+    parser.add_argument("--noise", action="store_true", help=about)
+    about = "write the scene even where the model is wrong"
+    parser.add_argument("--force", action="store_true", help=about)
 
 
 def _digits(std: float) -> int:

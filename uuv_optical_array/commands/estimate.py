@@ -41,9 +41,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     bag.add_bag(parser, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    parser.add_argument(
-        "--track", action="store_true", help="filter the frames, and estimate the scene's constants"
-    )
+    filtered = "filter the frames, and estimate the scene's constants"
+    parser.add_argument("--track", action="store_true", help=filtered)
     outputs.add_folder(parser, "folder to make (default: that of the bag with _estimates)")
 
 
@@ -62,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     answers = replay(images, stamps_ns, estimator, tracking, commands=commands)
     with closing(answers):
         try:
-            for frame in progress.over(answers, total=len(recording.images)):
+            for frame in progress.over(answers, total=len(images)):
                 frames.append(frame)
         except KeyboardInterrupt:
             exit_code = options.INTERRUPTED

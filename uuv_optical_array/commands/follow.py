@@ -39,36 +39,20 @@ Ctrl-C ends the run early and reports what there is, with exit code 130. While i
 `ros2 topic echo /relative_pose` shows the estimates. The exit code is 1 when a follower lost its
 leader, and when another run is on the network; ROS_DOMAIN_ID=7 uuv_array follow runs beside it."""
 
-SETTINGS = {
-    "duration": Setting(
-        float, Quantity("length of the run from the leader's start", "s", 1e-3, 1e6), 60.0, False
-    ),
-    "seed": Setting(
-        int,
-        Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1),
-        None,
-        True,
-    ),
-    "followers": Setting(int, Quantity("how many followers", "", 1, MOST), 1, False),
-}
+DURATION = Quantity("length of the run from the leader's start", "s", 1e-3, 1e6)
+SEED = Quantity("seed of the noise (default: the parameter file's, a new one)", "", -1, 2**31 - 1)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
-    for name, setting in SETTINGS.items():
-        options.add_setting(parser, name, setting)
-    parser.add_argument(
-        "--no-chain",
-        action="store_true",
-        help="the leader lights the third follower, too; there are at most three",
-    )
-    parser.add_argument(
-        "--params-file",
-        type=Path,
-        metavar="FILE",
-        help="ROS parameters; what the file leaves out keeps its default (default: none)",
-    )
+    options.add_number(parser, "duration", DURATION, 60.0)
+    options.add_setting(parser, "seed", Setting(int, SEED, None, optional=True))
+    options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
+    unchained = "the leader lights the third follower, too; there are at most three"
+    parser.add_argument("--no-chain", action="store_true", help=unchained)
+    about = "ROS parameters; what the file leaves out keeps its default (default: none)"
+    parser.add_argument("--params-file", type=Path, metavar="FILE", help=about)
     outputs.add_picture(parser, "follow.png")
     about = "write what the nodes publish as a bag, MCAP, to a new folder"
     outputs.add_folder(parser, about, "--record")

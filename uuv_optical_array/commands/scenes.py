@@ -1,7 +1,6 @@
 """``uuv_array scenes``: list ready scenes, or explain one or a key."""
 
 import argparse
-import dataclasses
 import inspect
 import json
 import textwrap
@@ -50,12 +49,8 @@ OWNERS: dict[str, Callable[..., Any]] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        "name",
-        nargs="?",
-        help="of a scene, a group, an effect or a key; schema: the JSON schema of scenes "
-        "(default: list all scenes)",
-    )
+    names = "of a scene, a group, an effect or a key; schema: the JSON schema of scenes"
+    parser.add_argument("name", nargs="?", help=f"{names} (default: list all scenes)")
 
 
 def schema_text() -> str:
@@ -77,29 +72,17 @@ def figures(scene: Scene) -> list[str]:
     if span is not None:
         beyond = "beyond " if span[1] == REACH_M[-1] else ""
         text = f"from {span[0]:.1f} to {beyond}{span[1]:.1f} m"
+    known = scene.prior.known
+    named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
+    # The keys in which the prior differs from the one of its name.
+    others = [key for key, value in vars(scene.prior).items() if value != vars(named)[key]]
+    prior = known + (f" but for {', '.join(others)}" if others else "")
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
-        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior_text(scene)}",
+        f"reach {text}, table to {-scene.table.x_m.start:g} m; known {prior}",
         f"effects: {', '.join(scene.effects) or 'none'}",
     ]
-
-
-def prior_text(scene: Scene) -> str:
-    """Return the name of a scene's prior, and the keys in which it differs from that."""
-    known = scene.prior.known
-    named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
-    keys = (field.name for field in dataclasses.fields(named))
-    others = [key for key in keys if getattr(scene.prior, key) != getattr(named, key)]
-    return known + (f" but for {', '.join(others)}" if others else "")
-
-
-def list_text() -> str:
-    """Return the ready scenes, each with its sentence and its figures."""
-    return "\n".join(
-        "\n  ".join((name, sentence(scene_file(name)), *figures(load_scene(name))))
-        for name in ready_scenes()
-    )
 
 
 def settings_text(name: str) -> str:
@@ -165,13 +148,15 @@ def run(args: argparse.Namespace) -> int:
     if name == "schema":
         print(schema_text(), end="")
     elif name is None:
-        print(list_text())
+        for ready in ready_scenes():
+            lines = ready, sentence(scene_file(ready)), *figures(load_scene(ready))
+            print("\n  ".join(lines))
     elif is_file_name(name) or name in ready_scenes():
         with options.checking_options():
             text = settings_text(name)
         print(text)
-    elif lines := list(explanation(name)):
-        print("\n".join(lines).replace("``", "`"))
+    elif text := "\n".join(explanation(name)):
+        print(text.replace("``", "`"))
     else:
         raise unknown_name(name)
     return 0

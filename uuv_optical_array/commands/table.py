@@ -1,16 +1,12 @@
 """``uuv_array table``: write the signature table of a scene."""
 
 import argparse
+import functools
 import time
 
 from uuv_optical_array.cli import options, outputs, progress
+from uuv_optical_array.estimation import signature_table as tables
 from uuv_optical_array.estimation.large_table import build_large_table
-from uuv_optical_array.estimation.signature_table import (
-    gigabytes,
-    grid_axes,
-    grid_rows,
-    memory_bytes,
-)
 
 DESCRIPTION = """\
 Write the signature table of a scene: the five key parameters of every pose on the grid that the
@@ -34,38 +30,34 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     outputs.add_folder(parser, "folder to write (default: SCENE.zarr here)")
-    parser.add_argument(
-        "--workers",
-        metavar="N|ADDRESS",
-        help="threads of this machine (default: all cores), or the scheduler of a Dask cluster",
-    )
+    about = "threads of this machine (default: all cores), or the scheduler of a Dask cluster"
+    parser.add_argument("--workers", metavar="N|ADDRESS", help=about)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the table, or what is missing of it."""
     scene = options.scene_of(args)
-    scheduler = args.workers if args.workers and ":" in args.workers else None
-    threads = None
-    if args.workers is not None and not scheduler:
-        threads = int(args.workers) if args.workers.isdecimal() else 0
-        if threads < 1:
-            raise options.OptionError(
-                f"--workers {args.workers}: give a number of threads, at least 1, or the address "
-                "of a scheduler, such as tcp://10.0.0.1:8786"
-            )
+    workers = args.workers
+    scheduler = workers if workers and ":" in workers else None
+    threads = int(workers) if workers and workers.isdecimal() else None
+    if workers is not None and not scheduler and not threads:
+        raise options.OptionError(
+            f"--workers {workers}: give a number of threads, at least 1, or the address of a "
+            "scheduler, such as tcp://10.0.0.1:8786"
+        )
     output = outputs.folder_to_write(args.output or f"{scene.name}.zarr", "--output")
     began = time.perf_counter()
+    over = functools.partial(progress.over, unit="block")
     try:
-        rows = build_large_table(
-            output, scene, scheduler, threads, lambda blocks: progress.over(blocks, "block")
-        )
+        rows = build_large_table(output, scene, scheduler, threads, over)
     except KeyboardInterrupt:
         print(f"interrupted: the same command goes on from what is in {output}")
         return options.INTERRUPTED
     size_mb = sum(file.stat().st_size for file in output.iterdir()) / 1e6
+    poses = tables.grid_rows(tables.grid_axes(scene.table))
     print(
-        f"{output}: {rows} signatures of {grid_rows(grid_axes(scene.table))} poses, "
-        f"{size_mb:.0f} MB, scene {scene.name}, in {time.perf_counter() - began:.0f} s; "
-        f"an estimator needs {gigabytes(memory_bytes(rows))} of memory for it"
+        f"{output}: {rows} signatures of {poses} poses, {size_mb:.0f} MB, scene {scene.name}, in "
+        f"{time.perf_counter() - began:.0f} s; an estimator needs "
+        f"{tables.gigabytes(tables.memory_bytes(rows))} of memory for it"
     )
     return 0

@@ -40,20 +40,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_scene(parser, "follow")
     options.add_method(parser)
     options.add_setting(parser, "seed", Setting(int, SEED, None, optional=True))
-    parser.add_argument(
-        "--address",
-        type=address,
-        default=(LOOPBACK, PORT),
-        metavar="HOST:PORT",
-        help=f"where the page is served, or at the next port that is free (default: "
-        f"{LOOPBACK}:{PORT}, this machine alone)",
-    )
-    parser.add_argument(
-        "--screenshot",
-        type=Path,
-        metavar="PNG",
-        help=f"write a picture after {SCREENSHOT_S:g} s, and end",
-    )
+    here = f"(default: {LOOPBACK}:{PORT}, this machine alone)"
+    served = f"where the page is served, or at the next port that is free {here}"
+    parser.add_argument("--address", type=address, default="", metavar="HOST:PORT", help=served)
+    about = f"write a picture after {SCREENSHOT_S:g} s, and end"
+    parser.add_argument("--screenshot", type=Path, metavar="PNG", help=about)
 
 
 def address(text: str) -> tuple[str, int]:

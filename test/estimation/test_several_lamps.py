@@ -8,12 +8,13 @@ import pytest
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rolled
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.estimator import Estimator
+from uuv_optical_array.estimation.estimator import CLEAR, Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.studies.mismatches import kinds_named
 
 # Without the aim of the whole lamp and of the array, which no image tells.
 LOADED = load_scene("leading_lights")
@@ -21,6 +22,7 @@ SCENE = dataclasses.replace(
     LOADED, prior=dataclasses.replace(LOADED.prior, aim_std_deg=0.0, lamp_aim_std_deg=0.0)
 )
 MODEL = ForwardModel(SCENE)
+COUNT = 60 if compilation.installed() else 4
 LOW, HIGH = [-8, -0.9, -0.9, -0.35, -0.35], [-4, 0.9, 0.9, 0.35, 0.35]
 
 
@@ -43,7 +45,7 @@ def drawn(rng):
 
 def test_errors_are_those_of_the_bound_and_of_the_covariance(estimator):
     rng = np.random.default_rng(1)
-    off, bounds, nees, rolls = [], [], [], []
+    off, bounds, nees, rolls, clear = [], [], [], [], []
     for _ in range(200 if compilation.installed() else 20):
         image, pose, roll = drawn(rng)
         found = estimator.estimate(image)
@@ -51,12 +53,45 @@ def test_errors_are_those_of_the_bound_and_of_the_covariance(estimator):
         bounds.append(cramer_rao_bound(MODEL, pose).covariance.diagonal())
         nees.append(off[-1] @ np.linalg.solve(found.covariance, off[-1]))
         rolls.append((found.roll - roll) / np.sqrt(found.turn[5]))
+        clear.append(found.clear)
     ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(bounds, axis=0))
     count = len(nees)
     assert (ratio < 1.1 + 2 / np.sqrt(count)).all()
     assert abs(np.mean(nees) - 5) < 4 * np.sqrt(10 / count)
     assert max(nees) < 36
     assert np.std(rolls) < 1.1 + 2 / np.sqrt(count)
+    # A track takes the readings of frames that are probably clear.
+    assert np.mean(np.array(clear) > CLEAR) > 0.75
+
+
+def of_kind(name, count, seed):
+    """Return poses, and images of a sea that differs from the scene as one of the study's kinds."""
+    rng, (kind,) = np.random.default_rng(seed), kinds_named(name, SCENE)
+    poses = rng.uniform(LOW, HIGH, (count, 5))
+    return poses, MODEL.read(kind.light(MODEL, poses, rng), rng)
+
+
+@pytest.mark.parametrize("name", ["shade_0.05", "shade_0.1", "rolled_15", "one_lamp_x0.9"])
+def test_what_one_lamp_refuses_several_answer(estimator, name):
+    nees, clear = [], []
+    for pose, image in zip(*of_kind(name, COUNT, 3), strict=True):
+        found = estimator.estimate(image)
+        off = found.pose - pose
+        nees.append(off @ np.linalg.solve(found.covariance, off))
+        clear.append(found.clear)
+    # A chi-square with five degrees of freedom, and as much again for what no prior describes.
+    assert np.mean(nees) < 10
+    assert np.mean(clear) < 0.6 or name == "one_lamp_x0.9"  # within four times the prior
+
+
+@pytest.mark.parametrize("name", ["mirrored", "hidden_lamp"])
+def test_no_pose_is_false_where_lamps_are_mistaken(estimator, name):
+    for pose, image in zip(*of_kind(name, COUNT // 2, 4), strict=True):
+        try:
+            found = estimator.estimate(image)
+        except NoPose:
+            continue
+        assert (abs(found.pose - pose) < 6 * np.sqrt(found.covariance.diagonal())).all()
 
 
 @pytest.mark.parametrize("dark", range(3))

@@ -29,6 +29,7 @@ from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
+from uuv_optical_array.estimation.least_squares.lamps_fit import LampsFit
 from uuv_optical_array.estimation.signature.features import no_pattern, scene_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
     bounds,
@@ -220,7 +221,8 @@ class Estimator:
     def _own_fit(self) -> ImageFit:
         """The fit: made at once by its method, by the others at the first image."""
         s, compiled = self.settings, bool(self._asked)
-        return ImageFit(self._model, self.constants, s.candidates, s.max_misfit, compiled)
+        fit = LampsFit if self.scene.lamps else ImageFit
+        return fit(self._model, self.constants, s.candidates, s.max_misfit, compiled)
 
     @property
     def _fit(self) -> ImageFit:

@@ -1,6 +1,7 @@
 """Kinds of frame that an image may be, such as clear or shaded, weighed by their evidence."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import POWER, SHADE_DOUBT
+from uuv_optical_array.forward.prior import POWER, SHADE_DOUBT, FrameLight
 
 # An image is hardly a clear one where a fifth of them at most leave larger residuals, or where the
 # one before makes it this probable.
@@ -26,6 +27,7 @@ class FrameKind(NamedTuple):
     Of the constants the first are fitted; those that no image can tell are given.
 
     - problem: its posterior, without readings.
+    - names: of its nuisances.
     - share: of such frames, in (0, 1].
     - places: those of the fitted constants among the nuisances, shape ``(k,)``.
     - added: what this kind adds to the covariance of the constants, shape ``(r, r)``.
@@ -34,6 +36,7 @@ class FrameKind(NamedTuple):
     """
 
     problem: Problem
+    names: tuple[str, ...]
     share: float
     places: NDArray[np.intp]
     added: Array
@@ -62,17 +65,24 @@ class FrameKind(NamedTuple):
         return np.concatenate([nuisances[self.places], expected.mean[len(self.places) :]])
 
 
-def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[FrameKind]:
+def frame_kinds(
+    model: ForwardModel,
+    prior: PosePrior,
+    compiled: bool,
+    others: Sequence[tuple[FrameLight, Mapping[str, float]]] = (),
+) -> list[FrameKind]:
     """Return the kinds of frame that the prior of a model's scene names, clear frames first.
 
     - model: the scene's forward model.
     - prior: of the pose, and of the scene's unknown constants.
     - compiled: whether they are for compiled code.
+    - others: rare kinds beside them, by their light and standard deviations that are larger.
     """
     known, constants = model.scene.prior, model.scene.constants_std()
-    kinds = []
-    for light in known.lights(model.scene.daylight_scale_counts):
-        stds = {**model.scene.nuisance_std(), **known.std_in(light)}
+    kinds: list[FrameKind] = []
+    lights = known.lights(model.scene.daylight_scale_counts)
+    for light, wider in [*((light, {}) for light in lights), *others]:
+        stds = {**model.scene.nuisance_std(), **known.std_in(light), **wider}
         names = list(stds)
         given = [name for name in constants if name not in stds]
         problem = problem_of(model, replace(prior, nuisance_std=stds), compiled, given)
@@ -85,18 +95,21 @@ def frame_kinds(model: ForwardModel, prior: PosePrior, compiled: bool) -> list[F
         added = np.square(list(stds.values()))
         added[places] -= np.square([prior.nuisance_std.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, light.depth > 0 and not light.cloud
-        kinds.append(FrameKind(problem, light.share, places, np.diag(added), doubt, rare))
+        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, bool(kinds) and not light.cloud
+        of = problem, tuple(names), light.share, places, np.diag(added), doubt, rare
+        kinds.append(FrameKind(*of))
     return kinds
 
 
 def expecting(kinds: list[FrameKind], expected: Expected | None) -> list[FrameKind]:
     """Return kinds of frame with the shares that the images before let expect."""
-    if expected is None or expected.uneven is None or not kinds[-1].rare:
+    rares = all(kind.rare for kind in kinds[1:]) and len(kinds) > 1
+    if expected is None or expected.uneven is None or not rares:
         return kinds
-    share = min(max(expected.uneven, LEAST), 1 - LEAST)
-    clear, rare = kinds
-    return [clear._replace(share=1 - share), rare._replace(share=share)]
+    share, (clear, *rare) = min(max(expected.uneven, LEAST), 1 - LEAST), kinds
+    whole = sum(kind.share for kind in rare)
+    rare = [kind._replace(share=share * (kind.share / whole)) for kind in rare]
+    return [clear._replace(share=1 - share), *rare]
 
 
 def is_doubtful(clear: FrameResult, share: float) -> bool:

@@ -7,16 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import chdtrc, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, rolled, turned_with_beam, wrapped
+from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, turned_about_beam, wrapped
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
     FITTED,
     MISFIT,
+    MOST_STARTS,
     NO_START,
     FrameResult,
     Guide,
@@ -37,7 +38,6 @@ from uuv_optical_array.estimation.signature_table import MIN_PEAK_COUNTS, grid_a
 from uuv_optical_array.estimation.unknowns import joint_coordinates
 from uuv_optical_array.estimation.unknowns.constants import Constants, Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import ROLL
 
 # The pose's prior is Gaussian about the middle of the table, this many half extents wide: too
 # wide to be seen where the image says much, and finite where it says nothing.
@@ -56,9 +56,6 @@ BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and t
 DOUBTED = 2.576
 # Score up to which the readings of the others have to fit: that of one image of fifty.
 MENDED = 2.054
-# Probability that one of several lamps is off or hidden, and chance of noise from which a lamp that
-# shows nothing may be.
-LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
 # Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
 MOSTLY_CLEAR = 0.8
 
@@ -84,32 +81,13 @@ class Fitted(NamedTuple):
     turn: Array | None = None
 
 
-def _mended(
-    kinds: list[FrameKind],
-    problems: list[Problem],
-    frames: list[FrameResult],
-    problem: Problem,
-    frame: FrameResult,
-    chance: float,
-) -> bool:
-    """Add a frame of what is left where that fits, by its chance; returns whether it did."""
+def mended(
+    kind: FrameKind, problem: Problem, frame: FrameResult, log_chance: float
+) -> tuple[FrameKind, Problem, FrameResult] | None:
+    """Return what is left of a frame where that fits, with its chance in the share of the kind."""
     if frame.outcome != FITTED or frame.strict_score > MENDED:
-        return False
-    kinds.append(kinds[0]._replace(share=kinds[0].share * chance))
-    problems.append(problem)
-    frames.append(frame)
-    return True
-
-
-def turned_result(result: FrameResult, roll: float, angle: float, turn: Array) -> FrameResult:
-    """Return a result as the follower stands after a turn about the beam, and the uncertain roll.
-
-    The turn's angle is in rad; `turn` is as of `Fitted`.
-    """
-    by_turn = turned_with_beam(result.pose)
-    shared = np.outer(turn[:5] - turn[5] * by_turn, by_turn)
-    covariance = result.covariance + shared + shared.T + turn[5] * np.outer(by_turn, by_turn)
-    return result._replace(pose=rolled(result.pose, roll, angle)[0], covariance=covariance)
+        return None
+    return kind._replace(share=kind.share * np.exp(log_chance)), problem, frame
 
 
 def nearly_gaussian(frame: FrameResult) -> bool:
@@ -138,7 +116,7 @@ class ImageFit:
         compiled: bool,
     ) -> None:
         scene = model.scene
-        self._model, self._constants, self._lamps = model, constants, bool(scene.lamps)
+        self._model, self._constants = model, constants
         self._max_misfit = max_misfit
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
@@ -158,6 +136,7 @@ class ImageFit:
             np.ascontiguousarray(np.sqrt(np.maximum(flat, 0.0)).T),
             lifted(np.ones(5), scene.signature, side),
             candidates,
+            MOST_STARTS,
             float(-ndtri(max_misfit)),
             bool(scene.lamps),
             side,
@@ -218,8 +197,6 @@ class ImageFit:
         - NoPose: for an image that no pose of the scene explains.
         """
         match, guide = guide is not None, guide or self.guide
-        if parameters is None and self._lamps:
-            parameters = self._parameters(readings)
         if parameters is None:
             parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
         kinds = expecting(self._kinds, expected)
@@ -231,51 +208,34 @@ class ImageFit:
             problems.append(kind.knowing(expected)._replace(readings=readings, roll=roll))
             if kind.rare and not guide.gaussian:
                 # The integral takes several times as long as a clear one, and few images need it.
-                at = np.tile(frames[0].best[:5], (2, 1))
-                units = np.ascontiguousarray(guide.units[:, :2])  # else Numba compiles once more
-                from_there = guide._replace(poses=at, units=units, gaussian=True)
-                frames.append(self._frame(problems[-1], from_there, parameters, 0))
+                there = self._from(frames[0].best[:5], roll)
+                frames.append(self._frame(problems[-1], there, parameters, 0))
                 _, shares = weighed(kinds, problems, frames)
                 if shares[0] > MOSTLY_CLEAR:
                     break
                 frames.pop()
             frames.append(self._frame(problems[-1], guide, parameters, 0))
         kinds, problems = kinds[: len(frames)], problems[: len(frames)]
-        add = self._add_dark_lamp if self._lamps else self._add_faults
-        faults = not match and add(kinds, problems, frames)
+        faults = None if match else self._faults(kinds[0], problems[0], frames[0])
+        if faults:
+            kinds, problems, frames = (
+                [*kinds, faults[0]],
+                [*problems, faults[1]],
+                [*frames, faults[2]],
+            )
         result, shares = frames[0], np.ones(1)
         if len(frames) > 1:
             result, shares = weighed(kinds, problems, frames)
         # A frame with faulty detectors is lit as the scene says, too.
         main = len(frames) - 1 if faults and shares[-1] > shares[0] else 0
         clear = float(shares[0] + (shares[-1] if faults else 0.0))
-        if result.outcome == NO_START:
-            raise NoPose("no fit: no start led to a finite likelihood")
-        if result.outcome == MISFIT:
-            raise self._misfit(result.score)
-        if result.outcome != FITTED:
-            raise NoPose("no fit: the image leaves the pose without a covariance")
+        self._check(result)
         fitted, best = len(kinds[0].places), frames[main].best
         left_out = np.flatnonzero(problems[main].weights == 0)
-        if not self._lamps and (expected is None or (match and len(expected.mean) == fitted)):
+        if expected is None or (match and len(expected.mean) == fitted):
             return Fitted(result, clear, None, left_out)
-        if expected is None:
-            nothing = np.zeros(len(self._constants.names))
-            expected = Expected(nothing, np.diag(np.square(self._constants.stds)))
         at = np.concatenate([best[:5], kinds[0].constants(best[5:], expected)])
-        rolls, turn = 0.0, None
-        if ROLL in self._constants.names:
-            place = 5 + self._constants.names.index(ROLL)
-            angle = float(at[place])
-            at[:5], at[place] = rolled(at[:5], roll, angle)
-            at[place] -= roll
-            rolls = float(at[place])
         near = self.near(readings, at, roll, result.stretch, left_out)
-        if ROLL in self._constants.names:
-            prior = block_diag(self._pose_precision, np.linalg.inv(expected.covariance))
-            joint = result.stretch * near.covariance(prior, self._constants.gain_std)
-            turn = joint[[0, 1, 2, 3, 4, place], place]
-            result = turned_result(result, roll, angle, turn)
         if len(expected.mean) > fitted and clear > 0:
             # What the clear fit was given is not known exactly.
             precision = block_diag(self._pose_precision, problems[main].nuisance_precision)
@@ -285,46 +245,28 @@ class ImageFit:
             result = result._replace(covariance=covariance)
         # A reading at full scale says only how little the light is at least, which is not linear.
         linear = nearly_gaussian(frames[main]) and readings.max() < self._model.noise.high
-        return Fitted(result, clear, near if linear else None, left_out, rolls, turn)
+        return Fitted(result, clear, near if linear else None, left_out)
 
-    def _add_faults(
-        self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
-    ) -> bool:
-        """Add a clear frame with faulty detectors, where that explains what a clear one does not.
+    def _from(self, pose: Array, roll: float) -> Guide:
+        """Return the guide of a fit from the pose of a follower of this roll, by Laplace."""
+        # The frame turns poses of level followers.
+        poses = np.tile(turned_about_beam(pose, -roll), (2, 1))
+        units = np.ascontiguousarray(self.guide.units[:, :2])  # else Numba compiles once more
+        return self.guide._replace(poses=poses, units=units, gaussian=True)
 
-        Returns whether it did.
-        """
-        readings, guide = problems[0].readings, self.guide
-        if frames[0].outcome == FITTED and frames[0].strict_score < DOUBTED:
-            return False
-        count = most_faulty(problems[0])
+    def _faults(
+        self, kind: FrameKind, problem: Problem, frame: FrameResult
+    ) -> tuple[FrameKind, Problem, FrameResult] | None:
+        """Return a frame with faulty detectors, where that explains what one without does not."""
+        if frame.outcome == FITTED and frame.strict_score < DOUBTED:
+            return None
+        count = most_faulty(problem)
         if not count:
-            return False
-        problem = problems[0]._replace(readings=readings.copy(), weights=np.ones(len(readings)))
-        frame = self._frame(problem, guide, np.full((5, 1), np.nan), count)
-        return _mended(kinds, problems, frames, problem, frame, np.exp(log_evidence(problem)))
-
-    def _add_dark_lamp(
-        self, kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
-    ) -> bool:
-        """Add a clear frame without a lamp that shows nothing, as if it were off or hidden."""
-        noise, side = self._model.noise, self._model.array.side
-        images = problems[0].readings.reshape(-1, side**2)
-        squares = (np.square(images - noise.black) / noise.variance).sum(axis=1)
-        dark = int(squares.argmin())
-        if chdtrc(side**2, squares[dark]) < LIKELY_DARK:
-            return False
-        weights = np.ones_like(images)
-        weights[dark] = 0.0
-        problem = problems[0]._replace(weights=weights.ravel())
-        frame = self._frame(problem, self.guide, self._parameters(weights * images), 0)
-        chance = LAMP_OFF * np.exp(-0.5 * squares[dark])
-        return _mended(kinds, problems, frames, problem, frame, chance)
-
-    def _parameters(self, readings: Array) -> Array:
-        """Return the key parameters of an image, shape ``(5, 1)``."""
-        image = readings.reshape(self._model.image_shape)
-        return scene_parameters(image, self._model.scene)[:, None]
+            return None
+        readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
+        problem = problem._replace(readings=readings, weights=weights)
+        frame = self._frame(problem, self.guide, np.full((5, 1), np.nan), count)
+        return mended(kind, problem, frame, log_evidence(problem))
 
     def near(
         self,
@@ -346,11 +288,17 @@ class ImageFit:
         variances[np.array(left_out, dtype=int)] = np.inf
         return near._replace(variances=variances)
 
-    def _misfit(self, score: float) -> NoPose:
-        return NoPose(
-            f"no fit: an image of this scene leaves such residuals with a probability of "
-            f"{ndtr(-score):.1e}, less than max_misfit {self._max_misfit:g}"
-        )
+    def _check(self, result: FrameResult) -> None:
+        """Raise `NoPose` for a result without a pose."""
+        if result.outcome == NO_START:
+            raise NoPose("no fit: no start led to a finite likelihood")
+        if result.outcome == MISFIT:
+            raise NoPose(
+                f"no fit: an image of this scene leaves such residuals with a probability of "
+                f"{ndtr(-result.score):.1e}, less than max_misfit {self._max_misfit:g}"
+            )
+        if result.outcome != FITTED:
+            raise NoPose("no fit: the image leaves the pose without a covariance")
 
     def unobservable(self, covariance: Array) -> tuple[str, ...]:
         """Name the degrees of freedom of which a covariance leaves next to all of the prior."""

@@ -108,6 +108,21 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         )
 
 
+def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
+    rng, fit, starts = np.random.default_rng(7), estimator._fit, []
+    image, _, _ = drawn(rng)
+    image[:5] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
+    whole = fit._frame
+
+    def counted(problem, guide, *rest):
+        starts.append((problem.weights.sum(), len(guide.poses) > 2))
+        return whole(problem, guide, *rest)
+
+    monkeypatch.setattr(fit, "_frame", counted)
+    assert estimator.estimate(image).left_out
+    assert starts == [(50, True), (75, False)]
+
+
 def test_an_image_of_one_lamp_is_refused_by_its_shape(estimator):
     with pytest.raises(NoPose, match=r"of shape \(5, 5\), not \(15, 5\)"):
         estimator.estimate(np.ones((5, 5)))

@@ -165,7 +165,7 @@ class LampsFit(ImageFit):
         found = [clear]
         if dark:
             found.append(self._linear(0, *dark))
-        if clear.frame.outcome == NO_START:
+        if clear.frame.outcome == NO_START or (dark and clear.frame.outcome == MISFIT):
             return found
         there, odds = self._from(clear.frame.best[:5], roll), self._log_odds(clear, kinds)
         enough = CONSIDERED + max(0.5 * odds.max(), 0.0)

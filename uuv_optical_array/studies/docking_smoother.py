@@ -105,10 +105,8 @@ def evaluate(problem: PathProblem, at: Array) -> PathState:
     image_information = np.swapaxes(jacobian * curvatures[..., None], -1, -2) @ jacobian
     later, slopes = predict(states[:, :-1], motion.step_s)
     first, steps = states[:, 0] - motion.first, states[:, 1:] - later
-    pull = steps @ motion.step_precision
-    backward = motion.step_precision @ slopes
     cost = (first**2 @ motion.first_precision + offsets**2 @ motion.offset_precision) / 2
-    cost += (pull * steps).sum(axis=(1, 2)) / 2 - values.sum(axis=(1, 2))
+    cost += (steps @ motion.step_precision * steps).sum(axis=(1, 2)) / 2 - values.sum(axis=(1, 2))
     gradient, information = np.zeros((runs, size)), np.zeros((runs, size, size))
     gradient[:, :STATE] = -first * motion.first_precision
     information[:, range(STATE), range(STATE)] = motion.first_precision
@@ -119,15 +117,13 @@ def evaluate(problem: PathProblem, at: Array) -> PathState:
         seen = np.r_[STATE * k : STATE * k + 5, constants]
         gradient[:, seen] += image_gradient[:, k]
         information[:, seen[:, None], seen] += image_information[:, k]
+    # A step is the later state less what the earlier one predicts.
+    by_both = np.concatenate([-slopes, np.broadcast_to(np.eye(STATE), slopes.shape)], axis=-1)
+    weighted = np.swapaxes(by_both, -1, -2) @ motion.step_precision
     for k in range(frames - 1):
-        now, next_ = (slice(STATE * j, STATE * (j + 1)) for j in (k, k + 1))
-        slope = slopes[:, k]
-        gradient[:, next_] -= pull[:, k]
-        gradient[:, now] += (pull[:, k, None] @ slope)[:, 0]
-        information[:, next_, next_] += motion.step_precision
-        information[:, now, now] += np.swapaxes(slope, 1, 2) @ backward[:, k]
-        information[:, next_, now] -= backward[:, k]
-        information[:, now, next_] -= np.swapaxes(backward[:, k], 1, 2)
+        both = slice(STATE * k, STATE * (k + 2))
+        gradient[:, both] -= (weighted[:, k] @ steps[:, k, :, None])[..., 0]
+        information[:, both, both] += weighted[:, k] @ by_both[:, k]
     return PathState(cost, at, gradient.T, np.moveaxis(information, 0, -1))
 
 
@@ -174,14 +170,12 @@ def bound(motion: Motion, poses: Array) -> Array:
     """
     states = states_along(poses, motion.step_s)
     readings = motion.model.light(states[None, :, :5]).reshape(1, len(states), -1)
-    offsets = np.zeros(len(motion.offset_precision))
-    found = np.empty((len(states), 5))
+    variances = np.empty((len(states), 5))
     for k in range(len(states)):
-        at = np.concatenate([states[: k + 1].ravel(), offsets])[:, None]
+        at = np.append(states[: k + 1], np.zeros(len(motion.offset_precision)))[:, None]
         state = evaluate(PathProblem(motion, readings[:, : k + 1]), at)
-        newest = slice(STATE * k, STATE * k + 5)
-        found[k] = np.sqrt(np.diagonal(_covariance(state, newest)[0]))
-    return found
+        variances[k] = _covariance(state, slice(STATE * k, STATE * k + 5))[0].diagonal()
+    return np.sqrt(variances)
 
 
 def states_along(poses: Array, step_s: float) -> Array:

@@ -271,39 +271,28 @@ def aside_poses(count: int, rng: np.random.Generator) -> Array:
 
 
 # What a kind needs of a scene, by how much it is off, and the same in words.
+# fmt: off
 NEEDS: dict[str, tuple[Callable[[Scene, float], bool], str]] = {
     "": (lambda scene, by: True, ""),
     # 0.05 less 0.05 is a water that attenuates nothing, whatever rounding says.
-    "water": (
-        lambda scene, by: scene.attenuation[1] >= -by - 1e-12,
-        "an attenuation of at least {:g} /m",
-    ),
+    "water": (lambda scene, by: scene.attenuation[1] >= -by - 1e-12,
+              "an attenuation of at least {:g} /m"),
     "sea": (lambda scene, by: "sea" in scene.effects, "the effect sea"),
-    "sphere": (
-        lambda scene, by: (
-            max(by, 1 / by) * scene.array.width_m < np.sqrt(2) * (scene.array.radius_m or 0.0)
-        ),
-        "a curved array whose corners stay on the sphere",
-    ),
-    "all light": (
-        lambda scene, by: "demodulation" not in scene.effects,
-        "readings without demodulation",
-    ),
+    "sphere": (lambda scene, by: max(by, 1 / by) * scene.array.width_m
+               < np.sqrt(2) * (scene.array.radius_m or 0.0),
+               "a curved array whose corners stay on the sphere"),
+    "all light": (lambda scene, by: "demodulation" not in scene.effects,
+                  "readings without demodulation"),
     "modulation": (lambda scene, by: "demodulation" in scene.effects, "the effect demodulation"),
-    "slots": (
-        lambda scene, by: scene.effects.get("demodulation", {}).get("waveform") == "slots",
-        "the effect demodulation with slots",
-    ),
+    "slots": (lambda scene, by: scene.effects.get("demodulation", {}).get("waveform") == "slots",
+              "the effect demodulation with slots"),
     "lamps": (lambda scene, by: bool(scene.lamps), "several lamps"),
-    "beam": (
-        lambda scene, by: scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by,
-        "a beam wider than {:g} deg",
-    ),
-    "motion": (
-        lambda scene, by: bool(MOVING & set(scene.effects)),
-        f"one of the effects {', '.join(sorted(MOVING))}",
-    ),
+    "beam": (lambda scene, by: scene.lamp.beam_sigma_deg >= NARROWEST_DEG - by,
+             "a beam wider than {:g} deg"),
+    "motion": (lambda scene, by: bool(MOVING & set(scene.effects)),
+               f"one of the effects {', '.join(sorted(MOVING))}"),
 }
+# fmt: on
 
 
 @dataclass(frozen=True)

@@ -215,9 +215,7 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
         Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
         Choice(
             "peak over full scale",
-            signature=lambda images, _, scene: scene_signature(
-                images, scene.full_scale_counts, scene
-            ),
+            signature=lambda images, _, it: scene_signature(images, it.full_scale_counts, it),
         ),
         Choice("sample skewness", signature=_sample_skewness),
         Choice("skewness of differences", signature=_differences),
@@ -448,11 +446,8 @@ def draw(figures: Mapping[str, Any], scene_name: str) -> Any:
             ends.append((name, float(curve["angle_deg"][-1])))
         label_ends(axes, ends)
         _draw_statements(axes, panel, motion)
-    picture.suptitle(
-        f"Eren et al. (2016), Figs 4 to 6: our curves (scene {scene_name}); in black, what the "
-        "text states",
-        fontsize=13,
-    )
+    ours = f"our curves (scene {scene_name}); in black, what the text states"
+    picture.suptitle(f"Eren et al. (2016), Figs 4 to 6: {ours}", fontsize=13)
     return picture
 
 
@@ -472,10 +467,8 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
             axes.plot(step, angle, "o", color="k", ms=6, zorder=4)
             # The curved array's angles are above the planar one's here.
             off = (-9, 7) if statement.conditions["array"] == "curved" else (9, -9)
-            axes.annotate(
-                f"{angle:g}", (step, angle), off, textcoords="offset points", ha="center",
-                va="center", fontsize=9,
-            )  # fmt: skip
+            words = {"textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 9}
+            axes.annotate(f"{angle:g}", (step, angle), off, **words)
             continue
         up = statement.relation == "above"
         # A bar with an arrowhead to the side on which the curve should be.
@@ -483,11 +476,10 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         axes.plot(step, angle + (3 if up else -3), "^" if up else "v", color="k", ms=5, zorder=4)
         side, range_m = (statement.conditions[key] for key in ("detectors_per_side", "range_m"))
         which = f"{side} x {side}" if panel[0] == "5" else f"{range_m:g} m"
+        text, at = f"{which}: {statement.label}", FREE[panel, statement.relation]
         line = {"arrowstyle": "-", "lw": 0.7, "color": "0.3", "shrinkB": 4}
-        axes.annotate(
-            f"{which}: {statement.label}", (step, angle), FREE[panel, statement.relation],
-            textcoords="axes fraction", va="center", fontsize=9, zorder=5, arrowprops=line,
-        )  # fmt: skip
+        words = {"textcoords": "axes fraction", "va": "center", "fontsize": 9, "zorder": 5}
+        axes.annotate(text, (step, angle), at, arrowprops=line, **words)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

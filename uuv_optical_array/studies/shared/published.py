@@ -30,13 +30,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, TableSettings
 
 # The dissertation's grid: 4 to 8 m by 1 m, 0.3 m across by 0.03 m, 30 deg by 3 deg.
-GRID = TableSettings(
-    x_m=Span(-8.0, -4.0, 5),
-    y_m=Span(-0.3, 0.3, 21),
-    z_m=Span(-0.3, 0.3, 21),
-    pitch_deg=Span(-30.0, 30.0, 21),
-    yaw_deg=Span(-30.0, 30.0, 21),
-)
+_ACROSS, _TURNED = Span(-0.3, 0.3, 21), Span(-30.0, 30.0, 21)
+GRID = TableSettings(Span(-8.0, -4.0, 5), _ACROSS, _ACROSS, _TURNED, _TURNED)
 # The calibration of 2017: 125 positions of an array that looks ahead, and turns on the beam's axis.
 RANGES_M = np.arange(4.5, 9.0, 1.0)
 ACROSS_M = np.linspace(-0.6, 0.6, 5)
@@ -78,10 +73,8 @@ class LookUp:
 
     def __init__(self, table: SignatureTable, weights: Weights | None = None) -> None:
         scene = table.scene
-        if scene.signature.peak != "detector":
-            raise ValueError(
-                f"table: signature.peak is {scene.signature.peak!r}; the look-up needs 'detector'"
-            )
+        if (peak := scene.signature.peak) != "detector":
+            raise ValueError(f"table: signature.peak is {peak!r}; the look-up needs 'detector'")
         self._full_scale_counts = scene.full_scale_counts
         self._weights = np.array(weights or Weights())
         self._side = scene.array.detectors_per_side
@@ -145,13 +138,12 @@ def measured(images: ArrayLike, spacing_m: float) -> Array:
     brightest reading, the first moments about the peak along y and z, m, and M32 / M33 and
     M23 / M33, 1/m, nan where M33 is 0.
     """
-    images = np.asarray(images, dtype=float)
-    moments = image_moments(images, spacing_m)
-    m33 = np.where(moments[..., 2, 2] > 0, moments[..., 2, 2], np.nan)
+    m = image_moments(images, spacing_m)
+    m33 = np.where(m[..., 2, 2] > 0, m[..., 2, 2], np.nan)
     with np.errstate(divide="ignore"):
-        peak = np.log(images.max(axis=(-2, -1)))
-    across = moments[..., 1, 0], moments[..., 0, 1]
-    return np.stack([peak, *across, moments[..., 2, 1] / m33, moments[..., 1, 2] / m33], axis=-1)
+        peak = np.log(np.asarray(images, dtype=float).max(axis=(-2, -1)))
+    angles = m[..., 2, 1] / m33, m[..., 1, 2] / m33
+    return np.stack([peak, m[..., 1, 0], m[..., 0, 1], *angles], axis=-1)
 
 
 @dataclass(frozen=True)

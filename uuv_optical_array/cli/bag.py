@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -50,14 +51,7 @@ def topics_of(args: argparse.Namespace) -> Topics:
 
 def read_bag(args: argparse.Namespace, scene: Scene, poses_needed: bool = True) -> Recording:
     """Read the bag of a scene's array, as `read_recording` does, and show progress."""
-    return read_recording(
-        files.user_path(args.bag),
-        scene.array,
-        topics_of(args),
-        args.beacon_position,
-        args.odometry_axes,
-        args.max_gap_s,
-        lambda messages: progress.over(messages, "message"),
-        poses_needed,
-        scene.lamp_count,
-    )
+    path, over = files.user_path(args.bag), partial(progress.over, unit="message")
+    topics = topics_of(args)
+    truth = args.beacon_position, args.odometry_axes, args.max_gap_s
+    return read_recording(path, scene.array, topics, *truth, over, poses_needed, scene.lamp_count)

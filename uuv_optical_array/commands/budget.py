@@ -132,12 +132,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     options.add_settings(parser, Instrument)
-    parser.add_argument(
-        "--reach",
-        type=options.reader(Setting(float, REACH, None, optional=True)),
-        metavar="M",
-        help=f"{REACH.text}, in place of --lamp-w",
-    )
+    metres = options.reader(Setting(float, REACH, None, optional=True))
+    about = f"{REACH.text}, in place of --lamp-w"
+    parser.add_argument("--reach", type=metres, metavar="M", help=about)
     outputs.add_picture(parser, "budget.png")
 
 

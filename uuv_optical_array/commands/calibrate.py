@@ -54,6 +54,7 @@ BINS = 20
 LEAST = 10  # readings in a bin that is drawn
 EDGE = 4.0  # standard deviations; outliers beyond are drawn at the edge
 DOT, BIN, OUT = "#7f9fbf", "#c8401e", "#111111"
+RESIDUAL = "residual (std of a reading)"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -189,15 +190,13 @@ def _draw_residuals(
         middle = [np.median(x[part]) for part in parts]
         mean = [y[part].mean() for part in parts]
         error = [2 * y[part].std() / np.sqrt(len(part)) for part in parts]
-        axes.errorbar(
-            middle, mean, error, fmt="o-", color=BIN, ms=3.5, lw=1, capsize=2, zorder=4,
-            label="mean of a bin\n± 2 std errors",
-        )  # fmt: skip
+        look = {"fmt": "o-", "color": BIN, "ms": 3.5, "lw": 1, "capsize": 2, "zorder": 4}
+        axes.errorbar(middle, mean, error, label="mean of a bin\n± 2 std errors", **look)
         if log:
             drawn = across[uncensored | out]
             axes.set_xlim(drawn.min() / 1.1, drawn.max() * 1.1)
     axes.axhline(0, color="k", lw=0.8)
-    axes.set(xlabel=label, ylabel="residual (std of a reading)", ylim=(-EDGE - 0.3, EDGE + 0.3))
+    axes.set(xlabel=label, ylabel=RESIDUAL, ylim=(-EDGE - 0.3, EDGE + 0.3))
     axes.grid(alpha=0.3)
 
 
@@ -208,12 +207,8 @@ def _draw_histogram(axes: Any, result: Calibration) -> None:
     axes.hist(np.clip(residuals, -EDGE, EDGE), edges, density=True, color=DOT, label="residuals")
     x = np.linspace(-EDGE, EDGE, 241)
     axes.plot(x, norm.pdf(x), color=BIN, lw=1.5, label="standard normal")
-    axes.set(
-        xlabel="residual (std of a reading)",
-        ylabel="density",
-        title=f"mean square {result.misfit:.2f}; 1 where the model explains the data",
-        xlim=(-EDGE, EDGE),
-    )
+    title = f"mean square {result.misfit:.2f}; 1 where the model explains the data"
+    axes.set(xlabel=RESIDUAL, ylabel="density", title=title, xlim=(-EDGE, EDGE))
     axes.legend(fontsize=8, loc="upper right")
     axes.grid(alpha=0.3)
 

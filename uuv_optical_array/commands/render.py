@@ -121,12 +121,10 @@ def draw_scene(scene: Scene, images: Array) -> Any:
     _draw_profiles(profiles, images, scene.full_scale_counts)
     side = scene.array.detectors_per_side
     several = "; those of the lamps below one another, profiles of their sum" if scene.lamps else ""
-    figure.suptitle(
-        f"Scene {scene.name}: readings of the {side} x {side} array with base_link 4 to 8 m behind "
-        "the lamp\nimages: each row has its own scale, from its least to its largest reading"
-        f"{several}",
-        fontsize=12,
-    )
+    array = f"the {side} x {side} array with base_link 4 to 8 m behind the lamp"
+    scale = "each row has its own scale, from its least to its largest reading"
+    title = f"Scene {scene.name}: readings of {array}\nimages: {scale}{several}"
+    figure.suptitle(title, fontsize=12)
     return figure
 
 

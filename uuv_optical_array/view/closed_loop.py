@@ -47,32 +47,20 @@ class Conditions:
     @classmethod
     def of(cls, scene: Scene) -> "Conditions":
         """Return those of a scene."""
-        return cls(
-            scene.attenuation[1],
-            lamp_power=(1.0,) * scene.lamp_count,
-            plume_depth=scene.effects.get("plume", {}).get("depth", 0.0),
-        )
+        plume_depth = scene.effects.get("plume", {}).get("depth", 0.0)
+        return cls(scene.attenuation[1], (1.0,) * scene.lamp_count, plume_depth)
 
 
 class Moment(NamedTuple):
-    """One step of the loop.
+    """One step of the loop; the lamp is at the leader's origin."""
 
-    - t_s: since the start, s.
-    - leader_position, leader_rotation: of the leader, whose lamp is at its origin, in the world: m,
-      ``(3,)``, and ``(3, 3)``.
-    - pose: true pose of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    - image: readings of the array, counts, shape ``(side, side)``.
-    - frame: the result of the image.
-    - leads: whether the leader has set off.
-    """
-
-    t_s: float
-    leader_position: Array
-    leader_rotation: Array
-    pose: Array
-    image: Array
-    frame: Answer
-    leads: bool
+    t_s: float  # since the start
+    leader_position: Array  # in the world, m, (3,)
+    leader_rotation: Array  # (3, 3)
+    pose: Array  # true pose of the follower in `beacon`, m and rad, (5,)
+    image: Array  # readings of the array, counts, (side, side)
+    frame: Answer  # the result of the image
+    leads: bool  # whether the leader has set off
 
 
 class ClosedLoop:

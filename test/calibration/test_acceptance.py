@@ -1,12 +1,15 @@
 """The acceptance test of an array: what passes, and what each fault is called."""
 
+import dataclasses
 import importlib.util
 
 import numpy as np
 import pytest
 from bags import image_message, write_bag
 from command_line import run
+from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.calibration import acceptance
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.core.messages import as_wired
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
@@ -15,40 +18,48 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("compiled_fit")
-SCENE, RANGE_M = load_scene("follow"), 4.0
+SCENE, LIGHTS, RANGE_M = load_scene("follow"), load_scene("leading_lights"), 4.0
 WIRED = [int(place) for place in np.random.default_rng(2).permutation(25)]
 
 
 def session(
-    gain=1.0, noise=1.0, offset=0.0, flicker=0.0, at=(-RANGE_M, 0.02, -0.03, 0.02, 0.03), pause=0
-):
-    """Yield stamps and images: darkness, both sweeps and the lamp, of detectors with faults.
+    gain=1.0, noise=1.0, offset=0.0, flicker=0.0, at=(-RANGE_M, 0.02, -0.03, 0.02, 0.03), pause=0,
+    scene=SCENE, channels=(0, 1, 2), powers=1.0,
+):  # fmt: skip
+    """Yield stamps and images: darkness, both sweeps and the lamps, of detectors with faults.
 
-    `gain`, `noise` and `offset` are numbers or grids.
+    `gain`, `noise` and `offset` are numbers or grids, of all lamps alike or for each; `flicker` and
+    `powers` are numbers or of each lamp. The torch is modulated as the last one.
     """
-    rng, array = np.random.default_rng(4), build_array(SCENE.array)
+    rng, array, lamps = np.random.default_rng(4), build_array(scene.array), scene.lamp_count
     y, z = array.positions[:, 1].reshape(5, 5), array.positions[:, 2].reshape(5, 5)
-    lamp = ForwardModel(SCENE).light(np.array(at))
+    lamp = ForwardModel(scene).light(np.array(at)).reshape(lamps, 5, 5) - scene.black_counts
+    lamp = lamp[list(channels[:lamps])] * np.reshape(powers, (-1, 1, 1))
     gains = gain * (1 + 0.03 * rng.standard_normal((5, 5)))
-    dark = np.zeros((5, 5))
+    dark = np.zeros((lamps, 5, 5))
 
     def torch(a, b):
-        return 600 * (1 + ((y - a) ** 2 + (z - b) ** 2) / 0.12**2) ** -1.5
+        light = dark.copy()
+        light[-1] = 600 * (1 + ((y - a) ** 2 + (z - b) ** 2) / 0.12**2) ** -1.5
+        return light
 
     travel = np.linspace(0.35, -0.35, 50)
     lights = [dark] * 105 + [torch(a, 0.01) for a in travel] + [dark] * 15
     lights += [torch(-0.01, a) for a in travel] + [dark] * 15
-    lights += [lamp * (1 + flicker * rng.standard_normal()) for _ in range(105)]
+    for _ in range(105):
+        wavers = np.multiply(flicker, rng.standard_normal())
+        lights.append(lamp * (1 + np.reshape(wavers, (-1, 1, 1))))
     stamp = 10**15
     for number, light in enumerate(lights):
         stamp += 10**8 + (pause if number == len(lights) - 20 else 0)
-        counts = gains * light + 20 + offset + noise * rng.standard_normal((5, 5))
-        yield stamp, as_wired(np.clip(np.rint(counts), 0, 1023), WIRED)
+        counts = gains * light + 20 + offset + noise * rng.standard_normal((lamps, 5, 5))
+        image = np.clip(np.rint(counts), 0, 1023).reshape(-1, 5)
+        yield stamp, as_wired(image, WIRED)
 
 
-def faults_of(**faults):
-    test = Acceptance(SCENE, RANGE_M, lambda line: None)
-    for stamp, image in session(**faults):
+def faults_of(scene=SCENE, **faults):
+    test = Acceptance(scene, RANGE_M, lambda line: None)
+    for stamp, image in session(scene=scene, **faults):
         test.take(stamp, image)
     assert test.complete
     assert test.wiring == WIRED
@@ -99,6 +110,46 @@ def test_a_fault_of_the_whole_is_told(fault, words):
     assert whole[0].startswith(words)
 
 
+def of_one_lamp(i, place, value):
+    return np.array([at(place, value if k == i else 1, 1) for k in range(3)])
+
+
+def test_sound_lamps_pass():
+    assert faults_of(LIGHTS) == ({}, [])
+
+
+@pytest.mark.parametrize(
+    ("fault", "place", "words"),
+    [
+        ({"gain": at((1, 3), 0.6, 1)}, (1, 3), "does not fit the lamp's light"),
+        ({"noise": of_one_lamp(2, (4, 0), 5)}, (4, 0), "noise 4."),
+        ({"offset": 40 * (of_one_lamp(1, (2, 2), 2) - 1)}, (2, 2), "reads 60.2 in the dark"),
+    ],
+)
+def test_a_fault_in_the_light_of_several_lamps_is_told_of_its_detector(fault, place, words):
+    detectors, whole = faults_of(LIGHTS, **fault)
+    assert list(detectors) == [place]
+    assert detectors[place].startswith(words)
+    assert not whole
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"flicker": (0, 0.04, 0)}, "lamps[1] flickers by "),
+        ({"powers": (1, 1, 0)}, "lamps[2]: no light: switch it on"),
+        ({"channels": (1, 0, 2)}, "the lamp's light is not explained"),
+        ({"channels": (1, 2, 0)}, "the lamps appear rolled by 119 deg: exchanged lamps"),
+        ({"at": (-6.5, 0, 0, 0, 0)}, "the lamp is seen from x -6."),
+    ],
+)
+def test_a_fault_of_one_of_several_lamps_is_told(fault, words):
+    detectors, whole = faults_of(LIGHTS, **fault)
+    assert not detectors
+    assert len(whole) == 1
+    assert whole[0].startswith(words)
+
+
 def test_light_that_no_pose_explains_is_told(monkeypatch):
     def refuse(estimator, image):
         raise NoPose("misfit")
@@ -120,10 +171,37 @@ def test_the_lamp_has_to_shine_without_a_break():
     assert test.complete
 
 
+def test_a_lamp_alone_gives_the_light_that_it_gives_among_others():
+    own = {"power": 2.5, "beam_sigma_deg": 5.0}
+    lamps = (LIGHTS.lamps[0], dataclasses.replace(LIGHTS.lamps[1], **own), LIGHTS.lamps[2])
+    scene = dataclasses.replace(LIGHTS, lamps=lamps)
+    at, body = np.array([-5.0, 0.2, -0.1]), Rotation.from_euler("ZYX", [0.1, -0.2, 0.05])
+    together = ForwardModel(scene).light([*at, -0.2, 0.1], 0.05).reshape(3, 5, 5)
+    alone = acceptance._each_alone(scene)
+    for lamp, one, light in zip(lamps, alone, together, strict=True):
+        turn = Rotation.from_euler("ZY", np.radians([lamp.yaw_deg, lamp.pitch_deg])).inv()
+        yaw, pitch, roll = (turn * body).as_euler("ZYX")
+        place = turn.apply(at - [lamp.x_m, lamp.y_m, lamp.z_m])
+        expected = ForwardModel(one).light([*place, pitch, yaw], roll)
+        # Its power is by its reading on the axis, to which water adds less of a narrow beam.
+        rtol = 1e-9 if lamp.power == 1 else 0.03
+        np.testing.assert_allclose(light, expected, rtol=rtol)
+
+
 def test_air_takes_the_water_away_and_widens_the_beam():
     air = in_air(SCENE)
     assert set(air.effects) == {"sensor_noise", "saturation", "adc"}
     assert air.lamp.beam_sigma_deg == pytest.approx(8 * 1.34)
+    # Of the same lamp: dimmer by refraction alone, where there is no water to take away.
+    clear = load_scene("ideal")
+    assert in_air(clear).lamp.reference_counts == pytest.approx(
+        clear.lamp.reference_counts / 1.34**2
+    )
+    first, *others = LIGHTS.lamps
+    own = dataclasses.replace(first, beam_sigma_deg=5.0)
+    assert in_air(dataclasses.replace(LIGHTS, lamps=(own, *others))).lamps[
+        0
+    ].beam_sigma_deg == pytest.approx(5 * 1.34)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
@@ -137,6 +215,14 @@ def test_the_command_says_pass_or_fail_of_each_detector(tmp_path, capsys):
         assert ("acceptance test: passed" in out) == (code == 0)
     assert "detector [4, 0] fails: noise 4" in out
     assert load_scene(tmp_path / "sea.yaml").array.wiring == WIRED
+    lights = [image_message(*each) for each in session(scene=LIGHTS)]
+    bag = write_bag(tmp_path / "lights", lights, "MCAP")
+    words = ("--scene", "leading_lights", "-o", tmp_path / "lights.yaml")
+    run("commission", bag, "--lamp", RANGE_M, *words)
+    out = capsys.readouterr().out
+    assert "move one of the lamps, lit, in place of the torch" in out
+    assert "acceptance test: passed" in out
+    assert load_scene(tmp_path / "lights.yaml").array.wiring == WIRED
     cut = write_bag(tmp_path / "cut", messages[:-60], "MCAP")
     line = run("commission", cut, "--lamp", RANGE_M, "-o", tmp_path / "sea.yaml", code=1)
     assert "ends before 10 s of the lamp" in line

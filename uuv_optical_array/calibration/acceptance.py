@@ -1,6 +1,8 @@
-"""The acceptance test of an array before its first dive: darkness, a torch, and the lamp."""
+"""The acceptance test of an array before its first dive: darkness, a torch, and the lamps."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 from scipy.special import chdtri
@@ -9,14 +11,20 @@ from uuv_optical_array.calibration.wiring import TorchSweeps
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 
 SETTLE_S, LAMP_S = 5.0, 5.0  # of steady light: while hands leave the array, and what is tested
-LAMP = "lamp: switch it on {:g} m behind base_link, aimed at the array; hold both still for 10 s"
+LAMP = (
+    "lamp, or all lamps as they are mounted: switch on {:g} m ahead of base_link, aimed at the "
+    "array; hold both still for 10 s"
+)
 FALSE_ALARM = 1e-6  # probability that a sound detector is called noisy
+MAX_MISFIT = 1e-3  # and that sound light is called unexplained; a fit to exchanged lamps is worse
 MAX_NOISE, MAX_LEVEL, MAX_FLICKER = 2.0, 0.02, 0.01  # times the scene's; of full scale; relative
-SPREAD = 0.05  # of the gains before a calibration
+SPREAD, ROLLED_DEG = 0.05, 5.0  # of the gains before a calibration, and of what hands hold
 MAX_OFF, MAX_TURN = 0.1, np.radians(10.0)  # of the range, and of a lamp that was placed by hand
+MAX_ROLL_DEG = 20.0  # of several lamps that hands hold level
 WATER_INDEX = 1.34
 FULL = "at full scale: move the lamp away"
 NOISY = "noise {0:.3g} counts, of the scene {1:.3g}: loose contact, hum or oscillation"
@@ -25,7 +33,7 @@ UNFIT = "does not fit the lamp's light: clean its window, check its gain and sol
 
 
 class Acceptance(TorchSweeps):
-    """The sweeps, longer darkness before them, and the lamp at a known range after them."""
+    """The sweeps, longer darkness before them, and the lamps at a known range after them."""
 
     first_dark_s = 10.0
 
@@ -47,8 +55,8 @@ class Acceptance(TorchSweeps):
             if self.wiring is not None:
                 self._show(LAMP.format(self._range_m))
         elif not self.complete:
-            readings = np.ravel(image)
-            if (readings - self._background).max() > self._lit:
+            readings = self._by_lamp(image)
+            if (readings.sum(axis=0) - self._background).max() > self._lit:
                 self._lamp.append((stamp_ns, readings))
             else:
                 self._lamp = []
@@ -59,52 +67,100 @@ class Acceptance(TorchSweeps):
         model, full = ForwardModel(scene), scene.full_scale_counts
         stamps = np.array([stamp for stamp, _ in self._lamp])
         part = stamps >= stamps[-1] - LAMP_S * 1e9
-        dark = np.array([readings for _, readings in self._dark])[:, wiring]
-        lamp = np.array([readings for _, readings in self._lamp])[part][:, wiring]
+        # Each of shape (images, lamps, detectors).
+        dark = np.array([readings for _, readings in self._dark])[..., wiring]
+        lamp = np.array([readings for _, readings in self._lamp])[part][..., wiring]
         level, noise, freedoms = dark.mean(axis=0), dark.std(axis=0, ddof=1), len(dark) - 1
-        # The daylight, too, has shot noise.
-        sigma = np.sqrt(model.noise.variance + model.noise.slope * level)
+        # The daylight, too, has shot noise; a gain is the same in all images.
+        own = model.noise._replace(square=0.0)
+        sigma = np.sqrt(reading_variance(level, own))
         most = MAX_NOISE * sigma * np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)
         middle, steps = float(np.median(level)), np.diff(stamps)
         leaks, bright = np.abs(level - middle) > MAX_LEVEL * full, lamp.mean(axis=0) >= full - 1
         found = {}
         for wrong, text in ((bright, FULL), (noise > most, NOISY), (leaks, LEAKS)):
-            for i in np.flatnonzero(wrong).tolist():
-                found[divmod(i, side)] = text.format(noise[i], sigma[i], level[i], middle)
+            for k, i in np.argwhere(wrong).tolist():
+                found[divmod(i, side)] = text.format(noise[k, i], sigma[k, i], level[k, i], middle)
         whole = []
         if steps.max() > 2.5 * np.median(steps):
             whole.append(f"a gap of {steps.max() * 1e-9:.2g} s between images: line or load")
-        total = lamp.sum(axis=1)
-        own = np.sqrt((model.noise.variance + model.noise.slope * lamp.mean(axis=0)).sum())
-        flicker = np.sqrt(max(total.var() - own**2, 0.0)) / (total.mean() - level.sum())
-        if flicker > MAX_FLICKER:
-            whole.append(f"the lamp flickers by {flicker:.1%}: average whole periods of its driver")
-        settings = scene.settings()
-        settings["prior"] = {"known": "as_bought", "gain_std": SPREAD, "uneven_probability": 0.0}
-        image = np.clip(np.rint(lamp.mean(axis=0) - level) + model.noise.black, 0, full)
-        placed = scene_from_settings(settings, scene.name)
+        light = np.maximum(lamp.mean(axis=0) - level, 0.0)
+        if dim := [k for k, each in enumerate(light) if each.max() < self._visible]:
+            names = ", ".join(f"lamps[{k}]" for k in dim)
+            return found, [*whole, f"{names}: no light: switch it on, or check its channel"]
+        total = lamp.sum(axis=2)
+        noisy = reading_variance(lamp.mean(axis=0), own).sum(axis=1)
+        flickers = np.sqrt(np.maximum(total.var(axis=0) - noisy, 0.0)) / light.sum(axis=1)
+        for k in np.flatnonzero(flickers > MAX_FLICKER).tolist():
+            name = f"lamps[{k}]" if scene.lamps else "the lamp"
+            text = f"{name} flickers by {flickers[k]:.1%}: average whole periods of its driver"
+            whole.append(text)
+        image = np.clip(np.rint(light) + model.noise.black, 0, full).reshape(-1, side)
+        unfit: dict[tuple[int, int], str] = {}
+        for one, own_image in zip(_each_alone(scene), image.reshape(-1, side, side), strict=True):
+            with suppress(NoPose):
+                seen = Estimator(_as_placed(one), max_misfit=MAX_MISFIT).estimate(own_image)
+                unfit |= dict.fromkeys(seen.left_out, UNFIT)
+        return unfit | found, [*whole, *self._misplaced(image, bool(unfit))]
+
+    def _misplaced(self, image: Array, excused: bool) -> list[str]:
+        """Say what is wrong with the pose of an image, which unfit detectors excuse."""
         try:
-            seen = Estimator(placed).estimate(image.reshape(side, side))
+            seen = Estimator(_as_placed(self._scene), max_misfit=MAX_MISFIT).estimate(image)
         except NoPose as reason:
-            cure = "detectors that read wrong, a reflection, or a beam that is not the scene's"
-            return found, [*whole, f"the lamp's light is not explained: {reason}: {cure}"]
-        for place in seen.left_out:
-            found.setdefault(place, UNFIT)
+            cure = "detectors that read wrong, a reflection, exchanged lamps, or a beam that is not"
+            text = f"the lamp's light is not explained: {reason}: {cure} the scene's"
+            return [] if excused else [text]
+        if abs(rolled := np.degrees(seen.roll)) > MAX_ROLL_DEG:
+            return [
+                f"the lamps appear rolled by {rolled:.0f} deg: exchanged lamps, or not held level"
+            ]
         off = np.abs(seen.pose - [-self._range_m, 0, 0, 0, 0])
         allowed = np.array([*[MAX_OFF * self._range_m] * 3, MAX_TURN, MAX_TURN])
-        if (off > allowed + 3 * np.sqrt(np.diag(seen.covariance))).any():
-            x, y, z = seen.pose[:3]
-            text = f"the lamp is seen from x {x:.2f}, y {y:.2f}, z {z:.2f} m, not from x "
-            cure = "measure again; else the lamp's power or beam is not the scene's"
-            whole.append(f"{text}{-self._range_m:g}: {cure}")
-        return found, whole
+        if (off <= allowed + 3 * np.sqrt(np.diag(seen.covariance))).all():
+            return []
+        x, y, z = seen.pose[:3]
+        text = f"the lamp is seen from x {x:.2f}, y {y:.2f}, z {z:.2f} m, not from x "
+        cure = "measure again; else the lamp's power or beam is not the scene's"
+        return [f"{text}{-self._range_m:g}: {cure}"]
+
+
+def _as_placed(scene: Scene) -> Scene:
+    """Return a scene in which as little is known as of lamps and detectors that hands hold."""
+    settings = scene.settings()
+    settings["prior"] = {"known": "as_bought", "gain_std": SPREAD, "uneven_probability": 0.0}
+    if scene.lamps:
+        settings["prior"]["roll_std_deg"] = ROLLED_DEG
+    return scene_from_settings(settings, scene.name)
+
+
+def _each_alone(scene: Scene) -> Iterator[Scene]:
+    """Yield a scene for each lamp as if it were the only one, of its own power and beam."""
+    whole = sum(lamp.power for lamp in scene.lamps)
+    for lamp in scene.lamps:
+        own = dataclasses.replace(
+            scene.lamp,
+            reference_counts=scene.lamp.reference_counts * lamp.power / whole,
+            beam_sigma_deg=lamp.beam_sigma_deg or scene.lamp.beam_sigma_deg,
+        )
+        yield dataclasses.replace(scene.with_lamps(()), lamp=own)
+    if not scene.lamps:
+        yield scene
 
 
 def in_air(scene: Scene) -> Scene:
-    """Return the scene without water: its beam is wider by refraction at the lamp's flat port."""
+    """Return the scene without water: its beams are wider by refraction at the lamps' flat ports.
+
+    On its axis a lamp is dimmer by the square of the index, and brighter by what the water takes.
+    """
     settings = scene.settings()
     for name in ("sea", "attenuation", "forward_scatter", "ambient"):
         settings["effects"].pop(name, None)
     settings["prior"] = {}
-    settings["lamp"]["beam_sigma_deg"] *= WATER_INDEX
-    return scene_from_settings(settings, scene.name)
+    for lamp in (settings["lamp"], *settings.get("lamps", ())):
+        if "beam_sigma_deg" in lamp:
+            lamp["beam_sigma_deg"] *= WATER_INDEX
+    air = scene_from_settings(settings, scene.name)
+    dimmer = ForwardModel(scene).power / ForwardModel(air).power / WATER_INDEX**2
+    lamp = dataclasses.replace(air.lamp, reference_counts=dimmer * air.lamp.reference_counts)
+    return dataclasses.replace(air, lamp=lamp)

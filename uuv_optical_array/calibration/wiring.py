@@ -32,8 +32,9 @@ DONE = "both sweeps are complete"
 class TorchSweeps:
     """Takes the images of an array one by one until both sweeps are complete.
 
-    The array has `side` rows of as many detectors, whose largest reading is full scale. `show` is
-    called with a sentence that says what to do next.
+    The array has `side` rows of as many detectors, whose largest reading is full scale. Where the
+    images are those of several lamps, the torch is looked for in their sum. `show` is called with a
+    sentence that says what to do next.
     """
 
     first_dark_s = DARK_S
@@ -63,26 +64,29 @@ class TorchSweeps:
         return self.wiring is not None
 
     def take(self, stamp_ns: int, image: Array) -> None:
-        """Take one image, its readings as they are wired, shape ``(side, side)``; stamps ascend.
+        """Take one image, its readings as they are wired, ``(L side, side)``; stamps ascend.
 
         ValueError where a sweep does not separate columns or rows, with what to do about it.
         """
-        readings = np.ravel(image)
+        readings = self._by_lamp(image)
         if self._background is None:
             self._dark.append((stamp_ns, readings))
             if stamp_ns - self._dark[0][0] >= self.first_dark_s * 1e9:
-                dark = np.array([image for _, image in self._dark])
+                dark = np.array([image.sum(axis=0) for _, image in self._dark])
                 self._visible = LIT_SIGMAS * max(float(dark.std(axis=0).max()), ROUNDING)
                 self._lit = max(self._visible, LIT_SHARE * self._full_scale)
                 self._background = dark.mean(axis=0)
                 self._show(SWEEPS[0])
             return
-        light = readings - self._background
+        light = readings.sum(axis=0) - self._background
         if light.max() > self._lit:
             self._sweep.append((stamp_ns, np.maximum(light, 0.0)))
             self._lit_ns = stamp_ns
         elif self._sweep and stamp_ns - self._lit_ns >= DARK_S * 1e9 and self.wiring is None:
             self.end_sweep()
+
+    def _by_lamp(self, image: Array) -> Array:
+        return np.reshape(image, (-1, self._side**2))
 
     def end_sweep(self) -> None:
         """Complete a sweep that has begun, such as where a recording ends."""

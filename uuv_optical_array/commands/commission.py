@@ -19,9 +19,10 @@ Find which reading of the image is which detector, and write it into the scene a
 which every node reorders each image that it receives. Move a torch in front of the array, as the
 command tells you: from port to starboard, then from top to bottom. It finds any wiring, mirrored,
 turned or scrambled. A mirrored array gives false poses that no software can detect. An
-array.wiring that the scene has is ignored and replaced. With --lamp it goes on to the acceptance
-test before the first dive: the lamp shines at a known range, and each detector and the whole pass
-or fail, by their noise, their level in the dark and their light, with what to do about it; the exit
+array.wiring that the scene has is ignored and replaced. An array that demodulates sees no torch:
+move one of the lamps in its place. With --lamp it goes on to the acceptance test before the first
+dive: the lamp shines at a known range, or all lamps do, and each detector and the whole pass or
+fail, by their noise, their level in the dark and their light, with what to do about it; the exit
 code is 1 where something fails."""
 
 EPILOG = """\
@@ -35,7 +36,7 @@ after the sweeps and at least 3 images for each column. An array on a serial lin
 that publishes its images. Ctrl-C writes nothing."""
 
 
-LAMP = Quantity("then test with the lamp so far behind base_link", "m", 0.3, 100)
+LAMP = Quantity("then test with the lamp so far ahead of base_link", "m", 0.3, 100)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -76,15 +77,19 @@ def run(args: argparse.Namespace) -> int:
     def show(line: str) -> None:
         print(line, flush=True)
 
+    if "demodulation" in scene.effects:
+        show(
+            "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
+        )
     if args.lamp is None:
         sweeps = TorchSweeps(side, scene.full_scale_counts, show)
     else:
         sweeps = Acceptance(in_air(scene) if args.in_air else scene, args.lamp, show)
     if listen is not None:
-        listen(args.topic, array, sweeps.take, lambda: not sweeps.complete)
+        listen(args.topic, array, sweeps.take, lambda: not sweeps.complete, scene.lamp_count)
     else:
         bag, topics = files.user_path(args.bag), Topics(args.topic)
-        recording = read_recording(bag, array, topics, poses_needed=False)
+        recording = read_recording(bag, array, topics, poses_needed=False, lamps=scene.lamp_count)
         for stamp, image in zip(recording.stamps_ns, recording.images, strict=True):
             sweeps.take(int(stamp), image)
         sweeps.end_sweep()

@@ -17,12 +17,16 @@ WAITING = 1000  # images that are kept while others are looked at
 
 
 def listen(
-    topic: str, array: Readout, take: Callable[[int, Array], None], wanted: Callable[[], bool]
+    topic: str,
+    array: Readout,
+    take: Callable[[int, Array], None],
+    wanted: Callable[[], bool],
+    lamps: int = 1,
 ) -> None:
     """Hand over each image of a topic while they are wanted, until SIGINT or SIGTERM.
 
-    `take` gets stamp, ns, and counts, shape ``(side, side)``; its errors, and `Refused` for an
-    image that is not of the array, end the listening.
+    `take` gets stamp, ns, and counts, shape ``(lamps side, side)``; its errors, and `Refused` for
+    an image that is not of the array, end the listening.
     """
     start(None)
     try:
@@ -33,7 +37,7 @@ def listen(
                 order.check(message.header)
             except Refused:
                 return
-            take(stamp_ns(message.header), image_from_message(message, array))
+            take(stamp_ns(message.header), image_from_message(message, array, lamps))
 
         qos = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.create_subscription(Image, topic, on_image, qos)

@@ -34,13 +34,11 @@ def add_command(subparsers: Any, module: Any) -> None:
     The module has `DESCRIPTION`, `EPILOG`, ``add_options(parser)`` and ``run(args)``, which returns
     the exit code.
     """
-    parser = subparsers.add_parser(
-        module.__name__.rpartition(".")[2],
-        help=(module.__doc__ or "").partition(": ")[2].partition(".\n")[0].rstrip("."),
-        description=module.DESCRIPTION,
-        epilog=module.EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    name, about = module.__name__.rpartition(".")[2], (module.__doc__ or "").partition(": ")[2]
+    words = {"description": module.DESCRIPTION, "epilog": module.EPILOG}
+    words["formatter_class"] = argparse.RawDescriptionHelpFormatter
+    about = about.partition(".\n")[0].rstrip(".")
+    parser = subparsers.add_parser(name, help=about, **words)
     parser.set_defaults(run=module.run, prog=parser.prog)
     module.add_options(parser)
 

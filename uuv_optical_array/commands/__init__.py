@@ -4,7 +4,6 @@ import argparse
 import errno
 import os
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
 
 from uuv_optical_array import __version__
@@ -42,29 +41,19 @@ STUDIES = (accuracy, robustness, drives, transport, tradeoff, design, paper, app
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of ``uuv_array`` with every subcommand."""
-    parser = argparse.ArgumentParser(
-        prog="uuv_array", description="Relative pose of underwater vehicles by light."
-    )
+    description = "Relative pose of underwater vehicles by light."
+    parser = argparse.ArgumentParser(prog="uuv_array", description=description)
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:
         options.add_command(subparsers, command)
-    study = subparsers.add_parser(
-        "study",
-        help="measure accuracy, robustness, cost, designs and published results by simulation",
-        description="Measure by simulation what the array and the estimators can do.",
-    )
+    about = "measure accuracy, robustness, cost, designs and published results by simulation"
+    description = "Measure by simulation what the array and the estimators can do."
+    study = subparsers.add_parser("study", help=about, description=description)
     studies = study.add_subparsers(dest="study", required=True, metavar="STUDY")
     for module in STUDIES:
         options.add_command(studies, module)
     return parser
-
-
-def _refuse_moved(words: Sequence[str]) -> None:
-    """Exit with code 2 where the name of a study stands in the place of a command."""
-    if words and words[0] in {module.__name__.rpartition(".")[2] for module in STUDIES}:
-        print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
-        sys.exit(2)
 
 
 def main(words: list[str] | None = None) -> None:
@@ -74,7 +63,9 @@ def main(words: list[str] | None = None) -> None:
     that names what is not there included, and with 1 for what fails at run time.
     """
     words = sys.argv[1:] if words is None else words
-    _refuse_moved(words)
+    if words and words[0] in {module.__name__.rpartition(".")[2] for module in STUDIES}:
+        print(f"uuv_array {words[0]}: it is called `uuv_array study {words[0]}`", file=sys.stderr)
+        sys.exit(2)
     args = build_parser().parse_args(words)
     try:
         code = report.run(lambda: args.run(args), ["uuv_array", *words])

@@ -11,16 +11,11 @@ from typing import Any
 from uuv_optical_array.cli import options
 from uuv_optical_array.core.settings import Setting, Span, declared, summary
 from uuv_optical_array.core.storage import yaml_text
+from uuv_optical_array.forward import scene_files
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.scene import GROUPS, Scene, load_scene, scene_from_settings
-from uuv_optical_array.forward.scene_files import (
-    is_file_name,
-    layers,
-    ready_scenes,
-    scene_file,
-    sentence,
-)
+from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.forward.scene_schema import scene_schema
 
 DESCRIPTION = """\
@@ -88,7 +83,7 @@ def figures(scene: Scene) -> list[str]:
 def settings_text(name: str) -> str:
     """Return a scene with all its settings, as a file that can be used."""
     file = scene_file(name)
-    bases = [layer.extends for layer in layers(file) if layer.extends]
+    bases = [layer.extends for layer in scene_files.layers(file) if layer.extends]
     lines = [sentence(file)] if sentence(file) else []
     if bases:
         lines.append(f"{file.stem} extends {', which extends '.join(bases)}.")
@@ -132,16 +127,6 @@ def explanation(name: str) -> Iterator[str]:
             yield textwrap.indent(f"of {owner_name}: {inspect.getdoc(owner)}", "  ")
 
 
-def unknown_name(name: str) -> options.OptionError:
-    """Return the error for a name that nothing has, with the nearest name that is known."""
-    keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
-    known = [*ready_scenes(), "effects", *OWNERS, *keys]
-    known += [full.rpartition(".")[2] for full in known if "." in full]
-    near = get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]}?" if near else "uuv_array scenes lists the ready ones"
-    return options.OptionError(f"{name}: no ready scene, .yaml file, group, effect or key; {hint}")
-
-
 def run(args: argparse.Namespace) -> int:
     """Print the list, the schema or an explanation."""
     name = args.name
@@ -151,12 +136,18 @@ def run(args: argparse.Namespace) -> int:
         for ready in ready_scenes():
             lines = ready, sentence(scene_file(ready)), *figures(load_scene(ready))
             print("\n  ".join(lines))
-    elif is_file_name(name) or name in ready_scenes():
+    elif scene_files.is_file_name(name) or name in ready_scenes():
         with options.checking_options():
             text = settings_text(name)
         print(text)
     elif text := "\n".join(explanation(name)):
         print(text.replace("``", "`"))
     else:
-        raise unknown_name(name)
+        keys = [f"{owner}.{key}" for owner in OWNERS for key in declared(OWNERS[owner])]
+        known = [*ready_scenes(), "effects", *OWNERS, *keys]
+        known += [full.rpartition(".")[2] for full in known if "." in full]
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else "uuv_array scenes lists the ready ones"
+        kinds = "ready scene, .yaml file, group, effect or key"
+        raise options.OptionError(f"{name}: no {kinds}; {hint}")
     return 0

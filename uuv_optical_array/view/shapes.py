@@ -42,19 +42,14 @@ def hull(half_m: float, radius_m: float) -> Mesh:
     return _revolved(along, np.cos(angle) * radius_m)
 
 
-def cone(half_angle: float, length_m: float) -> Mesh:
-    """Return the surface of a beam that shines astern."""
-    radius_m = length_m * np.tan(half_angle)
-    return _revolved(np.array([0.0, -length_m]), np.array([0.0, radius_m]))
-
-
 def beams(scene: Scene, length_m: float) -> list[tuple[Array, list[Mesh]]]:
     """Return of each lamp its place and its beam out to one and two of its standard deviations."""
     lamps = lamps_in_numbers(scene.lamps, np.radians(scene.lamp.beam_sigma_deg))
     found = []
     for lamp in lamps.T:
         place, turn = lamp[PLACE_X:AXIS_PITCH], rotation_matrix(*lamp[AXIS_PITCH:SHARE])
-        cones = (cone(min(stds * lamp[SIGMA], 1.4), length_m) for stds in (1, 2))
+        wide = (np.tan(min(stds * lamp[SIGMA], 1.4)) for stds in (1, 2))
+        cones = (_revolved(np.array([0, -length_m]), np.array([0, length_m * x])) for x in wide)
         found.append((place, [(vertices @ turn.T + place, faces) for vertices, faces in cones]))
     return found
 

@@ -21,10 +21,9 @@ from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.plots.style import apart
-from uuv_optical_array.studies import design_score
+from uuv_optical_array.studies import design_sweep
 from uuv_optical_array.studies.design import Choice, draw, front
-from uuv_optical_array.studies.design_score import ScoredDesign
-from uuv_optical_array.studies.design_sweep import Design, designed
+from uuv_optical_array.studies.design_sweep import Design, ScoredDesign, designed
 from uuv_optical_array.studies.shared.results import Results
 
 COLUMNS = [field.name for field in dataclasses.fields(ScoredDesign)][8:]
@@ -118,7 +117,7 @@ def whole_file(tmp_path_factory):
 @pytest.fixture
 def heard(monkeypatch):
     """List the designs that are scored; a number appended to `heard.stop` presses Ctrl-C there."""
-    score = design_score.score
+    score = design_sweep.score
 
     class Heard(list):
         stop = None
@@ -131,7 +130,7 @@ def heard(monkeypatch):
         heard.append(Design.of(scene))
         return score(scene, *others)
 
-    monkeypatch.setattr(design_score, "score", counted)
+    monkeypatch.setattr(design_sweep, "score", counted)
     return heard
 
 

@@ -12,8 +12,7 @@ from scipy.stats import skew
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import HIGH, LOW, uniform_poses
-from uuv_optical_array.studies.design_score import score, signature_noise_deg
-from uuv_optical_array.studies.design_sweep import Design, designed
+from uuv_optical_array.studies.design_sweep import Design, designed, score, signature_noise_deg
 
 
 def own_scene(design, k_per_m, reference_counts=1.0):

@@ -16,8 +16,8 @@ from uuv_optical_array.forward.array import Shape
 from uuv_optical_array.forward.scene import save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots import style
-from uuv_optical_array.studies.design_score import HOW, PAPER, DesignStudy, ScoredDesign
-from uuv_optical_array.studies.design_sweep import RING, SWEPT, Design, designed, sweep_of
+from uuv_optical_array.studies import design_sweep
+from uuv_optical_array.studies.design_sweep import PAPER, Design, DesignStudy, ScoredDesign
 from uuv_optical_array.studies.shared.pareto import STEP
 from uuv_optical_array.studies.shared.results import Results
 from uuv_optical_array.studies.shared.separation import THRESHOLD_DEG
@@ -247,7 +247,7 @@ def _close_up(by_beam: Any, by_radius: Any, choice: Choice) -> None:
     stands = {
         name: getattr(min(rows, key=functools.partial(off, name=name)), name) for name in alike
     }
-    ring = min(rows, key=lambda row: [off(row, name) for name in RING])
+    ring = min(rows, key=lambda row: [off(row, name) for name in design_sweep.RING])
     stands |= {"ring": ring.ring, "lamps": ring.lamps}
     side, width, sigma = (stands[name] for name in alike)
     array, beam = f"{side} x {side} on {width:g} m", f"beam of {sigma:g} deg"
@@ -300,10 +300,10 @@ def _lines(
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    about = f"values of {', '.join(SWEPT)} (default: a grid about the scene's own)"
+    about = f"values of {', '.join(design_sweep.SWEPT)} (default: a grid about the scene's own)"
     parser.add_argument("--sweep", nargs="+", default=[], metavar="NAME=VALUE,...", help=about)
     scored = parser.add_argument_group("how it is scored")
-    options.add_settings(scored, DesignStudy, *HOW)
+    options.add_settings(scored, DesignStudy, *design_sweep.HOW)
     written = parser.add_argument_group("what is written")
     about = "picture, with the CSV of every design beside it (default: SCENE.design.png here)"
     outputs.add_picture(written, None, about=about)
@@ -316,8 +316,8 @@ def run(args: argparse.Namespace) -> int:
     """Score what is not scored yet, and print, write and draw it."""
     scene = options.scene_of(args)
     with options.checking_options():
-        sweep = sweep_of(scene, args.sweep)
-    study = DesignStudy(scene, sweep, **options.settings_of(args, DesignStudy, *HOW))
+        sweep = design_sweep.sweep_of(scene, args.sweep)
+    study = DesignStudy(scene, sweep, **options.settings_of(args, DesignStudy, *design_sweep.HOW))
     picture = args.output or f"{scene.name}.design.png"
     picture = outputs.file_to_write(picture, "--output", outputs.PICTURE)
     csv = outputs.file_to_write(picture.with_suffix(".csv"), "--output")
@@ -342,7 +342,7 @@ def run(args: argparse.Namespace) -> int:
             numbers = Annotated[int, Quantity("", "", 1, len(choice.numbered))]
             design = choice.numbered[check(numbers, args.take, "--take") - 1].design
         written.append(csv.with_suffix(f".{args.take}.yaml"))
-        taken = designed(scene, design, study.power, study.mount)
+        taken = design_sweep.designed(scene, design, study.power, study.mount)
         taken = scene_from_settings(taken.settings(), written[-1].stem)
         about = f"{design.label}, by uuv_array study design from {scene.name}"
         save_scene(taken, written[-1], about)

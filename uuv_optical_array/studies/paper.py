@@ -26,18 +26,8 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
-from uuv_optical_array.studies.shared.separation import (
-    RECONSTRUCTION,
-    THRESHOLD_DEG,
-    UNITS,
-    WANTED,
-    Choice,
-    Conditions,
-    Motion,
-    angles_deg,
-    paper_signature,
-    scene_signature,
-)
+from uuv_optical_array.studies.shared import separation
+from uuv_optical_array.studies.shared.separation import UNITS, Choice, Conditions, Motion
 
 DESCRIPTION = """\
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
@@ -115,7 +105,10 @@ def _of(angles: Angles, conditions: Conditions, step: float) -> float:
 
 
 def _at(figure: str, at: Conditions, step: float, relation: str, paper: float) -> Statement:
-    array, move = f"{at.shape} {at.side} x {at.side}", f"{at.motion} {step:g} {UNITS[at.motion]}"
+    array, move = (
+        f"{at.shape} {at.side} x {at.side}",
+        f"{at.motion} {step:g} {UNITS[at.motion]}",
+    )
     text, plain = f"{array}, {at.range_m:g} m, {move}", at.as_object(step)
     return Statement(figure, text, plain, relation, lambda angles: _of(angles, at, step), paper)
 
@@ -161,11 +154,11 @@ STATEMENTS = (
     _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
     _at("4b", Conditions("curved", 21, 4.0, "yaw"), 5.0, "is", 12.0),
     _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
-    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
-    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", separation.THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", separation.THRESHOLD_DEG),
     best_gain("shift", 0.2),
-    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
-    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", separation.THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", separation.THRESHOLD_DEG),
     best_gain("yaw", 10.0),
     _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
     _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
@@ -192,14 +185,14 @@ def panels() -> dict[str, list[Conditions]]:
 
 def least_detected(steps: Array, angles: Array) -> float | None:
     """Return the first step whose angle reaches the paper's threshold, or ``None``."""
-    reached = angles >= THRESHOLD_DEG
+    reached = angles >= separation.THRESHOLD_DEG
     return float(steps[reached.argmax()]) if reached.any() else None
 
 
 def alternatives(rng: np.random.Generator) -> list[Choice]:
     """Return the reconstruction, and choices that differ from it in one thing each."""
     return [
-        RECONSTRUCTION,
+        separation.RECONSTRUCTION,
         *(Choice(f"beam sigma {deg:g} deg", _beam(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
         *(Choice(f"attenuation {k:g} /m", _with(attenuation={"k_per_m": k})) for k in (0.05, 0.2)),
         Choice("no blur", _with(forward_scatter=None)),
@@ -208,14 +201,16 @@ def alternatives(rng: np.random.Generator) -> list[Choice]:
         Choice("blur, dark beyond the border", images=_dark_border),
         Choice(
             "peak between detectors",
-            signature=lambda images, top, _: paper_signature(images, top, "subdetector"),
+            signature=lambda images, top, _: separation.paper_signature(images, top, "subdetector"),
         ),
         Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
         Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
         Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
         Choice(
             "peak over full scale",
-            signature=lambda images, _, it: scene_signature(images, it.full_scale_counts, it),
+            signature=lambda images, _, it: separation.scene_signature(
+                images, it.full_scale_counts, it
+            ),
         ),
         Choice("sample skewness", signature=_sample_skewness),
         Choice("skewness of differences", signature=_differences),
@@ -296,7 +291,7 @@ def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Sce
 
 
 def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = scene_signature(images, on_axis_counts, scene)
+    vectors = separation.scene_signature(images, on_axis_counts, scene)
     n = images.shape[-1]
     vectors[..., 3:] *= np.sqrt(n * (n - 1)) / (n - 2)
     return vectors
@@ -304,7 +299,7 @@ def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Arra
 
 def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
     """Take differences of neighbours, one fewer than detectors, for the gradient."""
-    vectors = scene_signature(images, on_axis_counts, scene)
+    vectors = separation.scene_signature(images, on_axis_counts, scene)
     peak = key_parameters(images, on_axis_counts, "detector")[..., 1:3]
     column, row = np.moveaxis((peak + (images.shape[-1] - 1) / 2).round().astype(int), -1, 0)
     horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
@@ -318,13 +313,15 @@ def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
     """Return the angles of a curved array at 4 m, the least detected moves and the noise."""
     row: dict[str, Any] = {"detectors_per_side": side}
     for motion in MOTIONS:
-        steps = np.append(STEPS[motion], WANTED[motion])
-        angles = angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
-        name = f"{WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
+        steps = np.append(STEPS[motion], separation.WANTED[motion])
+        angles = separation.angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
+        name = f"{separation.WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
         row[f"angle_deg_at_{name}"] = float(angles[-1])
         row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
     for range_m in NOISE_RANGES_M:
-        still = angles_deg(scene, Conditions("curved", side, range_m, "shift"), [0.0], noise)
+        still = separation.angles_deg(
+            scene, Conditions("curved", side, range_m, "shift"), [0.0], noise
+        )
         row[f"noise_deg_at_{range_m:g}_m"] = float(still[0])
     return row
 
@@ -342,7 +339,7 @@ def reproduce(
     rng, curves = np.random.default_rng(seed), panels()
     figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
     result |= {"complete": False, "figures": figures, "sizes": [], "choices": []}
-    angles = functools.partial(angles_deg, scene)
+    angles = functools.partial(separation.angles_deg, scene)
     for statement in progress(STATEMENTS, "point"):
         figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
     for side in progress(SIDES, "size"):
@@ -353,7 +350,7 @@ def reproduce(
         figures[panel]["curves"].append(curve)
     names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
     for choice in progress(alternatives(rng), "choice"):
-        chosen = functools.partial(angles_deg, scene, choice=choice)
+        chosen = functools.partial(separation.angles_deg, scene, choice=choice)
         ours = [statement.ours(chosen) for statement in STATEMENTS]
         met, rms_deg = agreement(ours)
         points = {"choice": choice.text, "ours_deg": dict(zip(names, ours, strict=True))}
@@ -374,25 +371,20 @@ def report(result: Mapping[str, Any]) -> str:
         rows.append((i, said.figure, said.text, said.label, ours, verdict))
     lines = [columns(rows, 3)]
     if result["sizes"]:
-        lines += [
-            "",
-            f"Curved arrays: angles at 4 m; the least move that shows {THRESHOLD_DEG:g} deg there;",
-            "and the angle between two readings of one pose, with 10 bits and 1 count of noise.",
-        ]
+        shown = f"the least move that shows {separation.THRESHOLD_DEG:g} deg there;"
+        noise = "and the angle between two readings of one pose, with 10 bits and 1 count of noise."
+        lines += ["", f"Curved arrays: angles at 4 m; {shown}", noise]
         heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
         rows = [("detectors", *heads)]
         for size in result["sizes"]:
-            side, at_shift, shift, at_yaw, yaw, *noise = size.values()
+            side, at_shift, shift, at_yaw, yaw, *noisy_deg = size.values()
             least = ["none" if step is None else f"{step:g}" for step in (shift, yaw)]
             angles = _number(at_shift), _number(at_yaw)
-            rows.append((f"{side} x {side}", *angles, *least, *map(_number, noise)))
+            rows.append((f"{side} x {side}", *angles, *least, *map(_number, noisy_deg)))
         lines.append(columns(rows))
     if result["choices"]:
-        lines += [
-            "",
-            "Other choices, one at a time. met: how many of the six < and >;",
-            "rms: of the differences from the five stated angles.",
-        ]
+        met = "Other choices, one at a time. met: how many of the six < and >;"
+        lines += ["", met, "rms: of the differences from the five stated angles."]
         rows = [(row["choice"], row["met"], f"{row['rms_deg']:.1f}") for row in result["choices"]]
         lines.append(columns([("choice", "met", "rms (deg)"), *rows]))
     return "\n".join(lines)
@@ -458,7 +450,7 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         axes.text(0.765, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
         return
     if panel[0] == "5":
-        axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
+        axes.axhline(separation.THRESHOLD_DEG, color="k", lw=1, ls="--")
     for statement in STATEMENTS:
         if statement.figure != panel or statement.paper is None:
             continue

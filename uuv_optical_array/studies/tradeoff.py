@@ -15,17 +15,10 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.working_volume import SPECIFICATION, volume_spread
 from uuv_optical_array.plots import style
+from uuv_optical_array.studies.shared import tradeoff_measurement as measured
 from uuv_optical_array.studies.shared.pareto import STEP, pareto_front
 from uuv_optical_array.studies.shared.results import Results
-from uuv_optical_array.studies.shared.tradeoff_measurement import (
-    MOST_WITHOUT_POSE,
-    SETTINGS_CSV,
-    Measurement,
-    Mode,
-    measure_missing,
-    origin_of,
-    plan,
-)
+from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement, Mode, plan
 
 DESCRIPTION = """\
 Measure error and time per frame of every method (sam, sam_interpolated, least_squares, and the
@@ -74,7 +67,7 @@ def fronts(rows: Sequence[Measurement]) -> dict[str, NDArray[np.bool_]]:
     on_front = {}
     for name, (column, _, which) in ERRORS.items():
         costs = np.reshape([(row.models, getattr(row, column)) for row in rows], (-1, 2))
-        costs[[row.without_pose > MOST_WITHOUT_POSE for row in rows]] = np.inf
+        costs[[row.without_pose > measured.MOST_WITHOUT_POSE for row in rows]] = np.inf
         steps = np.round(np.log(costs) / np.log(STEP))
         steps[~(steps[:, 1] < np.round(np.log(volume_spread()[which]) / np.log(STEP)))] = np.inf
         simplest: dict[tuple[float, ...], int] = {}
@@ -131,7 +124,7 @@ def draw(rows: Sequence[Measurement], about: str) -> Any:
         mark("hollow: planar array", "h", mfc="none", ms=8),
         mark("pale: another setting is better", "h", alpha=PALE, ms=8),
         mark("front, numbered as below", "", color="k", lw=1.5),
-        mark(f"over {MOST_WITHOUT_POSE:.0%} without a pose", "x", color="0.5"),
+        mark(f"over {measured.MOST_WITHOUT_POSE:.0%} without a pose", "x", color="0.5"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=10, frameon=False)
     figure.suptitle(f"What accuracy costs in time\n{about}", fontsize=12)
@@ -145,7 +138,7 @@ def _draw_panel(axes: Any, rows: Sequence[Measurement], name: str) -> None:
     for row, best in zip(rows, on_front, strict=True):
         colour = style.METHOD_COLOURS[row.method]
         look = {"marker": style.METHOD_MARKS[row.method], "fc": colour, "ec": colour, "s": 55}
-        if row.without_pose > MOST_WITHOUT_POSE:
+        if row.without_pose > measured.MOST_WITHOUT_POSE:
             look = {"marker": "x", "color": "0.5", "s": 30}
         elif row.shape == "planar":
             look["fc"] = "none"
@@ -199,9 +192,9 @@ def run(args: argparse.Namespace) -> int:
     scene = options.scene_of(args)
     mode: Mode = get_args(Mode)[args.full]
     folder = outputs.folder_to_write(args.output or f"{scene.name}.tradeoff", "--output")
-    results = Results(folder / SETTINGS_CSV, Measurement, origin_of(scene, mode))
+    results = Results(folder / measured.SETTINGS_CSV, Measurement, measured.origin_of(scene, mode))
     groups = plan(scene, mode)
-    complete, rows = measure_missing(scene, groups, results), results.lines
+    complete, rows = measured.measure_missing(scene, groups, results), results.lines
     loads, origin = [row.load_average for row in rows], results.origin
     load = f"load average {min(loads):.1f} to {max(loads):.1f}"
     about = f"scene {scene.name}, {origin['frames']} frames each; {origin['machine']}, {load}"
@@ -209,12 +202,12 @@ def run(args: argparse.Namespace) -> int:
     figure = draw(rows, about)
     for picture in pictures:
         style.save(figure, Path(picture))
-    without = sum(row.without_pose > MOST_WITHOUT_POSE for row in rows)
+    without = sum(row.without_pose > measured.MOST_WITHOUT_POSE for row in rows)
     lines = [
         f"{about}\n\nPareto-optimal settings in time and error:\n{report(rows)}\n",
         f"{without} of {len(rows)} settings left more than 1 % of frames without a pose",
         *([QUICK_LEAVES_OUT] if mode == "quick" else []),
-        f"file: {folder / SETTINGS_CSV}",
+        f"file: {folder / measured.SETTINGS_CSV}",
         f"pictures: {', '.join(pictures)}",
     ]
     result = {"complete": complete, **origin, **as_object(rows), "pictures": pictures}

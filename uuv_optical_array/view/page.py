@@ -21,17 +21,9 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from uuv_optical_array.core import geometry
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.geometry import (
-    DOF_NAMES,
-    DOF_UNITS,
-    IN_DEGREES,
-    PITCH,
-    YAW,
-    Array,
-    roll_pitch_yaw,
-    rotation_matrix,
-)
+from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, PITCH, YAW, Array
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.scene import Scene
@@ -291,8 +283,8 @@ class Page:
 
     def _show_vehicles(self, sight: Sight) -> None:
         place, attitude = sight.leader or (np.zeros(3), np.eye(3))
-        _, _, yaw = roll_pitch_yaw(attitude)
-        heading = rotation_matrix(0.0, yaw)
+        _, _, yaw = geometry.roll_pitch_yaw(attitude)
+        heading = geometry.rotation_matrix(0.0, yaw)
         turn = heading.T @ attitude
         frames = self._frames
         _place(frames["leader"], np.zeros(3), turn)
@@ -308,7 +300,7 @@ class Page:
         frames["station"].visible = sight.station_m is not None
         if sight.pose is not None and sight.covariance is not None:
             pitch, yaw = sight.pose[[PITCH, YAW]]
-            scale, axes = ellipsoid(sight.covariance[:3, :3], rotation_matrix(pitch, yaw))
+            scale, axes = ellipsoid(sight.covariance[:3, :3], geometry.rotation_matrix(pitch, yaw))
             self._ellipsoid.scale = tuple(scale)
             self._ellipsoid.wxyz = _wxyz(axes)
         if sight.leader is not None:
@@ -321,7 +313,7 @@ class Page:
         frame = self._frames[name]
         frame.visible = pose is not None
         if pose is not None:
-            _place(frame, turn @ pose[:3], turn @ rotation_matrix(pose[PITCH], pose[YAW]))
+            _place(frame, turn @ pose[:3], turn @ geometry.rotation_matrix(pose[PITCH], pose[YAW]))
 
     def _follow_path(self, name: str, at: Array, colour: str) -> None:
         path = self._paths[name]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.core.geometry import IN_DEGREES, Array, X
+from uuv_optical_array.core.geometry import IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity, Setting
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -19,7 +19,7 @@ from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import new_figure, save
-from uuv_optical_array.studies.limits import reach
+from uuv_optical_array.studies.limits import aligned, reach
 
 DESCRIPTION = """\
 The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
@@ -42,13 +42,6 @@ DRAWN_M = np.geomspace(1.0, 20.0, 120)
 BUILT_M = 6.0  # where errors of building are told
 RISK = ("exempt", "group 1: low risk", "group 2: do not stare", "group 3: high risk")
 REACH = Quantity("find the least watts that reach so far", "m", 0.5, 100)
-
-
-def aligned(ranges_m: Any) -> Array:
-    """Return aligned poses so far behind the lamp, shape ``(n, 5)``."""
-    poses = np.zeros((len(ranges_m), 5))
-    poses[:, X] = -np.asarray(ranges_m)
-    return poses
 
 
 def reaches(scene: Scene, range_m: float) -> bool:
@@ -74,18 +67,17 @@ def report(scene: Scene, instrument: Instrument, base: str) -> str:
     group, blue, thermal = max(
         instrument.risk_group(lamp.beam_sigma_deg or beam, lamp.power / whole) for lamp in lamps
     )
-    noise = ForwardModel(scene).noise
+    of, dark = instrument, np.sqrt(ForwardModel(scene).noise.variance)
+    lit, on_axis = f"{of.lamp_w:.4g} W in a beam of {beam:g} deg", of.intensity(beam)
+    names = f"{len(lamps)} lamps" if scene.lamps else "lamp"
+    amplifier = f"{of.amplifier_noise():.2g} A/sqrt(Hz) in {of.bandwidth_hz:g} Hz"
+    count = f"{of.amps_per_count:.3g} A, {1 / of.counts_per_w_per_m2:.3g} W/m^2"
+    radiance = f"blue light {blue:.3g}, thermal {thermal:.3g} W/(m^2 sr)"
     lines = [
-        f"{f'{len(lamps)} lamps' if scene.lamps else 'lamp'}: {instrument.lamp_w:.4g} W in a beam "
-        f"of {beam:g} deg: "
-        f"{instrument.intensity(beam):.3g} W/sr on its axis",
-        f"eyes: {RISK[group]} (IEC 62471 at 0.2 m: blue light {blue:.3g}, thermal {thermal:.3g} "
-        "W/(m^2 sr))",
-        f"a count: {instrument.amps_per_count:.3g} A, {1 / instrument.counts_per_w_per_m2:.3g} "
-        f"W/m^2; full scale {full_scale:g} counts",
-        f"noise in the dark: {np.sqrt(noise.variance):.3g} counts, with rounding; amplifier and "
-        f"converter {instrument.amplifier_noise():.2g} A/sqrt(Hz) in {instrument.bandwidth_hz:g} "
-        "Hz",
+        f"{names}: {lit}: {on_axis:.3g} W/sr on its axis",
+        f"eyes: {RISK[group]} (IEC 62471 at 0.2 m: {radiance})",
+        f"a count: {count}; full scale {full_scale:g} counts",
+        f"noise in the dark: {dark:.3g} counts, with rounding; amplifier and converter {amplifier}",
         "",
         "aligned, behind the lamp        bound of one image",
         "range (m)    counts     noise   range (m)  across (m)  angle (deg)",

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X, Y
@@ -69,15 +70,18 @@ def bound_map(
     }
 
 
+def aligned(ranges_m: ArrayLike) -> Array:
+    """Return aligned poses so far behind the lamp, m, shape ``(n, 5)``."""
+    return np.multiply.outer(ranges_m, [-1.0, 0.0, 0.0, 0.0, 0.0])
+
+
 def reach(scene: Scene) -> tuple[float, float] | None:
     """Return the nearest and farthest range, m, where the bound of an aligned pose is as specified.
 
     They are about the lamp's reference range, within `REACH_M` and to its step; None where the
     bound is larger even there. What the scene's prior leaves uncertain counts as unknown.
     """
-    poses = np.zeros((len(REACH_M), 5))
-    poses[:, X] = -REACH_M
-    std = cramer_rao_bound(ForwardModel(scene), poses).std * IN_DEGREES
+    std = cramer_rao_bound(ForwardModel(scene), aligned(REACH_M)).std * IN_DEGREES
     beyond = np.flatnonzero(~(std <= SPECIFICATION).all(axis=1))
     own = int(np.abs(REACH_M - scene.lamp.reference_range_m).argmin())
     if own in beyond:

@@ -34,21 +34,17 @@ TURNS = (np.arange(128) + 0.5) * math.pi / 128  # about the ray, over which a la
 class Pencil:
     """Light of a pencil in water that has been scattered, through spheres about its source.
 
-    - absorption_per_m, scattering_per_m: of the water, >= 0 and > 0, 1/m.
-    - phase: name of the phase function.
-    - photons: how many were traced.
-    - radial, away: net flux outwards and away from the pencil, of one unit sent, through the bins
-      between `EDGES` of the spheres of `RADII_M`, shape ``(spheres, bins)``.
-    - squares: as `radial`, of the photons' squared weights, for the error by chance.
+    `radial` and `away` are the net flux outwards and away from the pencil, of one unit sent,
+    through the bins between `EDGES` of the spheres of `RADII_M`, shape ``(spheres, bins)``.
     """
 
-    absorption_per_m: float
-    scattering_per_m: float
+    absorption_per_m: float  # of the water, >= 0
+    scattering_per_m: float  # > 0
     phase: Phase
-    photons: int
+    photons: int  # that were traced
     radial: Array
     away: Array
-    squares: Array
+    squares: Array  # as `radial`, of the photons' squared weights, for the error by chance
 
 
 def shipped_pencil(water: str, phase: Phase = "fournier_forand") -> Pencil:

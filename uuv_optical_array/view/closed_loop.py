@@ -91,16 +91,12 @@ class ClosedLoop:
         self._model, self._offsets = _sea(self._scene, conditions)
         self._controller.configure(FormationSettings(station_m=conditions.station_m))
         self.conditions = conditions
-        self._set_current()
-
-    def _set_current(self) -> None:
-        """Let the current act, once the vehicles move."""
-        if self._path_s is not None:
-            self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
 
     def step(self, dt: float) -> Moment:
         """Advance by `dt`, s, > 0; take an image, and command by it."""
         if self._path_s is not None:
+            # The current acts once the vehicles move.
+            self._leader.sea = self._follower.sea = Sea(self.conditions.current_m_per_s)
             self._path_s = lead(self._leader, self._path_s, dt)
         self._follower.step(*self._command, dt)
         self.t_s += dt
@@ -121,7 +117,6 @@ class ClosedLoop:
             self.frames.command(round(self.t_s * 1e9), *command)
             if self._path_s is None:
                 self._path_s = 0.0
-                self._set_current()
         return Moment(self.t_s, at, turn, pose, image, frame, self._path_s is not None)
 
 

@@ -198,21 +198,14 @@ def measure(scene: Scene, group: Group, frames: int, seed: int) -> list[Measurem
         raise KeyboardInterrupt  # cut short, so no measurement
     bound = cramer_rao_bound(model, poses)
     floor = working_volume.known_volume_std(bound.information)
-    return [
-        Measurement(
-            *(method, group.shape, side, group.steps, rows),
-            float((~result.posed).mean()),
-            *errors.position_and_angle(result.errors[result.posed]),
-            *errors.position_and_angle(bound.std),
-            *errors.position_and_angle(floor),
-            *result.frame_ms,
-            model_ms=result.model_ms,
-            models=result.frame_ms[0] / result.model_ms,
-            build_s=build_s,
-            load_average=os.getloadavg()[0],
-        )
-        for method, result in results.items()
-    ]
+    least = *errors.position_and_angle(bound.std), *errors.position_and_angle(floor)
+    measured = []
+    for method, result in results.items():
+        setting = method, group.shape, side, group.steps, rows, float((~result.posed).mean())
+        off = errors.position_and_angle(result.errors[result.posed])
+        times = *result.frame_ms, result.model_ms, result.frame_ms[0] / result.model_ms, build_s
+        measured.append(Measurement(*setting, *off, *least, *times, os.getloadavg()[0]))
+    return measured
 
 
 def measure_missing(scene: Scene, groups: Sequence[Group], results: Results[Measurement]) -> bool:

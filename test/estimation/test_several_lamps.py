@@ -108,6 +108,16 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         )
 
 
+@pytest.mark.parametrize("lit", range(3))
+def test_a_lamp_that_shines_alone_among_several_gets_no_pose(estimator, lit):
+    rng, rows = np.random.default_rng(lit), slice(5 * lit, 5 * lit + 5)
+    image, _, _ = drawn(rng)
+    dark = MODEL.read(np.full((15, 5), MODEL.noise.black), rng)
+    dark[rows] = image[rows]
+    with pytest.raises(NoPose, match="2 of 3 lamps show nothing"):
+        estimator.estimate(dark)
+
+
 def test_no_search_with_all_lamps_where_one_is_dark(estimator, monkeypatch):
     rng, fit, starts = np.random.default_rng(7), estimator._fit, []
     image, _, _ = drawn(rng)

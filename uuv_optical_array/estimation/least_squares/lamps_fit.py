@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 from scipy.special import chdtrc
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, rolled
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.frame import (
@@ -186,7 +187,10 @@ class LampsFit(ImageFit):
         images = problem.readings.reshape(-1, side**2)
         squares = (np.square(images - noise.black) / noise.variance).sum(axis=1)
         dark = int(squares.argmin())
-        if chdtrc(side**2, squares[dark]) < LIKELY_DARK:
+        likely = int((chdtrc(side**2, squares) >= LIKELY_DARK).sum())
+        if likely > 1:  # they may be off, or the follower may be where only the others shine
+            raise NoPose(f"no fit: {likely} of {len(squares)} lamps show nothing")
+        if not likely:
             return None
         weights = np.ones_like(images)
         weights[dark] = 0.0

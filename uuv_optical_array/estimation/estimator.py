@@ -112,6 +112,8 @@ class Estimate:
     turn
         By several lamps, the covariance of the follower's roll with the pose, and its variance,
         shape ``(6,)``; ``None`` by one, which does not show the roll.
+    dark_lamp
+        Which of several lamps was left out, as it is off or hidden; ``None``: none was.
     """
 
     pose: Array
@@ -128,13 +130,13 @@ class Estimate:
     left_out: tuple[tuple[int, int], ...] = ()
     roll: float = 0.0
     turn: Array | None = None
+    dark_lamp: int | None = None
 
     @property
     def fault(self) -> str:
         """Which lamp or detectors were left out, in words; empty where none was."""
-        side = 1 + max((column for _, column in self.left_out), default=0)
-        if len(self.left_out) == side**2 > 1:
-            return f"dark lamp: lamps[{self.left_out[0][0] // side}] is off or hidden"
+        if self.dark_lamp is not None:
+            return f"dark lamp: lamps[{self.dark_lamp}] is off or hidden"
         places = ", ".join(f"row {row} column {column}" for row, column in self.left_out)
         return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
 
@@ -421,6 +423,10 @@ class Estimator:
         found = fit(readings, parameters, roll, expected)
         fitted, clear, near, left_out, rolls, turn = found
         runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
+        detectors, dark = self._side**2, None
+        # A faulty detector is left out of the images of all lamps, a dark lamp with all detectors.
+        if self.scene.lamps and len(left_out) and left_out[-1] - left_out[0] < detectors:
+            dark, left_out = int(left_out[0]) // detectors, left_out[:0]
         return Estimate(
             fitted.pose,
             fitted.covariance,
@@ -433,9 +439,10 @@ class Estimator:
             near if clear > CLEAR else None,
             fitted.stretch,
             clear,
-            tuple(divmod(place, self._side) for place in left_out.tolist()),
+            tuple(divmod(it, self._side) for it in left_out.tolist() if it < detectors),
             rolls,
             turn,
+            dark,
         )
 
     def lineariser(
@@ -451,5 +458,10 @@ class Estimator:
             As it was given them.
         """
         readings = self._readings(image)
-        left_out = [self._side * row + column for row, column in estimate.left_out]
+        lamps, detectors = self.scene.lamp_count, self._side**2
+        weights = np.ones((lamps, detectors))
+        weights[:, [self._side * row + column for row, column in estimate.left_out]] = 0.0
+        if estimate.dark_lamp is not None:
+            weights[estimate.dark_lamp] = 0.0
+        left_out = np.flatnonzero(weights == 0)
         return lambda at: self._fit.near(readings, at, roll, estimate.stretch, left_out)

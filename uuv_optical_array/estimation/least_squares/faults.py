@@ -2,7 +2,8 @@
 
 They are found by least trimmed squares (P. Rousseeuw, 1984, J. Am. Stat. Assoc. 79, 871): from
 poses whose images are alike but for a few readings, fits leave out those few that are farthest off,
-until these stay the same. Then each is taken back with which the rest still fits.
+until these stay the same. Then each is taken back with which the rest still fits. A faulty detector
+is so in the images of all lamps.
 """
 
 from typing import Any
@@ -28,13 +29,20 @@ LIT_EACH = 6  # clearly lit detectors beside each that may be left out, or the r
 FAULTY = 1e-2
 STARTS, ROUNDS = 8, 5
 ROWS = 1536  # poses whose images are compared
-TAKEN_BACK = 4.5  # cost of a reading, as of three standard deviations, up to which it is no fault
+# Cost of a detector, as of three standard deviations, up to which it is no fault, and what each
+# further lamp adds to it, as chi-squares of more degrees of freedom are about so much larger.
+TAKEN_BACK, EACH_LAMP = 4.5, 1.25
 WELL = 0.84  # score of a fit from which the readings that are left out may be the wrong ones
 
 
+def lamps_of(problem: Problem) -> Any:
+    """Return how many lamps an image is of."""
+    return problem.optics.lamps.shape[1]
+
+
 def most_faulty(problem: Problem) -> int:
-    """Return how many readings of an image may be left out; they may be the brightest."""
-    readings = np.sort(problem.readings)
+    """Return how many detectors may be left out; they may be the brightest."""
+    readings = np.sort(problem.readings.reshape(lamps_of(problem), -1).max(axis=0))
     for count in range(MOST_FAULTY, 0, -1):
         others = problem._replace(readings=readings[:-count])
         full = np.count_nonzero(others.readings >= problem.noise.high)
@@ -44,9 +52,13 @@ def most_faulty(problem: Problem) -> int:
 
 
 def log_odds(problem: Problem, light: Any) -> Any:
-    """Return by how much a fault is more probable than light that the reading hits exactly."""
-    full = min(problem.noise.high, 2 * problem.readings.max() + 1)
-    return np.log(FAULTY / full * np.sqrt(2 * np.pi * reading_variance(light, problem.noise)))
+    """Return by how much a fault is more probable than light that the reading hits exactly.
+
+    It is a lamp's share, as a detector is faulty in the images of all.
+    """
+    full, faulty = min(problem.noise.high, 2 * problem.readings.max() + 1), FAULTY
+    faulty **= 1 / lamps_of(problem)
+    return np.log(faulty / full * np.sqrt(2 * np.pi * reading_variance(light, problem.noise)))
 
 
 def grows(noise: ReadingNoise) -> bool:
@@ -55,45 +67,58 @@ def grows(noise: ReadingNoise) -> bool:
 
 
 def trim(squares: Array, count: int, weights: Array) -> bool:
-    """Give the largest of squares no weight; returns whether that changes anything."""
-    before = weights.copy()
+    """Give the detectors of the largest squares no weight; returns whether that changes anything.
+
+    - squares: of d detectors, shape ``(d,)``.
+    - weights: of the readings of each lamp, one after the other, shape ``(L d,)``.
+    """
+    before, detectors = weights.copy(), len(squares)
     weights.fill(1.0)
     for _ in range(count):
-        weights[(squares * weights).argmax()] = 0.0
+        weights[(squares * weights[:detectors]).argmax() :: detectors] = 0.0
     return bool((before != weights).any())
 
 
+def write_unlike(roots: Array, row: int, sight: Array, squares: Array) -> None:
+    """Write how unlike an image and that of a pose are, detector by detector."""
+    squares.fill(0.0)
+    for j in range(len(sight)):
+        squares[j % len(squares)] += (roots[j, row] - sight[j]) ** 2
+
+
 def write_squares(problem: Problem, at: Array, squares: Array) -> Array:
-    """Write by how many standard deviations readings are off, squared; returns the light."""
+    """Write by how many standard deviations detectors are off, squared; returns the light."""
     light, noise = light_at(problem, at), problem.noise
+    squares.fill(0.0)
     for j in range(len(light)):
-        expected = min(max(light[j], noise.low), noise.high)
-        squares[j] = (problem.readings[j] - expected) ** 2 / reading_variance(light[j], noise)
+        off = problem.readings[j] - min(max(light[j], noise.low), noise.high)
+        squares[j % len(squares)] += off**2 / reading_variance(light[j], noise)
     return light
 
 
 def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
-    """Give readings that no pose explains no weight, and the light of the pose of the others.
+    """Give detectors that no pose explains no weight, and the light of the pose of the others.
 
     - problem: with readings and weights of its own, which are written.
     - poses, roots: where fits may start, as `frame.Guide` has them.
     - count: how many detectors may be faulty, > 0.
-    - returned: whether there is such a reading.
+    - returned: whether there is such a detector.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
-    squares, sight = weights.copy(), np.sqrt(np.maximum(readings, 0.0))
-    distances = np.empty(min(len(poses), ROWS))
+    lamps, sight = lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
+    detectors = len(readings) // lamps
+    squares, distances = np.zeros(detectors), np.empty(min(len(poses), ROWS))
     for row in range(len(distances)):
-        for j in range(len(readings)):
-            squares[j] = (roots[j, row] - sight[j]) ** 2
+        write_unlike(roots, row, sight, squares)
         trim(squares, count, weights)
-        distances[row] = (squares * weights).sum()
+        distances[row] = (squares * weights[:detectors]).sum()
     least, at, best = np.inf, start_at(problem, poses[0]), weights.copy()
     there = at
     for _ in range(STARTS):
         row = int(distances.argmin())
         distances[row] = np.inf
-        trim((roots[:, row] - sight) ** 2, count, weights)
+        write_unlike(roots, row, sight, squares)
+        trim(squares, count, weights)
         alike, there, cost = weights, start_at(problem, poses[row]), least
         for _ in range(ROUNDS):
             alike = weights.copy()
@@ -106,34 +131,36 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
             least, at, best = cost, there, alike
     for j in range(len(readings)):
         weights[j] = best[j]
-    # A reading that bends the fit is not far off, and another one in its place.
-    for place in np.flatnonzero(best == 0):
+    # A detector that bends the fit is not far off, and another one in its place.
+    for place in np.flatnonzero(best[:detectors] == 0):
         if misfit(problem, at).score < WELL:
             break
-        swapped, weights[place] = place, 1.0
-        for j in range(len(readings)):
+        swapped = place
+        weights[place::detectors] = 1.0
+        for j in range(detectors):
             if best[j] > 0:
-                weights[j] = 0.0
+                weights[j::detectors] = 0.0
                 state = refine(problem, at, MOST_STEPS)
                 if state.cost < least:
                     least, there, swapped = state.cost, state.parts[AT].copy(), j
-                weights[j] = 1.0
-        weights[swapped] = 0.0
+                weights[j::detectors] = 1.0
+        weights[swapped::detectors] = 0.0
         if swapped != place:
             at, best = there, weights.copy()
     for _ in range(count):
         light = write_squares(problem, at, squares)
         j, nearest = 0, np.inf
-        for k in range(len(readings)):
+        for k in range(detectors):
             if weights[k] == 0 and squares[k] < nearest:
                 j, nearest = k, squares[k]
-        weights[j] = 1.0
+        weights[j::detectors] = 1.0
         state = refine(problem, at, MOST_STEPS)
         worse = state.cost - least
         if grows(noise):
-            worse -= 0.5 * np.log(reading_variance(light[j], noise))
-        if worse > TAKEN_BACK:
-            weights[j] = 0.0
+            for k in range(j, len(light), detectors):
+                worse -= 0.5 * np.log(reading_variance(light[k], noise))
+        if worse > TAKEN_BACK + EACH_LAMP * (lamps - 1):
+            weights[j::detectors] = 0.0
             break
         least, at = state.cost, state.parts[AT].copy()
     light = light_at(problem, at)

@@ -54,8 +54,7 @@ NEAR_STARTS, NEAREST = 4096, 0.2
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
-# Score up to which the readings of the others have to fit: that of one image of fifty.
-MENDED = 2.054
+MENDED = 2.054  # score up to which the others have to fit: that of one image of fifty
 # Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
 MOSTLY_CLEAR = 0.8
 
@@ -81,15 +80,6 @@ class Fitted(NamedTuple):
     turn: Array | None = None
 
 
-def mended(
-    kind: FrameKind, problem: Problem, frame: FrameResult, log_chance: float
-) -> tuple[FrameKind, Problem, FrameResult] | None:
-    """Return what is left of a frame where that fits, with its chance in the share of the kind."""
-    if frame.outcome != FITTED or frame.strict_score > MENDED:
-        return None
-    return kind._replace(share=kind.share * np.exp(log_chance)), problem, frame
-
-
 def nearly_gaussian(frame: FrameResult) -> bool:
     """Say whether the posterior of a frame is nearly Gaussian, and its image as good as linear."""
     off, covariance = wrapped(frame.best[:5] - frame.pose), frame.covariance / frame.stretch
@@ -105,7 +95,10 @@ class ImageFit:
     - candidates, max_misfit, compiled: as of `Estimator`.
     - compiled: whether it runs as Numba compiles it.
     - guide: where fits start from and how far they go, unless they are told otherwise.
+    - most_mended: score up to which what is left of an image has to fit.
     """
+
+    most_mended = MENDED
 
     def __init__(
         self,
@@ -266,7 +259,15 @@ class ImageFit:
         readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
         problem = problem._replace(readings=readings, weights=weights)
         frame = self._frame(problem, self.guide, np.full((5, 1), np.nan), count)
-        return mended(kind, problem, frame, log_evidence(problem))
+        return self._mended(kind, problem, frame, log_evidence(problem))
+
+    def _mended(
+        self, kind: FrameKind, problem: Problem, frame: FrameResult, log_chance: float
+    ) -> tuple[FrameKind, Problem, FrameResult] | None:
+        """Return what is left of a frame where that fits, with its chance in the kind's share."""
+        if frame.outcome != FITTED or frame.strict_score > self.most_mended:
+            return None
+        return kind._replace(share=kind.share * np.exp(log_chance)), problem, frame
 
     def near(
         self,

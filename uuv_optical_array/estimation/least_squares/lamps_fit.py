@@ -34,7 +34,6 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
 from uuv_optical_array.estimation.least_squares.image_fit import (
     Fitted,
     ImageFit,
-    mended,
     nearly_gaussian,
 )
 from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, Problem
@@ -105,6 +104,8 @@ def rare_kinds(scene: Scene) -> list[tuple[FrameLight, dict[str, float]]]:
 class LampsFit(ImageFit):
     """Fits the images of a scene of several lamps."""
 
+    most_mended = UNUSUAL  # what is left has readings enough to tell
+
     def run(self, compiled: bool) -> None:
         """Run as of `ImageFit`."""
         super().run(compiled)
@@ -174,9 +175,14 @@ class LampsFit(ImageFit):
             if odd > enough or not kind.rare:
                 other = kind.knowing(expected)._replace(readings=readings, roll=roll)
                 frame = self._frame(other, there, parameters, 0)
-                if frame.outcome == FITTED and frame.strict_score > UNUSUAL:
+                if frame.outcome == FITTED and frame.strict_score > self.most_mended:
                     frame = frame._replace(outcome=MISFIT)
                 found.append(self._linear(k, kind, other, frame))
+        if guide.most == FIRST_STARTS:
+            fits = [each.frame for each in found if each.frame.outcome == FITTED]
+            best = min(fits or [clear.frame], key=lambda frame: frame.strict_score)
+            if faults := self._faults(kinds[0], problem, best):
+                found.append(self._linear(0, *faults))
         return found
 
     def _without_dark_lamp(
@@ -196,7 +202,7 @@ class LampsFit(ImageFit):
         weights[dark] = 0.0
         problem = problem._replace(weights=weights.ravel())
         frame = self._frame(problem, guide, self._parameters(weights * images), 0)
-        return mended(kind, problem, frame, math.log(LAMP_OFF) - 0.5 * squares[dark])
+        return self._mended(kind, problem, frame, math.log(LAMP_OFF) - 0.5 * squares[dark])
 
     def _parameters(self, readings: Array) -> Array:
         """Return the key parameters of an image, shape ``(5, 1)``."""
@@ -239,11 +245,13 @@ class LampsFit(ImageFit):
         score = weighted @ near.residuals - shared @ (clear.covariance @ pull)
         at, stds = self._wider, self._wider_stds
         spread = stds[:, :, None] * information[at[:, :, None], at[:, None, :]] * stds[:, None, :]
-        spread = np.eye(at.shape[1]) + np.where(np.isfinite(spread), spread, 0.0)
-        moved = stds * score[at]
-        gain = (moved * np.linalg.solve(spread, moved[:, :, None])[:, :, 0]).sum(axis=1)
+        # Where the clear fit is lost the numbers are large, and no matrix may be regular.
+        values, vectors = np.linalg.eigh(np.where(np.isfinite(spread), spread, 0.0))
+        moved = np.einsum("ki,kij->kj", stds * score[at], vectors)
+        more = 1 + np.maximum(values, 0.0)
+        gain = (np.square(moved) / more - np.log(more)).sum(axis=1)
         shares = np.array([kind.share for kind in kinds])
-        return np.log(shares[1:] / shares[0]) + 0.5 * (gain - np.linalg.slogdet(spread)[1])
+        return np.log(shares[1:] / shares[0]) + 0.5 * gain
 
     def _together(self, found: list[Hypothesis]) -> Fitted:
         """Return the mixture of hypotheses; `NoPose` where none fits."""

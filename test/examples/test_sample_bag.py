@@ -1,11 +1,13 @@
 """The sample bag of the tutorials is what its script writes, and a fit finds the script's sea."""
 
 import importlib.util
+import json
 import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.scene import load_scene
@@ -36,6 +38,17 @@ def test_it_is_what_its_script_writes(sample, monkeypatch, tmp_path):
     )
     np.testing.assert_allclose(sample.poses, true, atol=1e-9)
     assert sum(file.stat().st_size for file in (EXAMPLES / "sample").iterdir()) < 2**20
+
+
+def test_errors_of_poses_reach_the_fit_in_metres_and_degrees(sample, tmp_path, capsys):
+    output = tmp_path / "sea.yaml"
+    words = ("--pose-std", 0.05, 1, "--json", "-o", output, "--force")
+    run("calibrate", EXAMPLES / "sample", *words)
+    told = json.loads(capsys.readouterr().out)["parameters"]
+    stds = [0.05, 0.05, 0.05, np.radians(1), np.radians(1)]
+    drive = sample.images, sample.poses, sample.rolls
+    for one in calibrate(load_scene("follow"), *drive, pose_std=stds).parameters:
+        assert told[one.name]["fitted"] == pytest.approx(one.value, rel=1e-6), one.name
 
 
 def test_a_calibration_finds_its_sea(sample):

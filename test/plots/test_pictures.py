@@ -105,6 +105,15 @@ def test_names_of_lines_lie_apart_in_their_order_beside_the_axes():
     )
 
 
+def test_numbers_stand_beside_their_points_where_there_is_room():
+    axes = style.new_figure(4, 4).subplots()
+    axes.set(yscale="log", ylim=(1, 100))
+    points = {1: (0.5, 10.0), 2: (0.5, 50.0), 3: (0.5, 2.0)}
+    style.number_points(axes, points, at=0.3, gap=0.05)
+    heights = {int(note.get_text()): note.get_position()[1] for note in axes.texts}
+    assert heights == pytest.approx({n: np.log10(y) / 2 for n, (_, y) in points.items()})
+
+
 def run_of(x_m=-6.0):
     """Return a run that hardly moves, so that much rounds to zero from below."""
     record = FollowRecord((x_m, 0.0, 0.0))

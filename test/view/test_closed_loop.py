@@ -101,6 +101,11 @@ def test_once_there_is_light_the_follower_reaches_its_station_in_any_sea(table):
     # Over ground: 0.5 m/s for 26 s, less the start.
     assert moments[-1].leader_position[0] > 10
     assert all(moment.leads and moment.frame.track is not None for moment in moments)
+    # Without light it stops, and the current carries it.
+    loop.change(replace(sea, lamp_power=[0.0]))
+    dark = [loop.step(0.2) for _ in range(100)][-5:]
+    places = [m.leader_position + m.leader_rotation @ m.pose[:3] for m in dark]
+    np.testing.assert_allclose(np.diff(places, axis=0), [[0.0, 0.04, 0.0]] * 4, atol=1e-3)
 
 
 def test_a_follower_whose_array_is_not_the_scenes_stops_and_says_why():

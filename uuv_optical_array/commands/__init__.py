@@ -73,21 +73,18 @@ def main(words: list[str] | None = None) -> None:
     except (ValueError, OSError) as error:
         with suppress(OSError):
             _flush()
-        print(f"{args.prog}: {_text(error)}", file=sys.stderr)
+        text = str(error)
+        if isinstance(error, OSError):
+            # Standard output has no file name.
+            nameless = "standard output" if error.errno in (errno.ENOSPC, errno.EPIPE) else None
+            if (name := error.filename or nameless) is not None:
+                text = f"{name}: {error.strerror}"
+        print(f"{args.prog}: {text}", file=sys.stderr)
         code = 2 if isinstance(error, options.OptionError | FileNotFoundError) else 1
     except KeyboardInterrupt:  # where the command itself expects none
         print("interrupted", file=sys.stderr)
         code = options.INTERRUPTED
     sys.exit(code)
-
-
-def _text(error: Exception) -> str:
-    """Return an error in words, after the name of the file, which standard output does not have."""
-    if isinstance(error, OSError):
-        nameless = "standard output" if error.errno in (errno.ENOSPC, errno.EPIPE) else None
-        if (name := error.filename or nameless) is not None:
-            return f"{name}: {error.strerror}"
-    return str(error)
 
 
 def _flush() -> None:

@@ -70,12 +70,8 @@ class Need:
     @property
     def limits(self) -> dict[str, float]:
         """The largest allowed value of each column of a `Measurement`."""
-        return {
-            "position_m": self.position_m,
-            "angle_deg": self.angle_deg,
-            "p99_ms": 1e3 / self.rate_hz,
-            "without_pose": measured.MOST_WITHOUT_POSE,
-        }
+        off = {"position_m": self.position_m, "angle_deg": self.angle_deg}
+        return {**off, "p99_ms": 1e3 / self.rate_hz, "without_pose": measured.MOST_WITHOUT_POSE}
 
     def shares(self, row: Measurement) -> dict[str, float]:
         """Return each measured value as a share of its limit; nan counts as infinite."""

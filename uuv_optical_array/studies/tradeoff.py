@@ -83,12 +83,6 @@ def numbered(rows: Sequence[Measurement]) -> list[int]:
     return sorted(on_front.nonzero()[0].tolist(), key=lambda i: rows[i].models)
 
 
-def as_object(rows: Sequence[Measurement]) -> dict[str, Any]:
-    """Return settings as plain values, and which are on a front."""
-    labels = {name: [rows[i].label for i in on.nonzero()[0]] for name, on in fronts(rows).items()}
-    return {"settings": [row.columns() for row in rows], "fronts": labels}
-
-
 def report(rows: Sequence[Measurement]) -> str:
     """Return the table of the settings on a front, with times at one speed of the machine."""
     rows = at_one_speed(rows)
@@ -210,7 +204,9 @@ def run(args: argparse.Namespace) -> int:
         f"file: {folder / measured.SETTINGS_CSV}",
         f"pictures: {', '.join(pictures)}",
     ]
-    result = {"complete": complete, **origin, **as_object(rows), "pictures": pictures}
+    labels = {name: [rows[i].label for i in on.nonzero()[0]] for name, on in fronts(rows).items()}
+    result = {"complete": complete, **origin, "settings": [row.columns() for row in rows]}
+    result |= {"fronts": labels, "pictures": pictures}
     count = sum(len(group.methods) for group in groups)
     missing = f"{len(rows)} of {count} settings; run it again to go on"
     return outputs.finish(args, result, "\n".join(lines), "" if complete else missing)

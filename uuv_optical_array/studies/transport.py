@@ -95,14 +95,10 @@ def law_beside(water: str, phase: photons.Phase, beam_deg: float, poses: Array) 
     radius_m = photons.RADII_M[i]
     axis = lamp.vector(np.array([radius_m]), np.zeros(1))[0] * radius_m**2
     case = {"water": water, "phase": phase, "beam_deg": beam_deg, "photons": pencil.photons}
-    return {
-        **case,
-        "by_chance": lamp.error[i, 0] / axis[0],
-        "rms_true": np.sqrt(np.mean(residual(true) ** 2)),
-        "rms_fitted": np.sqrt(np.mean(fit.fun**2)),
-        "true": np.exp(true),
-        "fitted": np.exp(fit.x),
-    }
+    off = {"true": residual(true), "fitted": fit.fun}
+    rms = {f"rms_{name}": np.sqrt(np.mean(values**2)) for name, values in off.items()}
+    by_chance = lamp.error[i, 0] / axis[0]
+    return {**case, "by_chance": by_chance, **rms, "true": np.exp(true), "fitted": np.exp(fit.x)}
 
 
 def poses_by(
@@ -221,12 +217,9 @@ def draw(beam_deg: float = 8.0) -> Any:
             axes.grid(alpha=0.4)
     grid[0, 0].set_ylabel("light, of the axis without scattering")
     grid[1, 0].set_ylabel("law less photons\n(% of the axis)")
-    handles = [
-        *(mark(f"{r:g} m", "s", color=c) for r, c in zip(PROFILES_M, COLOURS, strict=True)),
-        mark("photons"),
-        mark("law", "", lw=1.5, ls="-"),
-        mark("without scattering", "", lw=1, ls="--"),
-    ]
+    handles = [mark(f"{r:g} m", "s", color=c) for r, c in zip(PROFILES_M, COLOURS, strict=True)]
+    handles += [mark("photons"), mark("law", "", lw=1.5, ls="-")]
+    handles.append(mark("without scattering", "", lw=1, ls="--"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     figure.suptitle(f"A beam of {beam_deg:g} deg in three waters, law and photons")
     return figure

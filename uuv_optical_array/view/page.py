@@ -97,7 +97,8 @@ class Page:
     def _draw_sea(self) -> None:
         server, sea = self._server, self._server.scene
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        sea.set_background_image(_night())
+        dusk = np.linspace(1.7, 0.5, 64)[:, None, None] * np.array(NIGHT)  # lighter above
+        sea.set_background_image(np.clip(dusk, 0, 255).astype(np.uint8).repeat(64, axis=1))
         sea.configure_default_lights(cast_shadow=False)
         middle = self._range_m * np.array([-0.42, 0.0, 0.04])
         server.initial_camera.position = middle + self._range_m * np.array([-0.25, -1.2, 0.33])
@@ -426,9 +427,3 @@ def _coloured(image: Array) -> NDArray[np.uint8]:
 
 def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(round(255 * part) for part in to_rgb(colour))
-
-
-def _night() -> NDArray[np.uint8]:
-    """Return the background, lighter above than below."""
-    light = np.linspace(1.7, 0.5, 64)[:, None, None]
-    return np.clip(light * np.array(NIGHT), 0, 255).astype(np.uint8).repeat(64, axis=1)

@@ -210,13 +210,15 @@ def test_followers_of_a_formation_see_the_lamp_ahead_and_share_no_topic(tmp_path
                 qos_profile_sensor_data,
             )
         probe.wait_for(lambda: len(posed) == 2, "poses of both followers")
+        leader = "/leader/odometry"  # which the probe may find later than those who use it
+        probe.wait_for(lambda: probe.node.count_publishers(leader), "the leader")
         topics = [
             topic
             for topic, (kind, *_) in probe.node.get_topic_names_and_types()
             if kind.startswith(("nav_msgs", "geometry_msgs", "sensor_msgs"))
         ]
         counts = {topic: probe.node.count_publishers(topic) for topic in topics}
-        assert counts["/leader/odometry"] == 1
+        assert counts[leader] == 1
         assert max(counts.values()) == 1, counts
         assert not {topic for topic in counts if topic.endswith("follower_1/leader/odometry")}
     # The leader, and of each follower its simulator, vehicle and follower_node.

@@ -408,11 +408,12 @@ def run(args: argparse.Namespace) -> int:
     scene = scene.with_shape(args.shape or scene.array.shape)
     with options.checking_options():
         _check_truth(args, scene)
+    if compared:
+        picture = outputs.file_to_write(vars(args)[compared], f"--{compared}", outputs.PICTURE)
     rng, model = np.random.default_rng(seed), ForwardModel(scene)
     poses = lit_poses(model, count, rng)
     result: dict[str, Any]
     if compared:
-        picture = outputs.file_to_write(vars(args)[compared], f"--{compared}", outputs.PICTURE)
         cases = list((by_known if args.known else by_lamps)(scene))
         rows = until_interrupted(compare(cases, poses, seed, progress.over))
         complete = len(rows) == len(cases) and rows[-1]["poses"] == count

@@ -127,21 +127,24 @@ def parameters() -> list[str]:
         parts += [f"## `{name}`", first_sentence(module.__doc__) + "."]
         parts += [f"Common: {shared}."] if shared else []
         parts.append(parameter_list(own) if own else "Its parameters are those of its parts.")
-    described: set[tuple[str, str]] = set()
+    above: dict[str, tuple[str, str]] = {}
     for name, arguments in launch_arguments():
+        own = {key: value for key, value in arguments.items() if above.get(key) != value}
+        same = ", ".join(f"`{key}`" for key in arguments if key not in own)
+        if same and above.keys() <= arguments.keys():
+            same = "All others"
         lines = [
             f"- `{key}:={default}`: {text}" if default else f"- `{key}`: {text}"
-            for key, (default, text) in arguments.items()
-            if (key, text) not in described
+            for key, (default, text) in own.items()
         ]
-        again = [f"`{key}`" for key, (_, text) in arguments.items() if (key, text) in described]
-        described |= {(key, text) for key, (_, text) in arguments.items()}
         parts += [
             f"## Arguments of `{name}`",
-            "An argument without a default leaves the parameter as it is."
-            + (f" {', '.join(again)} are as above." if again else ""),
+            f"{same} are as above."
+            if same
+            else "An argument without a default leaves the parameter as it is.",
             "\n".join(lines),
         ]
+        above = above or arguments
     return parts
 
 
@@ -198,21 +201,16 @@ def launch_arguments() -> Iterator[tuple[str, dict[str, tuple[str, str]]]]:
     yield "formation.launch.py", FORMATION
 
 
-def value_of(expression: ast.expr, names: dict[str, Any], *more: dict[str, str]) -> Any:
-    """Return the value of an expression, or its text in brackets where a node works it out."""
-    try:
-        return eval(compile(ast.Expression(expression), "node", "eval"), names, *more)
-    except NameError:
-        parts = expression.values if isinstance(expression, ast.JoinedStr) else [expression]
-        return "".join(
-            str(part.value) if isinstance(part, ast.Constant) else f"<{ast.unparse(of(part))}>"
-            for part in parts
-        )
+class Names(dict[str, Any]):
+    """Values by name; a name that a node works out stands for itself, in brackets."""
+
+    def __missing__(self, name: str) -> str:
+        return f"<{name}>"
 
 
-def of(part: ast.expr) -> ast.expr:
-    """Return what stands between the braces of a part of an f-string, or the part itself."""
-    return part.value if isinstance(part, ast.FormattedValue) else part
+def value_of(expression: ast.expr, names: Mapping[str, Any]) -> Any:
+    """Return the value of an expression."""
+    return eval(compile(ast.Expression(expression), "node", "eval"), {}, Names(names))
 
 
 def topics_of(node: str, module: Any) -> Iterator[Topic]:
@@ -231,7 +229,7 @@ def topics_of(node: str, module: Any) -> Iterator[Topic]:
             message = value_of(call.args[1], vars(module))
             package = message.__module__.partition(".")[0]
             for values in words.get(id(call), [{}]):
-                topic = value_of(call.args[2], vars(module), values)
+                topic = value_of(call.args[2], vars(module) | values)
                 published = name.startswith("publish")
                 yield Topic(node, published, topic, f"{package}/{message.__name__}")
 
@@ -256,9 +254,8 @@ def topics() -> list[str]:
         "Names are relative and can be remapped. Publishers are reliable, subscriptions have "
         "sensor-data QoS, and `qos_overrides` parameters change both. Every node also "
         "publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) at 1 Hz; those with the "
-        "parameter `publish_tf` publish `/tf` on request. What stands in `<` and `>` follows "
-        "from parameters: a leader alone listens to each of its followers. Below, a filled mark "
-        "publishes and an open one subscribes.",
+        "parameter `publish_tf` publish `/tf` on request. `<n>` counts the followers of a leader "
+        "alone. In the drawing a filled mark publishes and an open one subscribes.",
         "![Nodes and topics](../pictures/nodes.svg)",
         table(("topic", "type", "published by", "subscribed by"), rows),
         "`array/image` is mono16, counts; row 0 is the top, column 0 the port edge. "
@@ -269,8 +266,8 @@ def topics() -> list[str]:
         "many; `leader_pose` is the lamp in the follower's `base_frame`. `estimator_node` takes "
         "`array/image` unless `use_image` is false, `cmd_vel` unless `use_commands` is, and `imu` "
         "with `use_imu`. `markers` are beam and body by one node and the station by the other, for "
-        "RViz, and reach those who listen later, too. A leader of the demonstration hears "
-        "`/diagnostics`. `formation_node` has the service `~/engage` (std_srvs/SetBool).",
+        "RViz. A leader of the demonstration hears `/diagnostics`. `formation_node` has the "
+        "service `~/engage` (std_srvs/SetBool).",
     ]
 
 

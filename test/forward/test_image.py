@@ -95,8 +95,9 @@ def test_a_known_roll_reaches_light_expected_image_and_readings_alike():
     "name", ["attenuation.k_per_m", "responsivity.temperature_c", "lamp.colour"]
 )
 def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
-    with pytest.raises(ValueError, match=name):
-        make_model().linearised(ASIDE, 0.0, {name: np.zeros(())})
+    for call in (make_model().linearised, make_model().light):
+        with pytest.raises(ValueError, match=f"{name}: no nuisance of scene"):
+            call(ASIDE, 0.0, {name: np.zeros(())})
 
 
 def test_an_offset_is_another_lamp_in_other_water():

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES
+from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
@@ -61,13 +61,10 @@ def test_errors_as_large_as_the_bound_have_ratio_1_and_nees_5(bound, honest):
     assert low < found["nees_mean"] < high
     assert found["nees_std_error"] == pytest.approx(np.sqrt(10 / FRAMES), rel=0.1)
     assert found["beyond_6_sigma"] == found["beyond_6_bounds"] == found["without_pose"] == 0
-
-
-def test_errors_twice_as_large_have_twice_the_ratio_and_four_times_the_nees(bound, honest):
-    once, twice = figures(bound, honest), figures(bound, 2 * honest)
-    for name, ratio in once["ratio_to_bound"].items():
-        assert twice["ratio_to_bound"][name] == pytest.approx(2 * ratio)
-    assert twice["nees_mean"] == pytest.approx(4 * once["nees_mean"])
+    twice = figures(bound, 2 * honest)
+    assert twice["nees_mean"] == pytest.approx(4 * found["nees_mean"])
+    ratios = np.divide(*(list(each["ratio_to_bound"].values()) for each in (twice, found)))
+    np.testing.assert_allclose(ratios, 2)
 
 
 @pytest.mark.parametrize("dof", range(5))
@@ -76,7 +73,7 @@ def test_one_frame_of_seven_sigma_is_counted_and_one_of_five_is_not(bound, dof):
     errors[17, dof], errors[30, dof] = -7 * bound.std[17, dof], 5 * bound.std[30, dof]
     found = figures(bound, errors)
     assert (found["beyond_6_sigma"], found["beyond_6_bounds"]) == (1, 1)
-    rms = np.sqrt(np.mean(errors[:, dof] ** 2)) * IN_DEGREES[dof]
+    rms = np.sqrt(np.mean(errors[:, dof] ** 2)) * [1, 1, 1, 180 / np.pi, 180 / np.pi][dof]
     assert list(found["rms_error"].values())[dof] == pytest.approx(rms)
     # Seven of the bound's standard deviations are few of an estimate that is less sure.
     unsure = figures(bound, errors, scale=4.0)
@@ -141,24 +138,12 @@ def test_a_scene_in_which_no_frame_gets_a_pose_is_refused(model, poses):
         accuracy.measure(Planted(model.scene, np.full((4, 5), np.nan)), poses[:3], images)
 
 
-def test_attenuation_that_the_scene_does_not_have_cannot_be_off(scene):
-    settings = scene.settings()
-    del settings["effects"]["attenuation"]
-    clear = ForwardModel(scene_from_settings(settings, "clear"))
-    with pytest.raises(ValueError, match=r"attenuation\.k_per_m: no nuisance of scene clear"):
-        clear.expose([-6.0, 0, 0, 0, 0], None, 0.0, {"attenuation.k_per_m": np.array(0.015)})
-
-
 def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
     run("--poses", 600, "--seed", 3, "--json")
     out, err = capsys.readouterr()
     answer = json.loads(out)
-    assert {
-        "scene": "reference",
-        "method": "least_squares",
-        "poses": 600,
-        "without_pose": 0,
-    }.items() <= answer.items()
+    about = {"scene": "reference", "method": "least_squares", "poses": 600, "without_pose": 0}
+    assert about.items() <= answer.items()
     assert tuple(answer["ratio_to_bound"]) == DOF_NAMES
     assert all(0.85 < ratio < 1.15 for ratio in answer["ratio_to_bound"].values())
     assert answer["beyond_6_sigma"] <= 2

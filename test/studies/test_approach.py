@@ -51,23 +51,15 @@ def tank(tank_file):
 run = functools.partial(command_line.run, "study", "approach")
 
 
-# --- Paths ---------------------------------------------------------------------------------------
-
-
-def test_a_dive_goes_down_by_its_pitch_from_8_5_to_4_5_m():
-    path = CASES["dive"].path
-    np.testing.assert_allclose(path[:, 0], -np.linspace(8.5, 4.5, 41))
-    np.testing.assert_allclose(path[:, 2], -np.tan(np.radians(10)) * np.linspace(0, 4, 41))
-    np.testing.assert_allclose(np.degrees(path[:, 3]), 10)
-    assert not path[:, [1, 4]].any()
-
-
-def test_a_zigzag_leaves_and_comes_back():
-    path = CASES["zigzag"].path
-    np.testing.assert_allclose(path[:, 0], -np.linspace(8.5, 4.5, 41))
+def test_a_dive_goes_down_by_its_pitch_and_a_zigzag_leaves_and_comes_back():
+    dive, path = CASES["dive"].path, CASES["zigzag"].path
+    np.testing.assert_allclose(dive[:, 2], -np.tan(np.radians(10)) * np.linspace(0, 4, 41))
+    np.testing.assert_allclose(np.degrees(dive[:, 3]), 10)
+    assert not dive[:, [1, 4]].any()
+    for each in (dive, path):
+        np.testing.assert_allclose(each[:, 0], -np.linspace(8.5, 4.5, 41))
     np.testing.assert_allclose(path[0, 1:3], [-0.2, 0.1])
     assert path[-1, 1] == pytest.approx(-0.2, abs=1e-12)
-    np.testing.assert_allclose(path[:, 2], 0.1)
     np.testing.assert_allclose(np.degrees(path[[0, -1], 4]), [-10, 10])
 
     def yaw_deg(seconds):
@@ -85,9 +77,6 @@ def test_the_vehicle_moves_along_its_heading(name):
     middle = (path[1:, 3:] + path[:-1, 3:]) / 2
     headings = Rotation.from_euler("ZY", middle[:, ::-1]).apply([1, 0, 0])
     np.testing.assert_allclose(ways, headings, atol=1e-4)
-
-
-# --- What is drawn -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
@@ -162,9 +151,6 @@ def test_a_scene_without_attenuation_is_refused(tank):
         assumed_scene(clear, CASES["dive"], Choices())
 
 
-# --- Statistics ----------------------------------------------------------------------------------
-
-
 def test_statistics_of_planted_errors_are_the_closed_ones():
     rng = np.random.default_rng(3)
     bound = rng.uniform(0.1, 2, (FRAMES, 5))
@@ -210,9 +196,6 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeyp
     poses = by_docking(None, np.zeros((2, FRAMES, 5, 5)), first)
     assert np.isnan(poses[0]).all()
     assert (poses[1] == 1).all()
-
-
-# --- The command ---------------------------------------------------------------------------------
 
 
 def test_json_has_every_case_and_method_and_a_seed_fixes_it(
@@ -277,24 +260,10 @@ def test_an_interrupt_before_the_first_runs_measures_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_choices_are_those_that_are_named(tank_file, tmp_path, capsys, monkeypatch):
-    simulated = []
-
-    def simulate(tank, case, choices, *_):
-        simulated.append(choices)
-        return planted(1)
-
-    monkeypatch.setattr(approach, "simulate", simulate)
-    words = ("--scene", tank_file, "--runs", 1, "--output", tmp_path / "a.png", "--json")
-    run(*words, "--choices", "gaussian", "half")
-    result = json.loads(capsys.readouterr().out)
-    assert (result["noise"], result["offsets"]) == ("gaussian", "half")
-    assert simulated == [Choices("gaussian", 0.5)] * 3
-    error = run(*words, "--choices", "gaussian", "averaged", code=2)
-    assert "--choices: gaussian and averaged exclude each other; leave one out" in error
-
-
-def test_choices_are_compared(tank_file, capsys, monkeypatch):
+@pytest.mark.usefixtures("sketched")
+def test_choices_are_those_that_are_named_or_all_are_compared(
+    tank_file, tmp_path, capsys, monkeypatch
+):
     simulated = []
 
     def simulate(tank, case, choices, *_):
@@ -302,6 +271,14 @@ def test_choices_are_compared(tank_file, capsys, monkeypatch):
         return planted(1, 0.25)
 
     monkeypatch.setattr(approach, "simulate", simulate)
+    words = ("--scene", tank_file, "--runs", 1, "--output", tmp_path / "a.png", "--json")
+    run(*words, "--choices", "gaussian", "half")
+    result = json.loads(capsys.readouterr().out)
+    assert (result["noise"], result["offsets"]) == ("gaussian", "half")
+    assert simulated == [(8.0, "gaussian", 0.5)] * 3
+    error = run(*words, "--choices", "gaussian", "averaged", code=2)
+    assert "--choices: gaussian and averaged exclude each other; leave one out" in error
+    simulated.clear()
     run("--scene", tank_file, "--choices", "--runs", 1)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + 3 * (1 + 5 * len(METHODS))

@@ -126,29 +126,19 @@ def test_twice_the_scattering_is_that_of_such_a_sea():
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "gain", "counts"), [("two_dirty", 2, 0.8, 0.0), ("glint", 1, 1.0, 50.0)]
+    ("name", "number", "gain", "counts"),
+    [
+        *(("two_dirty", 2, 0.8, 0), ("glint", 1, 1, 50)),
+        *(("dead_detector", 1, 0, 0), ("stuck_detector", 1, 0, 1023)),
+    ],
 )
-def test_faults_are_of_so_many_detectors_others_in_each_frame(name, number, gain, counts):
-    poses = np.repeat(POSES, 60, axis=0)
-    plain, found = light_of("nothing", poses=poses), light_of(name, poses=poses)
+def test_faults_are_of_so_many_detectors_any_of_them_as_often(name, number, gain, counts):
+    poses = np.repeat(POSES, 500, axis=0)
+    plain, found = light_of("nothing", poses=poses), np.minimum(light_of(name, poses=poses), 1023)
     differs = found != plain
     assert (differs.sum(axis=(1, 2)) == number).all()
     np.testing.assert_allclose(found[differs], gain * plain[differs] + counts)
-    assert differs.any(axis=0).all(), "each detector in some frame"
-
-
-def test_light_of_other_water_and_beam_is_that_of_the_same_lamp():
-    # Without blur the ratio is known by the ray alone.
-    clear = without("forward_scatter", LAMP)
-    model = model_of(clear)
-    ranges, half_squares = model.rays(POSES, np.zeros(4))[:2]
-    plain = light_of("nothing", clear).reshape(4, -1)
-    more = light_of("k+0.05", clear).reshape(4, -1)
-    np.testing.assert_allclose(more / plain, np.exp(-0.05 * ranges), rtol=1e-9)
-    wide = light_of("beam+2", clear).reshape(4, -1)
-    by = 1 / np.radians(8.0) ** 2 - 1 / np.radians(10.0) ** 2
-    assert clear["lamp"]["beam_sigma_deg"] == 8
-    np.testing.assert_allclose(wide / plain, np.exp(by * half_squares), rtol=1e-9)
+    assert stats.chisquare(differs.sum(axis=0).ravel()).pvalue > 1e-3
 
 
 def test_water_can_attenuate_more_in_a_scene_without_attenuation_and_not_less():
@@ -222,18 +212,6 @@ def test_a_shade_is_smooth_and_as_deep_as_it_is_called():
     rest = np.linalg.lstsq(plane, depth.reshape(len(depth), -1).T, rcond=None)[1]
     assert rest.max() < 1e-18
     assert np.linalg.matrix_rank(depth.reshape(len(depth), -1), tol=1e-6) == 5
-
-
-@pytest.mark.parametrize(("name", "level"), [("dead_detector", 0.0), ("stuck_detector", 1023.0)])
-def test_one_detector_of_each_frame_fails(name, level):
-    model = model_of(SUNLIT)
-    failed = model.converted(light_of(name, poses=MANY))
-    honest = model.converted(light_of("nothing", poses=MANY))
-    differ = failed != honest
-    assert (differ.sum(axis=(1, 2)) == 1).all()
-    assert (failed[differ] == level).all()
-    counts = differ.sum(axis=0).ravel()
-    assert stats.chisquare(counts).pvalue > 1e-3  # any of them, as often
 
 
 @pytest.mark.parametrize(("name", "gain"), [("dark_rows", 0.0), ("dim_rows", 0.9)])

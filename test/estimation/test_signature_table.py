@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import second_forward
-from hypothesis import given
-from hypothesis import strategies as st
 from second_features import slow_key_parameters
 
 from uuv_optical_array.estimation.signature_table import (
@@ -20,8 +18,6 @@ from uuv_optical_array.estimation.signature_table import (
     ROW_BYTES,
     build_table,
     check_memory,
-    grid_axes,
-    grid_poses,
     machine_bytes,
 )
 from uuv_optical_array.forward.model import ForwardModel
@@ -115,21 +111,6 @@ def test_blocks_do_not_show_in_the_table():
         image = second_forward.light(settings, table.poses[row])
         expected = slow_key_parameters(image, scene.full_scale_counts, "subdetector")
         np.testing.assert_allclose(table.parameters[row], expected, atol=1e-9)
-
-
-def test_the_axes_are_evenly_spaced_in_metres_and_radians():
-    axes = grid_axes(scene_with().table)
-    for axis, (name, span) in zip(axes, SPANS.items(), strict=True):
-        unit = math.pi / 180 if name.endswith("_deg") else 1.0
-        np.testing.assert_allclose(axis, np.linspace(*span) * unit, atol=1e-15)
-
-
-@given(st.lists(st.integers(0, 107), max_size=5))
-def test_poses_of_a_grid_are_those_of_meshgrid(rows):
-    axes = grid_axes(scene_with().table)
-    poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 5)
-    rows = np.array(rows, dtype=int)
-    np.testing.assert_array_equal(grid_poses(axes, rows), poses[rows])
 
 
 def test_a_grid_without_any_light_is_refused():

@@ -5,12 +5,10 @@ import pytest
 from differences import assert_close, differentiate
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
-from scenes import coarse_settings
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
 
-from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.problem import (
     AT,
     GRADIENT,
@@ -26,8 +24,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
     propose,
     refine,
 )
-from uuv_optical_array.estimation.signature.features import key_parameters
-from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -284,31 +280,9 @@ def test_an_image_without_noise_leads_to_its_pose(shape, roll, stds):
             assert off @ best.parts[INFORMATION:] @ off < 1e-3
 
 
-@pytest.fixture(scope="module")
-def estimator():
-    values = coarse_settings(model_of().scene, 7)
-    return Estimator(build_table(scene_from_settings(values, "seven")), "sam", np.pi)
-
-
 def is_same(state, best):
     off = state.parts[AT] - best.parts[AT]
     return off @ best.parts[INFORMATION:] @ off < 0.1
-
-
-def test_every_candidate_of_the_match_leads_to_one_minimum(estimator):
-    scene = estimator.scene
-    model = ForwardModel(scene)
-    fit, agreed = Fit(model), []
-    for readings in drawn(model, 100, 13)[1]:
-        image = readings.reshape(5, 5)
-        signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-        answer = estimator.estimate(parameters=signature)
-        one, other = (
-            refine(fit.of(readings), fit.at(pose), MOST_STEPS)
-            for pose in (answer.pose, answer.runner_up_pose)
-        )
-        agreed.append(is_same(other, one))
-    assert np.mean(agreed) > 0.97
 
 
 @pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])

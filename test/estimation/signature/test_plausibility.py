@@ -10,7 +10,6 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import skew
 
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
@@ -22,12 +21,12 @@ from uuv_optical_array.estimation.signature.plausibility import (
 )
 from uuv_optical_array.estimation.signature_table import SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 FULL = 1023.0
 
 
-def scene_of(side: int = 5, **effects: object) -> Scene:
+def scene_of(side=5, **effects):
     values = load_scene("reference").settings()
     values["array"]["detectors_per_side"] = side
     values["effects"].update(effects)
@@ -44,7 +43,7 @@ images = st.sampled_from([2, 3, 4, 5, 8]).flatmap(
 
 
 @given(images)
-def test_no_image_is_beyond_the_bounds_nor_another_than_itself(image: Array) -> None:
+def test_no_image_is_beyond_the_bounds_nor_another_than_itself(image):
     scene = SCENES[len(image)]
     parameters = key_parameters(image, FULL, scene.signature.peak)
     for passed_on in (parameters, parameters.astype(np.float32).astype(float)):
@@ -53,7 +52,7 @@ def test_no_image_is_beyond_the_bounds_nor_another_than_itself(image: Array) -> 
 
 
 @pytest.mark.parametrize("side", [2, 3, 5, 8])
-def test_the_bounds_are_reached_and_not_wider(side: int) -> None:
+def test_the_bounds_are_reached_and_not_wider(side):
     image = np.zeros((side, side))
     image[-1, -1] = FULL
     peak, column, row, *skewnesses = bounds(SCENES[side])
@@ -75,9 +74,7 @@ def test_the_bounds_are_reached_and_not_wider(side: int) -> None:
         (4, -40.0, r"skewness_vertical is -40, "),
     ],
 )
-def test_what_no_array_can_have_is_refused_with_value_and_bound(
-    place: int, value: float, words: str
-) -> None:
+def test_what_no_array_can_have_is_refused_with_value_and_bound(place, value, words):
     parameters = np.array([0.5, 0.3, -0.2, 0.1, 0.1])
     check_parameters(parameters, bounds(SCENES[5]))
     parameters[place] = value
@@ -90,7 +87,7 @@ def test_what_no_array_can_have_is_refused_with_value_and_bound(
             Estimator(table, "sam").estimate(parameters=parameters)
 
 
-def test_the_peak_is_bounded_by_what_the_electronics_can_read() -> None:
+def test_the_peak_is_bounded_by_what_the_electronics_can_read():
     assert bounds(scene_of(saturation={"level_counts": 900.6}))[0] == 901 / 900.6
     assert bounds(scene_of(saturation={"level_counts": 900.4}))[0] == 1
     assert bounds(scene_of(saturation=None, adc=None))[0] == math.inf
@@ -99,9 +96,7 @@ def test_the_peak_is_bounded_by_what_the_electronics_can_read() -> None:
 
 @pytest.mark.parametrize("place", range(5))
 @pytest.mark.parametrize("off", [1e-5, 0.3, -1e-5])
-def test_key_parameters_of_another_image_are_refused_with_both_values(
-    place: int, off: float
-) -> None:
+def test_key_parameters_of_another_image_are_refused_with_both_values(place, off):
     scene = SCENES[5]
     image = ForwardModel(scene).expose([-6.0, 0.3, 0.2, 0.1, 0.1], np.random.default_rng(1))
     parameters = key_parameters(image, FULL, scene.signature.peak)
@@ -111,7 +106,7 @@ def test_key_parameters_of_another_image_are_refused_with_both_values(
         check_image(parameters, image, scene)
 
 
-def test_no_image_of_a_moving_follower_belongs_to_the_next_signature() -> None:
+def test_no_image_of_a_moving_follower_belongs_to_the_next_signature():
     scene, rng = SCENES[5], np.random.default_rng(2)
     x = np.linspace(-7, -5, 200)
     frames = ForwardModel(scene).expose(np.column_stack([x, *np.zeros((4, 200))]), rng)
@@ -121,11 +116,11 @@ def test_no_image_of_a_moving_follower_belongs_to_the_next_signature() -> None:
             check_image(later, image, scene)
 
 
-def hold(frozen: FrozenFrames, image: Array) -> None:
+def hold(frozen, image):
     frozen.check(image, lambda: image)
 
 
-def repeats_until_frozen(scene: Scene, image: Array, most: int = 50) -> int:
+def repeats_until_frozen(scene, image, most=50):
     frozen = FrozenFrames(ForwardModel(scene))
     for count in range(most):
         try:
@@ -136,7 +131,7 @@ def repeats_until_frozen(scene: Scene, image: Array, most: int = 50) -> int:
 
 
 @pytest.mark.parametrize("lit", [25, 17, 16, 8, 1])
-def test_frames_are_frozen_once_their_noise_repeats_with_no_chance(lit: int) -> None:
+def test_frames_are_frozen_once_their_noise_repeats_with_no_chance(lit):
     image = np.zeros(25)
     image[:lit] = 500.0
     # The noise of the reference scene has a standard deviation of one count.
@@ -156,15 +151,13 @@ def test_frames_are_frozen_once_their_noise_repeats_with_no_chance(lit: int) -> 
     ],
     ids=["dark", "saturated", "without noise", "eren2016", "coarse converter"],
 )
-def test_an_image_that_may_repeat_is_never_frozen(scene: Scene, level: float) -> None:
+def test_an_image_that_may_repeat_is_never_frozen(scene, level):
     assert repeats_until_frozen(scene, np.full((5, 5), level)) == 50
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 1.0, 4.0])
 @pytest.mark.parametrize("light", [200.0, 200.5])
-def test_the_chance_is_an_upper_bound_and_near_where_noise_is_wide(
-    sigma: float, light: float
-) -> None:
+def test_the_chance_is_an_upper_bound_and_near_where_noise_is_wide(sigma, light):
     model = ForwardModel(scene_of(sensor_noise={"sigma_counts": sigma}))
     first, second = model.read(np.full((2, 400_000), light), np.random.default_rng(3))
     seen = np.mean(first == second)
@@ -174,14 +167,14 @@ def test_the_chance_is_an_upper_bound_and_near_where_noise_is_wide(
         assert seen == pytest.approx(chance, rel=0.05)
 
 
-def test_shot_noise_counts_as_noise() -> None:
+def test_shot_noise_counts_as_noise():
     effects = {"sensor_noise": {"sigma_counts": 0.0}, "shot_noise": {"electrons_per_count": 1.0}}
     frozen = FrozenFrames(ForwardModel(scene_of(**effects)))
     expected = -math.log(2 * math.sqrt(math.pi * 400))
     assert frozen.log_chance(np.array([400.0])) == pytest.approx(expected)
 
 
-def test_honest_frames_at_rest_are_not_frozen_and_a_break_starts_anew() -> None:
+def test_honest_frames_at_rest_are_not_frozen_and_a_break_starts_anew():
     model = ForwardModel(SCENES[5])
     frames = model.expose(np.tile([-7.9, 0, 0, 0, 0], (3000, 1)), np.random.default_rng(4))
     frozen = FrozenFrames(model)
@@ -198,7 +191,7 @@ def test_honest_frames_at_rest_are_not_frozen_and_a_break_starts_anew() -> None:
         hold(frozen, few)
 
 
-def test_key_parameters_depend_on_the_profiles_through_their_peak() -> None:
+def test_key_parameters_depend_on_the_profiles_through_their_peak():
     model = ForwardModel(SCENES[5])
     pose = np.array([-5.0, 0.3, -0.4, 0.1, -0.2])
     image = model.expected(pose, 0.2)

@@ -31,27 +31,12 @@ def exact_angle(u, v):
     return math.atan2(math.sqrt(cross_squared), dot)
 
 
-def arccos_angle(u, v):
-    """The angle as the paper writes it (eq. 13)."""
-    cos = np.dot(u, v) / (np.linalg.norm(u) * np.linalg.norm(v))
-    return float(np.arccos(np.clip(cos, -1.0, 1.0)))
-
-
 @pytest.mark.parametrize("angle", [1e-12, 1e-9, 1e-6, 1.0])
 def test_an_angle_is_right_to_twelve_digits_near_zero_and_near_pi(angle):
     cos, sin = math.cos(angle), math.sin(angle)
     u, v = np.array([5.0, 0.0, 0.0]), np.array([3 * cos, 0.0, 3 * sin])
     assert spectral_angle(u, v) == pytest.approx(angle, rel=1e-12, abs=0)
     assert spectral_angle(u, -v) == pytest.approx(math.pi - angle, rel=1e-15, abs=0)
-
-
-@pytest.mark.parametrize("angle", [1e-9, 1e-6, 0.1, 1.0, 2.0, math.pi - 1e-9])
-def test_an_angle_in_a_random_plane_of_five_dimensions_is_right_to_rounding(angle):
-    rng = np.random.default_rng(11)
-    for _ in range(50):
-        plane, _ = np.linalg.qr(rng.standard_normal((5, 2)))
-        v = math.cos(angle) * plane[:, 0] + math.sin(angle) * plane[:, 1]
-        assert spectral_angle(plane[:, 0], v) == pytest.approx(angle, abs=2e-15)
 
 
 @given(st.lists(st.integers(-9, 9), min_size=4, max_size=4).filter(any), st.data())
@@ -143,25 +128,14 @@ def test_the_nearest_rows_are_those_of_an_exact_brute_force(case):
     np.testing.assert_allclose(together[0][1], angles, atol=4e-16)
 
 
-def test_random_rows_come_in_the_order_of_a_dense_matrix_product():
-    rng = np.random.default_rng(23)
-    for dimension in range(2, 7):
-        rows = rng.standard_normal((2000, dimension)) * 10.0 ** rng.uniform(-200, 200, (2000, 1))
-        index = SpectralIndex(rows)
-        units = rows / np.abs(rows).max(axis=1, keepdims=True)
-        units /= np.sqrt((units**2).sum(axis=1, keepdims=True))
-        for query in rng.standard_normal((20, dimension)):
-            expected = np.argsort(-(units @ query), kind="stable")[:10]
-            np.testing.assert_array_equal(index.nearest(query, 10)[1], expected)
-
-
 def test_rows_a_billionth_of_a_radian_apart_are_told_apart():
     rng = np.random.default_rng(1)
     steps = rng.permutation(200)
     rows = np.stack([np.cos(steps * 1e-9), np.sin(steps * 1e-9)], axis=-1)
     query = np.array([math.cos(37.3e-9), math.sin(37.3e-9)])
-    # To arccos more than the nearest five lie at no angle at all.
-    assert sum(arccos_angle(query, row) == 0 for row in rows) > 15
+    # By arccos (eq. 13 of the paper) many more than the nearest five lie at no angle at all.
+    cosines = rows @ query / np.linalg.norm(rows, axis=1) / np.linalg.norm(query)
+    assert (np.arccos(np.minimum(cosines, 1)) == 0).sum() > 15
     angles, found = SpectralIndex(rows).nearest(query, 5)
     np.testing.assert_array_equal(steps[found], [37, 38, 36, 39, 35])
     np.testing.assert_allclose(angles, np.array([0.3, 0.7, 1.3, 1.7, 2.3]) * 1e-9, rtol=1e-6)

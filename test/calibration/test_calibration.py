@@ -376,7 +376,7 @@ def test_a_dead_detector_is_noticed_and_one_that_the_scene_names_is_left_out():
     images, poses, rolls = recorded(scene, 60, seed=18)
     images[:, 1, 4], images[:, 3, 0] = 0.0, 512.0
     found = calibrate(load_scene("reference"), images, poses, rolls)
-    bad: np.ndarray = np.zeros((5, 5), dtype=bool)
+    bad = np.zeros((5, 5), dtype=bool)
     bad[1, 4] = bad[3, 0] = True
     np.testing.assert_array_equal(np.isnan(found.gain_std), bad)
     assert [note.split(" counts")[0] for note in found.notes] == [

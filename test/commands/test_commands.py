@@ -80,20 +80,6 @@ def test_table_writes_a_table_that_loads_for_its_scene(capsys, tmp_path, scene_f
         assert word in out
 
 
-def test_table_is_written_beside_the_user_under_the_scenes_name(tmp_path, scene_file, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run("table", "--scene", scene_file)
-    assert [path.name for path in tmp_path.iterdir()] == ["small.zarr"]
-
-
-def test_table_replaces_no_folder_that_is_not_a_table(tmp_path, scene_file):
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
-    error = run("table", "--scene", scene_file, "-o", tmp_path / "photos", code=1)
-    assert "name another folder" in error
-    assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
-
-
 def test_follow_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     picture = tmp_path / "run.png"
     with follow("--duration", "4", "--seed", "1", "--output", picture) as process:

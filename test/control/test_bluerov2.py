@@ -15,13 +15,13 @@ from uuv_optical_array.control.bluerov2 import (
     saturated,
 )
 from uuv_optical_array.control.sea import Sea, WaveSettings
-from uuv_optical_array.core.geometry import Array, rotation_matrix
+from uuv_optical_array.core.geometry import rotation_matrix
 
 DT = 0.1
 angles = st.floats(-1.5, 1.5)
 
 
-def run(vehicle: BlueRov2, twist: Array, seconds: float) -> None:
+def run(vehicle, twist, seconds):
     for _ in range(round(seconds / DT)):
         vehicle.step(twist[:3], twist[3:], DT)
 
@@ -35,9 +35,7 @@ def run(vehicle: BlueRov2, twist: Array, seconds: float) -> None:
         (5, 4 * 30.4 * (0.156 + 0.111) * np.sqrt(0.5)),
     ],
 )
-def test_four_level_or_four_upright_thrusters_give_their_published_most(
-    axis: int, most: float
-) -> None:
+def test_four_level_or_four_upright_thrusters_give_their_published_most(axis, most):
     # Level ones at 45 deg, 0.156 m ahead or astern and 0.111 m aside.
     wrench = most * np.eye(6)[axis]
     assert saturated(0.999 * wrench) == pytest.approx(0.999 * wrench)
@@ -48,7 +46,7 @@ def test_four_level_or_four_upright_thrusters_give_their_published_most(
     force=st.tuples(*[st.floats(-1e4, 1e4)] * 3).map(np.array),
     moment=st.tuples(*[st.floats(-2, 2)] * 3).map(np.array),
 )
-def test_too_strong_a_force_is_cut_and_never_the_moment(force: Array, moment: Array) -> None:
+def test_too_strong_a_force_is_cut_and_never_the_moment(force, moment):
     made = saturated(np.concatenate([force, moment]))
     assert made[3:] == pytest.approx(moment, abs=1e-9)
     thrusts = np.linalg.lstsq(ALLOCATION, made, rcond=None)[0]  # the least that make it
@@ -59,9 +57,7 @@ def test_too_strong_a_force_is_cut_and_never_the_moment(force: Array, moment: Ar
 
 
 @given(roll=angles, pitch=angles, yaw=st.floats(-3, 3), place=st.tuples(*[st.floats(-9, 9)] * 3))
-def test_frd_is_half_a_turn_about_the_bow(
-    roll: float, pitch: float, yaw: float, place: tuple[float, ...]
-) -> None:
+def test_frd_is_half_a_turn_about_the_bow(roll, pitch, yaw, place):
     half_turn = Rotation.from_euler("x", np.pi)
     assert flu_to_frd(np.array(place)) == pytest.approx(half_turn.apply(place), abs=1e-9)
     # Pitch and yaw change their sign by it, the roll does not.
@@ -72,9 +68,7 @@ def test_frd_is_half_a_turn_about_the_bow(
 @pytest.mark.parametrize(
     ("axis", "speed", "sign"), [(0, 0.5, 1), (1, 0.3, -1), (2, 0.3, 1), (4, 0.05, -1), (5, 0.2, 1)]
 )
-def test_each_axis_reaches_what_is_commanded_and_only_it(
-    axis: int, speed: float, sign: float
-) -> None:
+def test_each_axis_reaches_what_is_commanded_and_only_it(axis, speed, sign):
     vehicle = BlueRov2(np.zeros(3))
     run(vehicle, sign * speed * np.eye(6)[axis], 8)
     twist = np.concatenate([vehicle.linear, vehicle.angular])
@@ -87,7 +81,7 @@ def test_each_axis_reaches_what_is_commanded_and_only_it(
     )
 
 
-def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings() -> None:
+def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings():
     # Uncancelled, the added mass alone would pitch it by (Z - X) u w = 0.6 N m.
     vehicle, twist = BlueRov2(np.zeros(3)), np.array([0.5, 0.1, -0.1, 0.0, 0.05, 0.15])
     run(vehicle, twist, 3)
@@ -96,7 +90,7 @@ def test_a_mixed_command_is_obeyed_in_spite_of_the_couplings() -> None:
     assert (vehicle.roll, vehicle.pitch) == pytest.approx((0.0, 0.15), abs=0.02)
 
 
-def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag() -> None:
+def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag():
     # 0.72 m/s was measured, say papers that cite von Benzon et al.; the autopilot asks for 0.7 m/s
     # at most.
     force = 4 * 30.4 * np.sqrt(0.5)
@@ -110,7 +104,7 @@ def test_the_top_speed_is_where_the_greatest_thrust_meets_the_drag() -> None:
     assert vehicle.linear[0] == pytest.approx(LIMITS.speed[0], abs=1e-3)
 
 
-def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself() -> None:
+def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself():
     vehicle = BlueRov2([1.0, 2.0, -3.0], pitch=0.2, yaw=4.0)
     run(vehicle, np.zeros(6), 5)
     assert vehicle.position == pytest.approx([1.0, 2.0, -3.0], abs=1e-9)
@@ -127,8 +121,8 @@ def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself() -> None:
 )
 @settings(max_examples=15)
 def test_any_commands_in_a_rough_sea_leave_it_finite_and_slow(
-    commands: list[tuple[float, ...]],
-) -> None:
+    commands,
+):
     waves = WaveSettings(wave_height_m=3.0, wave_period_s=6.0, depth_m=2.0)
     vehicle = BlueRov2(np.zeros(3), sea=Sea((0.5, 0.5, -0.2), waves))
     for *command, dt in commands:

@@ -19,7 +19,7 @@ from uuv_optical_array.control.fleet import (
 from uuv_optical_array.control.follow_record import least_distance
 
 
-def places(fleet: list[Follower]) -> list[np.ndarray]:
+def places(fleet):
     """Return where leader and followers are when each is on its station."""
     found = [np.zeros(3)]
     for follower in fleet:
@@ -27,7 +27,7 @@ def places(fleet: list[Follower]) -> list[np.ndarray]:
     return found
 
 
-def test_a_v_opens_astern_and_its_arms_mirror_each_other() -> None:
+def test_a_v_opens_astern_and_its_arms_mirror_each_other():
     leader, *found = places(vee(4))
     port, starboard = np.array(found[::2]), np.array(found[1::2])
     assert port == pytest.approx(starboard * [1, -1, 1])
@@ -37,7 +37,7 @@ def test_a_v_opens_astern_and_its_arms_mirror_each_other() -> None:
         assert vee(count) == vee(4)[:count]
 
 
-def test_topics_of_a_chain_are_those_of_the_follower_ahead() -> None:
+def test_topics_of_a_chain_are_those_of_the_follower_ahead():
     first, _, third = vee(3)
     assert (first.namespace, first.lamp_odometry) == ("follower_1", "leader/odometry")
     assert third.lamp_odometry == "follower_1/follower/odometry"
@@ -53,9 +53,7 @@ def test_topics_of_a_chain_are_those_of_the_follower_ahead() -> None:
     st.booleans(),
     st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=4, max_size=4),
 )
-def test_followers_within_the_error_of_their_stations_keep_the_distance(
-    count: int, chain: bool, errors: list[tuple[float, float, float]]
-) -> None:
+def test_followers_within_the_error_of_their_stations_keep_the_distance(count, chain, errors):
     fleet = vee(count, chain or count == 4)
     found = [np.zeros(3)]
     for follower, error in zip(fleet, errors, strict=False):
@@ -66,7 +64,7 @@ def test_followers_within_the_error_of_their_stations_keep_the_distance(
         assert math.dist(one, other) >= MIN_SEPARATION_M - 1e-9
 
 
-def test_stations_that_are_too_near_are_refused_by_name() -> None:
+def test_stations_that_are_too_near_are_refused_by_name():
     near = [Follower(1, (-5.5, 1.0, 0.0)), Follower(2, (-5.5, -0.99, 0.0))]
     words = r"follower_1 and follower_2 are 1\.99 m apart; place them at least 2 m apart"
     with pytest.raises(ValueError, match=words):
@@ -80,12 +78,12 @@ def test_stations_that_are_too_near_are_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(("count", "chain"), [(0, True), (-1, False), (5, True), (4, False)])
-def test_a_number_that_makes_no_v_is_refused(count: int, chain: bool) -> None:
+def test_a_number_that_makes_no_v_is_refused(count, chain):
     with pytest.raises(ValueError, match=rf"followers: {count} .*is out of bounds"):
         vee(count, chain)
 
 
-def test_the_least_distance_is_that_of_paths_at_one_time() -> None:
+def test_the_least_distance_is_that_of_paths_at_one_time():
     # They cross each other's path, one second after the other, and are nearest at 1.5 s.
     one = {t: np.array([t, 0.0, 0.0]) for t in (0.0, 1.0, 1.5, 2.0, 3.0)}
     other = {t: np.array([2.0, t - 1.0, 0.0]) for t in (0.5, 2.5, 3.5)}

@@ -1,7 +1,6 @@
 """A V in closed loop: its bounds through the leader's turn, and then a follower in the dark."""
 
 from itertools import combinations
-from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -11,12 +10,10 @@ from uuv_optical_array.control.fleet import (
     CHAINED_ERROR_M,
     MIN_SEPARATION_M,
     STATION_ERROR_M,
-    Follower,
     vee,
 )
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
-from uuv_optical_array.core.geometry import Array
 
 TICK_S = 0.1
 # About the bound on a frame's pose in the scene `formation`, 1 m beside the beam.
@@ -24,10 +21,9 @@ STD = np.array([0.2, 0.12, 0.12, *np.radians([2.0, 2.0])])
 
 
 SETTLED, DARK = round(10 / TICK_S), round(33 / TICK_S)  # on station, and after the turn
-Run: TypeAlias = tuple[Array, Array]
 
 
-def swim(fleet: list[Follower], seconds: float) -> Run:
+def swim(fleet, seconds):
     """Let a fleet swim; the first follower loses its light at the tick `DARK`.
 
     Returns the positions of all vehicles, ``(1 + n, ticks, 3)``, and how far the followers were off
@@ -55,17 +51,17 @@ def swim(fleet: list[Follower], seconds: float) -> Run:
 
 
 @pytest.fixture(scope="module")
-def run() -> Run:
+def run():
     return swim(vee(3), 46.0)
 
 
-def test_on_station_a_v_keeps_its_bounds_through_a_turn(run: Run) -> None:
+def test_on_station_a_v_keeps_its_bounds_through_a_turn(run):
     _, errors = run
     most = errors[:, SETTLED:DARK].max(axis=1)
     assert (most < [STATION_ERROR_M, STATION_ERROR_M, CHAINED_ERROR_M]).all()
 
 
-def test_no_two_vehicles_come_too_near_even_when_one_is_in_the_dark(run: Run) -> None:
+def test_no_two_vehicles_come_too_near_even_when_one_is_in_the_dark(run):
     places, _ = run
     for one, other in combinations(places, 2):
         assert np.linalg.norm(one - other, axis=1).min() > MIN_SEPARATION_M
@@ -73,7 +69,7 @@ def test_no_two_vehicles_come_too_near_even_when_one_is_in_the_dark(run: Run) ->
     assert behind_it.min() > FormationSettings().min_distance_m
 
 
-def test_a_follower_in_the_dark_stops_and_so_does_the_one_behind_it(run: Run) -> None:
+def test_a_follower_in_the_dark_stops_and_so_does_the_one_behind_it(run):
     places, _ = run
     speeds = np.linalg.norm(places[:, -1] - places[:, -11], axis=1) / (10 * TICK_S)
     assert speeds[1] == 0.0

@@ -11,7 +11,7 @@ STATION = np.array([-6.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.fixture
-def record() -> FollowRecord:
+def record():
     """Return a run that is off its station by 3 and 4 times the same, in turn, and has two poses.
 
     So the RMS is that times sqrt(12.5), and that of the estimates is theirs.

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.control.formation import FormationController
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
 FASTEST = np.array([1.0, 0.6, 0.6, 0.0, *np.radians([10, 10])])
@@ -36,8 +35,8 @@ number = st.one_of(
 @settings(max_examples=60)
 @pytest.mark.filterwarnings("error")
 def test_no_numbers_whatever_make_a_command_that_is_none(
-    frames: list[tuple[float, list[float], float, list[float]]],
-) -> None:
+    frames,
+):
     controller, now = FormationController(SETTINGS), 0.0
     controller.update(now, STATION, PUBLISHED, STILL)
     for step, pose, scale, rate in frames:
@@ -58,8 +57,8 @@ def test_no_numbers_whatever_make_a_command_that_is_none(
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e7])
 def test_what_is_not_finite_or_too_large_is_refused_by_name(
-    value: float,
-) -> None:
+    value,
+):
     (controller, now), (without, _) = under_way(), under_way()
     for entry, name in enumerate(("stamp", "x", "y", "z", "pitch", "yaw")):
         row = np.array([now + 0.1, *STATION])
@@ -77,16 +76,16 @@ def test_what_is_not_finite_or_too_large_is_refused_by_name(
 
 
 @pytest.mark.parametrize("wrong", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
-def test_pose_and_rate_of_another_shape_are_refused(wrong: object) -> None:
+def test_pose_and_rate_of_another_shape_are_refused(wrong):
     controller = FormationController(SETTINGS)
     with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
-        controller.update(0.0, wrong, PUBLISHED, STILL)  # type: ignore[arg-type]
+        controller.update(0.0, wrong, PUBLISHED, STILL)
     with pytest.raises(ValueError, match="rate: "):
-        controller.update(0.0, STATION, PUBLISHED, wrong)  # type: ignore[arg-type]
+        controller.update(0.0, STATION, PUBLISHED, wrong)
 
 
 @pytest.mark.parametrize("back", [0.0, 0.05, 0.9])
-def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
+def test_stamps_that_do_not_advance_are_refused(back):
     (controller, now), (without, _) = under_way(), under_way()
     with pytest.raises(ValueError, match=rf"stamp {now - back:.3f} s is not after {now:.3f} s"):
         controller.update(now - back, STATION, PUBLISHED, STILL)
@@ -94,7 +93,7 @@ def test_stamps_that_do_not_advance_are_refused(back: float) -> None:
 
 
 @pytest.mark.parametrize("std", [1e-10, 1e-3])
-def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std: float) -> None:
+def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std):
     (controller, now), (without, _) = under_way(), under_way()
     far = off_station([-4.0, 1, 0, 0, 0.3])
     with pytest.raises(Outlier):
@@ -102,7 +101,7 @@ def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std: float) -> Non
     assert command_at(controller, now + 0.2) == pytest.approx(command_at(without, now + 0.2))
 
 
-def test_an_outlier_is_reported_and_steers_nothing() -> None:
+def test_an_outlier_is_reported_and_steers_nothing():
     (controller, now), (without, _) = under_way(), under_way()
     far = off_station([4.0, 0, 0, 0, 0])
     for later in (0.5, 0.6):
@@ -116,7 +115,7 @@ def test_an_outlier_is_reported_and_steers_nothing() -> None:
         assert command_at(controller, now + later) == pytest.approx(expected, abs=1e-12)
 
 
-def test_outliers_that_agree_are_the_leader() -> None:
+def test_outliers_that_agree_are_the_leader():
     controller, refused = FormationController(SETTINGS), []
     for tick in range(70):
         now, error = tick * 0.1, -1.0 if tick < 30 else 4.0
@@ -131,27 +130,27 @@ def test_outliers_that_agree_are_the_leader() -> None:
 
 
 @pytest.mark.parametrize("gap", [1.001, 60.0])
-def test_a_pose_after_a_gap_begins_anew_though_no_command_came_between(gap: float) -> None:
+def test_a_pose_after_a_gap_begins_anew_though_no_command_came_between(gap):
     controller, now = under_way()
     controller.update(now + gap, off_station([9.0, 0, 0, 0, 0]), PUBLISHED, STILL)
     with pytest.raises(Outlier):
         controller.update(now + gap + 0.1, STATION, PUBLISHED, STILL)
 
 
-def test_what_happens_between_two_poses_of_a_gap_is_no_outlier() -> None:
+def test_what_happens_between_two_poses_of_a_gap_is_no_outlier():
     # Within 0.9 s a leader at 0.5 m/s stops; both poses are known to a centimetre.
     controller, exact = FormationController(SETTINGS), np.eye(5) * 1e-4
     controller.update(0.0, STATION, exact, [-0.5, 0, 0, 0, 0])
     controller.update(0.9, off_station([-0.2, 0, 0, 0, 0]), exact, STILL)
 
 
-def strays(count: int) -> Array:
+def strays(count):
     """Return poses of which no two agree."""
     rng = np.random.default_rng(4)
     return np.array([-40.0, 0, 0, 0, 0]) + rng.uniform(-30, 30, (count, 5)) * [1, 1, 1, 0, 0]
 
 
-def test_after_refusals_it_stands_until_five_poses_agree() -> None:
+def test_after_refusals_it_stands_until_five_poses_agree():
     controller, now = under_way()
     refused = 0
     for stray in strays(60):
@@ -175,7 +174,7 @@ def test_after_refusals_it_stands_until_five_poses_agree() -> None:
     assert moved == [False] * 4 + [True] * 6
 
 
-def test_a_near_pose_in_the_dark_stops_the_follower_at_once() -> None:
+def test_a_near_pose_in_the_dark_stops_the_follower_at_once():
     controller, now = under_way()
     for tick in range(1, 12):  # two directions in turns agree with nothing
         stray = off_station([-20.0, 15.0 * (-1) ** tick, 0, 0, 0])
@@ -188,7 +187,7 @@ def test_a_near_pose_in_the_dark_stops_the_follower_at_once() -> None:
     assert (command_at(controller, now + 1.2)[:3] == 0).all()
 
 
-def test_a_pose_of_which_next_to_nothing_is_known_steers_nothing() -> None:
+def test_a_pose_of_which_next_to_nothing_is_known_steers_nothing():
     controller, now = under_way()
     s = SETTINGS
     range_m = float(np.linalg.norm(STATION[:3]))

@@ -8,9 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.bluerov2 import BLUEROV2
-from uuv_optical_array.control.hydrodynamics import Body, Water, advance
+from uuv_optical_array.control.hydrodynamics import advance
 from uuv_optical_array.control.sea import Sea, WaveSettings
-from uuv_optical_array.core.geometry import Array
 
 G = 9.82
 NEUTRAL = replace(BLUEROV2, volume_m3=13.5 / 1000)
@@ -19,25 +18,23 @@ MASS = NEUTRAL.inertia + NEUTRAL.added_mass
 TUMBLING = np.array([0.5, -0.3, 0.2, 0.4, -0.3, 0.5])
 
 
-def still(_: Array, __: float) -> tuple[Array, Array]:
+def still(_, __):
     return np.zeros(3), np.zeros(3)
 
 
-def at_rest(
-    *, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, velocity: Array | None = None
-) -> Array:
+def at_rest(*, roll=0.0, pitch=0.0, yaw=0.0, velocity=None):
     attitude = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
     return np.concatenate([np.zeros(3), attitude, np.zeros(6) if velocity is None else velocity])
 
 
 def run(
-    body: Body,
-    state: Array,
-    seconds: float,
-    thrust: Array | None = None,
-    water: Water = still,
-    step_s: float = 0.02,
-) -> Array:
+    body,
+    state,
+    seconds,
+    thrust=None,
+    water=still,
+    step_s=0.02,
+):
     """Return the states on the way, a row a step."""
     states = [state]
     for step in range(round(seconds / step_s)):
@@ -46,27 +43,16 @@ def run(
     return np.array(states)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2, 5])
-@pytest.mark.parametrize("force", [4.0, -9.0])
-def test_constant_thrust_ends_at_the_speed_where_drag_balances_it(axis: int, force: float) -> None:
-    thrust = force * np.eye(6)[axis]
-    end = run(NEUTRAL, at_rest(), 12, thrust, step_s=0.05)[-1]
-    linear, quadratic = NEUTRAL.linear_damping[axis], NEUTRAL.quadratic_damping[axis]
-    speed = (-linear + np.sqrt(linear**2 + 4 * quadratic * abs(force))) / (2 * quadratic)
-    assert end[7:] == pytest.approx(np.sign(force) * speed * np.eye(6)[axis], abs=1e-3)
-
-
-def energy(body: Body, states: Array) -> Array:
+def energy(body, states):
     """Return kinetic and potential energy, the water's share of both included, J."""
     kinetic = states[:, 7:] ** 2 @ (body.inertia + body.added_mass) / 2
     lifted = Rotation.from_quat(states[:, 3:7]).apply(body.buoyancy_at)[:, 2]
     buoyancy = 1000 * G * body.volume_m3
     potential = (buoyancy - body.inertia[0] * G) * states[:, 2] + buoyancy * lifted
-    total: Array = kinetic + potential
-    return total
+    return kinetic + potential
 
 
-def test_energy_is_lost_to_drag_alone() -> None:
+def test_energy_is_lost_to_drag_alone():
     body = BLUEROV2
     start = at_rest(roll=0.5, pitch=-0.8, yaw=1.0, velocity=TUMBLING)
     free = energy(replace(body, **NO_DRAG), run(replace(body, **NO_DRAG), start, 5))
@@ -78,7 +64,7 @@ def test_energy_is_lost_to_drag_alone() -> None:
     assert lost[-1] > 1.0
 
 
-def test_momentum_of_body_and_water_is_kept_without_forces() -> None:
+def test_momentum_of_body_and_water_is_kept_without_forces():
     body = replace(NEUTRAL, buoyancy_at=np.zeros(3), **NO_DRAG)
     states = run(body, at_rest(pitch=0.3, velocity=TUMBLING), 5)
     momentum = MASS * states[:, 7:]
@@ -89,21 +75,7 @@ def test_momentum_of_body_and_water_is_kept_without_forces() -> None:
     assert angular == pytest.approx(np.tile(angular[0], (len(states), 1)), abs=1e-5)
 
 
-@pytest.mark.parametrize(("angle", "axis"), [("roll", 3), ("pitch", 4)])
-def test_small_roll_and_pitch_swing_as_a_damped_pendulum(angle: str, axis: int) -> None:
-    # I theta'' + d theta' + B h theta = 0, with the centre of buoyancy h above that of gravity.
-    inertia, damping = MASS[axis], NEUTRAL.linear_damping[axis]
-    stiffness, start, seconds = 13.5 * G * 0.01, 1e-5, 4.0
-    decay = damping / (2 * inertia)
-    omega = np.sqrt(stiffness / inertia - decay**2)
-    times = np.arange(0, seconds + 0.01, 0.02)
-    swing = np.exp(-decay * times) * (np.cos(omega * times) + decay / omega * np.sin(omega * times))
-    states = run(NEUTRAL, at_rest(roll=start * (axis == 3), pitch=start * (axis == 4)), seconds)
-    angles = 2 * states[:, axis]  # twice the quaternion's entry
-    assert angles == pytest.approx(start * swing, abs=2e-4 * start)
-
-
-def test_level_and_neutral_it_stays_and_heavy_it_sinks() -> None:
+def test_level_and_neutral_it_stays_and_heavy_it_sinks():
     start = at_rest(yaw=2.0)
     assert run(NEUTRAL, start, 5)[-1] == pytest.approx(start, abs=1e-12)
     # 13.5 kg displace 13.4 l.
@@ -111,8 +83,8 @@ def test_level_and_neutral_it_stays_and_heavy_it_sinks() -> None:
 
 
 @pytest.mark.parametrize("current", [(0.3, 0.0, 0.0), (-0.2, 0.4, 0.1)])
-def test_a_current_carries_the_motion_in_still_water_along(current: tuple[float, ...]) -> None:
-    def flow(_: Array, __: float) -> tuple[Array, Array]:
+def test_a_current_carries_the_motion_in_still_water_along(current):
+    def flow(_, __):
         return np.array(current), np.zeros(3)
 
     thrust = np.array([20.0, -8.0, 5.0, 0.2, -0.3, 0.4])
@@ -125,8 +97,8 @@ def test_a_current_carries_the_motion_in_still_water_along(current: tuple[float,
     assert with_flow[:, 3:7] == pytest.approx(alone[:, 3:7], abs=1e-5)
 
 
-def test_a_neutral_body_moves_as_the_water_that_it_displaces_would() -> None:
-    def surge(_: Array, t_s: float) -> tuple[Array, Array]:
+def test_a_neutral_body_moves_as_the_water_that_it_displaces_would():
+    def surge(_, t_s):
         along = np.array([0.8, -0.3, 0.5])
         return 0.3 * np.sin(2 * t_s) * along, 0.6 * np.cos(2 * t_s) * along
 
@@ -137,27 +109,27 @@ def test_a_neutral_body_moves_as_the_water_that_it_displaces_would() -> None:
     assert velocity == pytest.approx(expected, abs=1e-5)
 
 
-def skew(a: Array) -> Array:
+def skew(a):
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
-def coriolis(mass: Array, velocity: Array) -> Array:
+def coriolis(mass, velocity):
     """Fossen's skew-symmetric C of a full 6 x 6 inertia."""
     upper = skew(mass[:3] @ velocity)
     return np.block([[np.zeros((3, 3)), -upper], [-upper, -skew(mass[3:] @ velocity)]])
 
 
-def test_general_motion_in_waves_agrees_with_matrices_angles_and_another_integrator() -> None:
+def test_general_motion_in_waves_agrees_with_matrices_angles_and_another_integrator():
     waves = WaveSettings(wave_height_m=1.0, wave_period_s=5.0, wave_direction_deg=40, depth_m=4.0)
     sea, flip = Sea((0.2, 0.1, 0.0), waves), np.array([1.0, -1.0, -1.0])
     rigid, added = np.diag(BLUEROV2.inertia), np.diag(BLUEROV2.added_mass)
     thrust = np.array([25.0, -10.0, 8.0, 0.1, -0.3, 0.5])
 
-    def water(place: Array, t_s: float) -> tuple[Array, Array]:
+    def water(place, t_s):
         velocity, change = sea.velocity(place * flip, t_s), sea.acceleration(place * flip, t_s)
         return velocity * flip, change * flip
 
-    def slope(t_s: float, state: Array) -> Array:
+    def slope(t_s, state):
         (roll, pitch, yaw), velocity = state[3:6], state[6:]
         to_world = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
         flow, change = (to_world.T @ part for part in water(state[:3], t_s))

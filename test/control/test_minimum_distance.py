@@ -1,7 +1,5 @@
 """The follower keeps its minimum distance to the lamp whatever it is told within its bounds."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from followers import PUBLISHED, SETTINGS, TICK_S, follow, off_station, steady
@@ -12,36 +10,35 @@ from scipy.spatial.transform import Rotation
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import leader_twist
 from uuv_optical_array.core.errors import NoPose
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.track import Outlier
 
 MARGIN_M = 3 * np.sqrt(PUBLISHED[0, 0])  # dead astern, three standard deviations of the range
 
 
-def biased(metres: float) -> Callable[[Array], Array]:
+def biased(metres):
     """Return a measurement of a lamp that seems farther than it is."""
     return lambda pose: pose - [metres, 0, 0, 0, 0]
 
 
-def nearest(errors: Array, s: FormationSettings) -> float:
+def nearest(errors, s):
     return float(np.linalg.norm(errors[:, :3] + s.station_m, axis=1).min())
 
 
-def stops(now: float) -> tuple[Array, Array]:
+def stops(now):
     return np.array([0.5 if now < 20 else 0.0, 0, 0]), np.zeros(3)
 
 
 @pytest.mark.parametrize("twist", [stops, leader_twist, steady([0, 0, 0], [0, 0, 0])])
 def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(
-    twist: Callable[[float], tuple[Array, Array]],
-) -> None:
+    twist,
+):
     s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=2.5)
     # The station as it is measured lies within the minimum.
     errors, _ = follow(40, biased(1.0), twist, settings=s)
     assert nearest(errors, s) > 2.5
 
 
-def test_without_a_minimum_the_same_bias_brings_the_follower_nearer() -> None:
+def test_without_a_minimum_the_same_bias_brings_the_follower_nearer():
     s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=0.0)
     errors, _ = follow(40, biased(1.0), stops, settings=s)
     assert nearest(errors, s) < 2.0
@@ -50,20 +47,20 @@ def test_without_a_minimum_the_same_bias_brings_the_follower_nearer() -> None:
 EXACT = PUBLISHED * 1e-4  # as exact as it may be, and so as near as it may go
 
 
-def surge(controller: FormationController, now: float) -> float:
+def surge(controller, now):
     command = controller.command(now)
     assert command is not None
     return float(command[0][0])
 
 
-def along(x: float) -> Array:
+def along(x):
     return np.array([x, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("lit_s", [4.0, 7.0, 10.0, 13.0])
 def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
-    lit_s: float,
-) -> None:
+    lit_s,
+):
     s = FormationSettings(station_m=(-3.5, 0.0, 0.0), min_distance_m=3.0, stop_time_s=6.0)
     controller = FormationController(s)
     x, speed = -12.0, 0.0
@@ -77,7 +74,7 @@ def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
     assert speed == 0
 
 
-def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time() -> None:
+def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time():
     s = FormationSettings(
         station_m=(-1.0, 0.0, 0.0),
         min_distance_m=3.0,
@@ -98,8 +95,8 @@ def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time() -> None:
 
 @pytest.mark.parametrize("leader_comes", [0.0, 0.1, 0.3])
 def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(
-    leader_comes: float,
-) -> None:
+    leader_comes,
+):
     # At 4 m, 2 m outside of the minimum, where light that is lost leaves 1 s + 3 s / 2 of way.
     settings = FormationSettings(station_m=(-0.5, 0.0, 0.0), min_distance_m=2.0)
     controller, own = FormationController(settings), 0.0
@@ -109,7 +106,7 @@ def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(
     assert own + leader_comes == pytest.approx(2.0 / 2.5, abs=0.01)
 
 
-def surging() -> tuple[FormationController, float]:
+def surging():
     """Return a controller that surges ahead behind a leader, and the time."""
     controller = FormationController(SETTINGS)
     for tick in range(60):
@@ -121,7 +118,7 @@ def surging() -> tuple[FormationController, float]:
 
 @given(st.lists(st.tuples(st.floats(-8, -0.3), st.floats(0.01, 2.0)), min_size=1, max_size=20))
 @settings(max_examples=30)
-def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]]) -> None:
+def test_below_the_minimum_no_command_closes_in(frames):
     controller, now = surging()
     for x, std in frames:
         now += 0.1
@@ -136,9 +133,7 @@ def test_below_the_minimum_no_command_closes_in(frames: list[tuple[float, float]
 
 @given(st.floats(0, 2 * np.pi), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)))
 @settings(max_examples=30)
-def test_nor_does_a_sideways_one_but_it_backs_off(
-    round_beam: float, turned: tuple[float, float]
-) -> None:
+def test_nor_does_a_sideways_one_but_it_backs_off(round_beam, turned):
     # The station is nearer to the lamp than this place beside the beam, whose range is 4 m.
     place = np.array([-3.0, *np.sqrt(7) * np.array([np.cos(round_beam), np.sin(round_beam)])])
     to_beacon = Rotation.from_euler("ZYX", [turned[1], turned[0], 0.0])
@@ -152,7 +147,7 @@ def test_nor_does_a_sideways_one_but_it_backs_off(
         assert sign * to_beacon.apply(command[0]) @ place / 4.0 > 0.02
 
 
-def test_too_near_it_backs_off_until_it_is_not() -> None:
+def test_too_near_it_backs_off_until_it_is_not():
     s = FormationSettings(station_m=(-4.0, 0.0, 0.0), min_distance_m=3.0)
     errors, commands = follow(
         20,
@@ -168,7 +163,7 @@ def test_too_near_it_backs_off_until_it_is_not() -> None:
     assert np.abs(np.diff(commands[:, 0])).max() <= 0.2 * TICK_S + 1e-9
 
 
-def test_a_refused_pose_below_the_minimum_stops_the_approach_until_the_next() -> None:
+def test_a_refused_pose_below_the_minimum_stops_the_approach_until_the_next():
     controller, now = surging()
     with pytest.raises(Outlier):
         controller.update(now + 0.1, along(-1.9), PUBLISHED, np.zeros(5))
@@ -178,7 +173,7 @@ def test_a_refused_pose_below_the_minimum_stops_the_approach_until_the_next() ->
     assert surge(controller, now + 0.2) > near
 
 
-def test_a_station_within_the_minimum_is_not_reached() -> None:
+def test_a_station_within_the_minimum_is_not_reached():
     s = FormationSettings(station_m=(-1.5, 0.0, 0.0), min_distance_m=3.0)
     errors, _ = follow(
         40, twist=steady([0, 0, 0], [0, 0, 0]), offset=(-4, 0, 0), published=PUBLISHED, settings=s

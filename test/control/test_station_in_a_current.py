@@ -1,7 +1,5 @@
 """Station behind a lamp that holds its place over ground, by a follower that a current carries."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from followers import SETTINGS, TrackedLaw
@@ -10,19 +8,18 @@ from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.sea import Sea
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
-from uuv_optical_array.core.geometry import Array, relative_pose
+from uuv_optical_array.core.geometry import relative_pose
 
 STD = np.array([0.1, 0.05, 0.05, np.radians(1.0), np.radians(1.0)])  # of the poses
 TICK_S = 0.1
 KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
-Law = Callable[[float, Array | None], Array]  # the present and a pose to the wanted velocity
 
 
-def formation(settings: FormationSettings) -> Law:
+def formation(settings):
     """Return the formation law; its turns are sent along with its velocity."""
     law = TrackedLaw(settings)
 
-    def command(now: float, pose: Array | None) -> Array:
+    def command(now, pose):
         if pose is not None:
             law.update(now, pose, np.diag(STD**2))
         answer = law.command(now)
@@ -31,15 +28,11 @@ def formation(settings: FormationSettings) -> Law:
     return command
 
 
-def hold(
-    kind: type[Vehicle],
-    law: Law,
-    current: Callable[[float], Array],
-    seconds: float,
-    x_m: float = -6.0,
-    dark_after_s: float = np.inf,
-) -> tuple[Array, Array]:
-    """Return the true poses and the commands, a row a tick; the follower starts on station."""
+def hold(kind, law, current, seconds, x_m=-6.0, dark_after_s=np.inf):
+    """Return the true poses and the commands, a row a tick; the follower starts on station.
+
+    A law takes the present and a pose, or None, and returns the twist that it wants.
+    """
     rng, leader = np.random.default_rng(1), Vehicle(np.zeros(3))
     follower = start_behind(kind(np.zeros(3)), (x_m, 0, 0), (0, 0, 0))
     poses, commands = [], []
@@ -63,7 +56,7 @@ STATION = np.array([-6.0, 0.0, 0.0])
 @pytest.mark.parametrize(
     "flow", [(-0.3, 0, 0), (0, 0.3, 0), (0, 0, -0.3)], ids=["ahead", "starboard", "above"]
 )
-def test_a_current_leaves_no_bias(kind: type[Vehicle], flow: tuple[float, ...]) -> None:
+def test_a_current_leaves_no_bias(kind, flow):
     poses, commands = hold(kind, formation(SETTINGS), lambda _: np.array(flow), 45)
     last = poses[-300:, :3] - STATION
     assert np.linalg.norm(last.mean(axis=0)) < 0.05
@@ -73,7 +66,7 @@ def test_a_current_leaves_no_bias(kind: type[Vehicle], flow: tuple[float, ...]) 
 
 
 @KINDS
-def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehicle]) -> None:
+def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind):
     settings = FormationSettings((-1.5, 0.0, 0.0), min_distance_m=2.0)  # a station out of reach
     poses, commands = hold(kind, formation(settings), lambda _: np.array([0.3, 0, 0]), 30, -4.0)
     assert np.linalg.norm(poses[:, :3], axis=1).min() > settings.min_distance_m
@@ -82,7 +75,7 @@ def test_pressed_towards_the_lamp_it_keeps_the_minimum_distance(kind: type[Vehic
 
 
 @KINDS
-def test_without_light_it_stops_in_the_water_and_drifts(kind: type[Vehicle]) -> None:
+def test_without_light_it_stops_in_the_water_and_drifts(kind):
     settings, flow = SETTINGS, np.array([-0.3, 0.1, 0.0])
     stopped_s = 12 + settings.light_timeout_s + settings.stop_time_s + 2 * TICK_S
     poses, commands = hold(kind, formation(settings), lambda _: flow, 26, dark_after_s=12)

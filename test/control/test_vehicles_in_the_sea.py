@@ -6,7 +6,6 @@ import pytest
 from uuv_optical_array.control.bluerov2 import BlueRov2
 from uuv_optical_array.control.sea import STILL_SEA, Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, start_behind
-from uuv_optical_array.core.geometry import Array
 
 CURRENT = np.array([0.3, -0.2, 0.1])
 WAVES = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, wave_direction_deg=30.0, depth_m=4.0)
@@ -14,12 +13,12 @@ KINDS = pytest.mark.parametrize("kind", [Vehicle, BlueRov2])
 DT = 0.05
 
 
-def command(t_s: float) -> tuple[Array, Array]:
+def command(t_s):
     """Return a twist that bends, dives and slips."""
     return np.array([0.4, 0.1 * np.sin(t_s), 0.1]), np.array([0.0, 0.1 * np.cos(t_s), 0.15])
 
 
-def swim(vehicle: Vehicle, seconds: float) -> Array:
+def swim(vehicle, seconds):
     """Return the positions on the way, a row a step."""
     path = [vehicle.position]
     for step in range(round(seconds / DT)):
@@ -30,7 +29,7 @@ def swim(vehicle: Vehicle, seconds: float) -> Array:
 
 @KINDS
 @pytest.mark.parametrize("sea", [Sea(CURRENT), Sea(CURRENT, WAVES)], ids=["current", "waves"])
-def test_velocity_over_ground_is_the_change_of_place(kind: type[Vehicle], sea: Sea) -> None:
+def test_velocity_over_ground_is_the_change_of_place(kind, sea):
     vehicle = kind([0.0, 0.0, 0.0], 0.1, 0.7, sea=sea)
     swim(vehicle, 5)
     for _ in range(3):
@@ -51,9 +50,7 @@ def test_velocity_over_ground_is_the_change_of_place(kind: type[Vehicle], sea: S
         ([0, 0, 0], [0, 0, 0], np.nan, "nan"),
     ],
 )
-def test_bad_steps_are_refused_and_change_nothing(
-    kind: type[Vehicle], linear: list[float], angular: list[float], dt: float, message: str
-) -> None:
+def test_bad_steps_are_refused_and_change_nothing(kind, linear, angular, dt, message):
     vehicle = kind([1, 2, 3])
     with pytest.raises(ValueError, match=message):
         vehicle.step(linear, angular, dt)
@@ -61,7 +58,7 @@ def test_bad_steps_are_refused_and_change_nothing(
     assert (vehicle.linear == 0).all()
 
 
-def test_an_idle_body_goes_round_in_the_orbit_of_the_water() -> None:
+def test_an_idle_body_goes_round_in_the_orbit_of_the_water():
     # A circle of radius H / 2 exp(-k d), and forward by Stokes' drift, 2 pi k radius^2 a turn.
     waves = WaveSettings(wave_height_m=1.0, wave_period_s=6.0, depth_m=20.0)
     vehicle = Vehicle(np.zeros(3), sea=Sea(waves=waves))
@@ -77,7 +74,7 @@ def test_an_idle_body_goes_round_in_the_orbit_of_the_water() -> None:
 
 
 @KINDS
-def test_a_follower_starts_as_the_leader_s_like_in_its_sea(kind: type[Vehicle]) -> None:
+def test_a_follower_starts_as_the_leader_s_like_in_its_sea(kind):
     leader = kind([3.0, 0.0, 0.0], yaw=0.5, sea=Sea(CURRENT))
     follower = start_behind(leader, 6.0)
     assert type(follower) is kind
@@ -85,13 +82,13 @@ def test_a_follower_starts_as_the_leader_s_like_in_its_sea(kind: type[Vehicle]) 
     assert start_behind(kind([0.0, 0.0, 0.0]), 6.0).sea is STILL_SEA
 
 
-def test_a_kinematic_vehicle_in_a_current_moves_as_in_still_water_and_drifts() -> None:
+def test_a_kinematic_vehicle_in_a_current_moves_as_in_still_water_and_drifts():
     still, carried = (swim(Vehicle(np.zeros(3), sea=sea), 10) for sea in (STILL_SEA, Sea(CURRENT)))
     times = DT * np.arange(len(still))[:, None]
     assert carried - still == pytest.approx(times * CURRENT, abs=1e-9)
 
 
-def test_an_idle_vehicle_with_inertia_comes_to_move_as_the_water() -> None:
+def test_an_idle_vehicle_with_inertia_comes_to_move_as_the_water():
     sea = Sea(waves=WAVES)
     vehicle = BlueRov2(np.zeros(3), yaw=0.4, sea=sea)
     missing = []

@@ -8,24 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy import cos, exp, maximum, minimum, sin
 from scipy.special import erfcx, log_ndtr
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import (
-    any_of,
-    at_place,
-    choose,
-    choose_tuple,
-    indices,
-    indices_where,
-    logical_not,
-    sandwich,
-    stack,
-    total,
-    transmit,
     unowned,
     workspace,
     zeros,
@@ -49,54 +35,6 @@ def mathematics():
     return pytest.importorskip(
         "uuv_optical_array.core.numerics.compiled_math", reason="Numba is not installed"
     )
-
-
-def clipped_sum(values, limits):
-    """The sum of values up to their own limits, and how many reach them."""
-    kept, reached = np.zeros(len(values)), 0.0
-    for j in indices(len(values)):
-        kept[j] = choose(values[j] < limits[j], values[j], limits[j])
-        for i in indices_where(logical_not(values[j] < limits[j]), j):
-            reached += total(np.ones(len(values))[i])
-    sums = 0.0
-    for j in indices(len(values)):
-        sums += total(kept[j])
-    return sums, reached, kept
-
-
-@both
-def test_a_loop_over_readings_takes_each_of_them_once(fast):
-    found = as_given(clipped_sum, fast)(np.array([1.0, 5.0, 2.0, 7.0]), np.array([3.0, 3, 2, 9]))
-    assert found[:2] == (13.0, 2.0)
-    np.testing.assert_array_equal(found[2], [1.0, 3.0, 2.0, 7.0])
-
-
-def chosen_state(first, other, better):
-    state = choose_tuple(better, first, other)
-    return state, any_of(better)
-
-
-@pytest.mark.parametrize("better", [True, False])
-@both
-def test_a_state_is_chosen_whole(fast, better):
-    first, other = Pair(1.0, np.array([1.0, 2.0])), Pair(3.0, np.array([5.0, 6.0]))
-    state, found = as_given(chosen_state, fast)(first, other, better)
-    assert found == better
-    assert state.value == (1.0 if better else 3.0)
-    np.testing.assert_array_equal(state.vector, [1.0, 2.0] if better else [5.0, 6.0])
-
-
-def test_states_of_many_problems_are_chosen_problem_by_problem():
-    first, other = (
-        Pair(np.array([1.0, 2]), np.ones((3, 2))),
-        Pair(np.array([3.0, 4]), np.zeros((3, 2))),
-    )
-    state = choose_tuple(np.array([True, False]), first, other)
-    np.testing.assert_array_equal(state.value, [1.0, 4.0])
-    np.testing.assert_array_equal(state.vector, [[1.0, 0.0]] * 3)
-    assert any_of(np.array([False, True]))
-    assert not any_of(np.array([False, False]))
-    np.testing.assert_array_equal(logical_not(np.array([True, False])), [False, True])
 
 
 def shapes(component, count):
@@ -141,68 +79,6 @@ def test_unowned_arrays_are_the_same_and_outlive_the_call(fast):
     for twice in (9, 15, 27):
         assert as_given(doubled, fast)(nested) == 12 + twice
     np.testing.assert_array_equal(rows, [[8.0] * 3, [1.0] * 3])
-
-
-def stacked(one, other):
-    return stack(one, 2.0, other)
-
-
-@both
-def test_components_are_stacked_in_their_order(fast):
-    np.testing.assert_array_equal(as_given(stacked, fast)(1.0, 3.0), [1.0, 2.0, 3.0])
-    # Those of many poses are broadcast.
-    found = stacked(np.array([1.0, 5.0]), 3.0)
-    np.testing.assert_array_equal(found, [[1.0, 5.0], [2.0, 2.0], [3.0, 3.0]])
-
-
-def blurred(matrix, images):
-    sandwich(matrix, images)
-    return images
-
-
-ONE_POSE = [(3, 1), (1, 2), (4, 2), (3, 5)]  # all that compiled code has
-
-
-@pytest.mark.parametrize(
-    ("fast", "shape"),
-    [
-        *((False, shape) for shape in [*ONE_POSE, (2, 4, 3)]),
-        *(pytest.param(True, shape, marks=numba) for shape in ONE_POSE),
-    ],
-)
-def test_a_sandwich_is_the_product_of_three_matrices(fast, shape):
-    *rows, side = shape
-    rng = np.random.default_rng(side)
-    matrix, images = rng.uniform(-1, 1, (side, side)), rng.uniform(0, 9, (*rows, side, side))
-    matrix[rng.uniform(size=(side, side)) < 0.3] = 0.0
-    expected = np.einsum("ik,...kl,jl->...ij", matrix, images, matrix)
-    found = as_given(blurred, fast)(matrix, images.reshape(*rows, side * side).copy())
-    np.testing.assert_allclose(found.reshape(images.shape), expected, rtol=1e-13, atol=1e-13)
-
-
-def picked(rows, places):
-    found = np.empty(rows.shape[1])
-    for j in indices(rows.shape[1]):
-        found[j] = at_place(rows, places[j], j)
-    return found
-
-
-@both
-def test_each_column_gives_the_row_of_its_own_place(fast):
-    rows = np.arange(12.0).reshape(3, 4)
-    found = as_given(picked, fast)(rows, np.array([2.0, 0.0, 1.0, 2.0]))
-    np.testing.assert_array_equal(found, [8.0, 1.0, 6.0, 11.0])
-
-
-def arithmetic(x, y):
-    return exp(x), sin(y), cos(y), maximum(x, y), minimum(x, y), erfcx(-x / 100), log_ndtr(y)
-
-
-@numba
-@given(st.floats(-700, 5), st.floats(-30, 30))
-def test_numpys_functions_have_their_values_in_compiled_code(x, y):
-    found = compilation.compiled(arithmetic)(x, y)
-    np.testing.assert_allclose(found, arithmetic(x, y), rtol=2e-13, atol=1e-15)
 
 
 def spaced(low, high, count=20_000):
@@ -259,34 +135,6 @@ def test_the_logarithm_of_the_normal_distribution_is_scipys(mathematics):
     found = np.array([mathematics.log_normal_distribution(u) for u in numbers])
     np.testing.assert_allclose(found, log_ndtr(numbers), rtol=1e-12, atol=1e-300)
     assert mathematics.log_normal_distribution(-1e100) == pytest.approx(-5e199)
-
-
-def transmitted(law, rays, a, b, c, beam, row, differentiate):
-    transmit(law, rays, a, b, c, beam, row, differentiate)
-    return beam
-
-
-@pytest.mark.parametrize("differentiate", [True, False])
-@both
-def test_a_law_of_transmission_dims_the_light_and_adds_its_slopes(fast, differentiate):
-    """By its address in compiled code; the rows of other laws stay as they are."""
-    rng = np.random.default_rng(4)
-    rays = rng.uniform(0.1, 1.0, (8, 6))
-    beam = rng.uniform(1, 2, (7, 6))
-    for law, values in ((beer, (0.3, 0.0, 0.0)), (lens, (0.4, 0.0, 0.0))):
-        factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], *values)
-        expected = beam.copy()
-        expected[0] *= factor
-        if differentiate:
-            expected[1:4] += [
-                by_range + 0 * factor,
-                by_half_square + 0 * factor,
-                by_cosine + 0 * factor,
-            ]
-            expected[5] = by_setting
-        given_law = compilation.law_address(law) if fast else law
-        found = as_given(transmitted, fast)(given_law, rays, *values, beam.copy(), 5, differentiate)
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
 def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on():

@@ -56,13 +56,6 @@ def test_rotation_matrix_is_yaw_then_pitch_then_roll(pitch, yaw, roll):
     np.testing.assert_allclose(matrix, scipy_rotation(pitch, yaw, roll).as_matrix(), atol=1e-14)
 
 
-def test_each_positive_angle_turns_the_way_the_convention_says():
-    bow, port = np.eye(3)[:2]
-    assert (rotation_matrix(0.1, 0.0) @ bow)[2] < 0, "positive pitch lowers the bow"
-    assert (rotation_matrix(0.0, 0.1) @ bow)[1] > 0, "positive yaw turns the bow to port"
-    assert (rotation_matrix(0.0, 0.0, 0.1) @ -port)[2] < 0, "positive roll lowers starboard"
-
-
 def test_rotation_matrices_broadcast_over_arrays_of_angles():
     rng = np.random.default_rng(1)
     pitch, yaw, roll = rng.uniform(-1, 1, (4, 1)), rng.uniform(-3, 3, 6), rng.uniform(-3, 3, (4, 6))

@@ -50,17 +50,6 @@ def test_a_curved_array_lies_on_its_sphere_and_looks_along_the_radius(side, widt
     assert (array.normals[:, 0] > 0).all()
 
 
-def test_the_array_of_the_paper_has_21_detectors_a_side_at_2_cm():
-    # Eren et al. (2016): 0.4 m wide, half a 0.8 m vehicle ahead, sphere of 0.32 m.
-    array = build_array(ArraySettings("curved", 21, radius_m=0.32))
-    assert array.spacing_m == pytest.approx(0.02)
-    centre = array.positions[21 * 10 + 10]
-    np.testing.assert_allclose(centre, [0.4 + 0.32, 0, 0], atol=1e-15)
-    corner_depth = math.sqrt(0.32**2 - 0.2**2 - 0.2**2)
-    np.testing.assert_allclose(array.positions[0], [0.4 + corner_depth, 0.2, 0.2], rtol=1e-12)
-    np.testing.assert_allclose(array.normals[0], [corner_depth / 0.32, 0.625, 0.625], rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("given_settings", "words"),
     [

@@ -8,7 +8,6 @@ from scenes import make_scene
 
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.effects.electronics import PARTS
-from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scattering import scattered_light
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -88,42 +87,6 @@ def test_the_signals_shot_noise_is_that_of_its_electrons():
     assert math.sqrt(shot) == pytest.approx(measured, rel=0.01)
 
 
-def test_a_larger_part_is_quieter_in_the_same_light():
-    scale = {**DIODE, "watts_per_m2_per_count": 1e-6}
-    del scale["amps_per_count"]
-    large, small = (
-        model_with(photodiode={**scale, "part": part}) for part in ("SM05PD1A", "SM05PD2A")
-    )
-    light = large.light(AHEAD)
-    assert (large.variance(light)[0] < small.variance(light)[0]).all()
-    ratio = large.variance(light)[1] / small.variance(light)[1]
-    np.testing.assert_allclose(ratio, (0.8 * 0.27) / (13 * 0.33), rtol=1e-9)
-
-
-def test_responsivity_is_drawn_once_by_its_seed_and_scales_the_light():
-    bare = model_with().light(AHEAD)
-    chosen = {"spread": 0.008, "seed": 5}
-    gains = model_with(responsivity=chosen).light(AHEAD) / bare
-    again = model_with(responsivity=chosen).light(AHEAD) / bare
-    np.testing.assert_array_equal(gains, again)
-    draws = np.random.default_rng(5).standard_normal((5, 5))
-    relative = gains / gains[0, 0] * (1 + 0.008 * draws[0, 0])
-    np.testing.assert_allclose(relative, 1 + 0.008 * draws, rtol=1e-12)
-    other = model_with(responsivity={**chosen, "seed": 6}).light(AHEAD) / bare
-    assert not np.allclose(gains, other, rtol=1e-4)
-
-
-def test_gains_are_those_given_one_for_each_detector_rows_from_the_top():
-    gains = np.linspace(0.8, 1.2, 25).reshape(5, 5)
-    bare = model_with().light(AHEAD)
-    model = model_with(responsivity={"gains": gains.tolist()})
-    relative = model.light(AHEAD) / bare
-    # The lamp's reference reading is that of the array with these gains.
-    np.testing.assert_allclose(relative / relative[2, 2], gains / gains[2, 2], rtol=1e-12)
-    warm = model.light(AHEAD, offsets={"responsivity.temperature_c": np.array(3.0)})
-    np.testing.assert_allclose(warm / model.light(AHEAD), 1 - 3 * 2 / 576, rtol=1e-12)
-
-
 def test_an_uncertain_temperature_needs_the_effect_it_acts_through():
     settings = load_scene("reference").settings()
     settings["prior"]["temperature_std_c"] = 3.0
@@ -132,33 +95,6 @@ def test_an_uncertain_temperature_needs_the_effect_it_acts_through():
     settings["effects"]["responsivity"] = {"spread": 0.008, "seed": 1}
     scene = scene_from_settings(settings, "test")
     assert scene.prior.nuisance_std() == {"responsivity.temperature_c": 3.0}
-
-
-def test_dead_and_stuck_detectors_tell_an_estimator_nothing():
-    model = model_with(
-        detector_faults={"dead": [[0, 1], [2, 2]], "stuck": [[4, 0]], "stuck_counts": 77.0}
-    )
-    image, jacobian = model.linearised(AHEAD)
-    image, jacobian = image.reshape(5, 5), jacobian.reshape(5, 5, 5)
-    assert image[0, 1] == image[2, 2] == 0.0
-    assert image[4, 0] == 77.0
-    for row, column in ((0, 1), (2, 2), (4, 0)):
-        assert not jacobian[row, column].any()
-    rest = np.ones((5, 5), bool)
-    rest[[0, 2, 4], [1, 2, 0]] = False
-    ideal, slopes = model_with().linearised(AHEAD)
-    scale = model.power / model_with().power  # the centre is dead, so another one is the brightest
-    np.testing.assert_allclose(image[rest], scale * ideal.reshape(5, 5)[rest], rtol=1e-12)
-    np.testing.assert_allclose(jacobian[rest], scale * slopes.reshape(5, 5, 5)[rest], rtol=1e-12)
-
-
-@pytest.mark.parametrize("power", [1.0, 2.0, 4.5])
-def test_a_lensed_detector_answers_by_a_power_of_the_cosine(power):
-    bare, lensed = model_with(), model_with(field_of_view={"cosine_power": power})
-    cosine = bare.rays(np.array([AHEAD]), np.zeros(1))[COSINE].reshape(5, 5)
-    found = lensed.light(AHEAD) / lensed.power
-    expected = bare.light(AHEAD) / bare.power * cosine ** (power - 1)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():

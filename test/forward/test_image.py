@@ -5,7 +5,6 @@ import pytest
 from scenes import make_scene
 
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 WATER = {
     "clear": {},
@@ -98,18 +97,6 @@ def test_a_nuisance_that_the_scene_does_not_have_is_refused(name):
     for call in (make_model().linearised, make_model().light):
         with pytest.raises(ValueError, match=f"{name}: no nuisance of scene"):
             call(ASIDE, 0.0, {name: np.zeros(())})
-
-
-def test_an_offset_is_another_lamp_in_other_water():
-    scene = load_scene("reference")
-    offsets = {"attenuation.k_per_m": np.array(0.015), "lamp.power": np.log(np.array(1.05))}
-    poses = np.random.default_rng(3).uniform(-0.5, 0.5, (50, 5)) - [6, 0, 0, 0, 0]
-    settings = scene.settings()
-    settings["effects"]["attenuation"]["k_per_m"] += 0.015
-    other = ForwardModel(scene_from_settings(settings, "other"))
-    other.power = 1.05 * ForwardModel(scene).power
-    found = ForwardModel(scene).light(poses, 0.0, offsets)
-    np.testing.assert_allclose(found, other.light(poses), rtol=1e-10, atol=1e-9)
 
 
 def test_the_largest_reading_is_at_the_limit_where_saturation_is_no_whole_count():

@@ -12,20 +12,13 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.core.geometry import lamp_in_body
 from uuv_optical_array.core.numerics.elementwise import workspace
-from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.light import (
-    ALONG,
-    COSINE,
     HALF_SQUARE,
-    INCIDENCE,
     MIN_RANGE_M,
     RANGE,
     RAY_ROWS,
-    TURN,
-    lamp_light,
     off_axis,
     ray,
-    slopes_by_lamp,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import trace
@@ -33,7 +26,6 @@ from uuv_optical_array.forward.scene import scene_from_settings
 
 # A detector at the follower's origin.
 ONE = SimpleNamespace(detectors=np.eye(6)[3][:, None], radius_m=0.0, radius_at=-1)
-SIGMA = math.radians(8)
 
 curved = st.fixed_dictionaries(
     {
@@ -60,11 +52,6 @@ def seen(pose, roll=0.0):
     return traced(lamp_in_body(*components, roll))[..., 0]
 
 
-def one_detector(pose, sigma=SIGMA, roll=0.0):
-    """Light on it, of a lamp of unit power."""
-    return lamp_light(*seen(pose, roll)[: INCIDENCE + 1], 1.0, sigma)[0]
-
-
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
     table = {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")}
     settings = {
@@ -82,52 +69,12 @@ def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None
     return ForwardModel(scene_from_settings(settings, "test"))
 
 
-def facing(pose, tilt=0.0):
-    """Pose at the same place, its bow turned to the lamp and then by `tilt` in yaw."""
-    x, y, z = pose
-    yaw = math.atan2(-y, -x)
-    return [x, y, z, math.atan2(z, math.hypot(x, y)), yaw + tilt]
-
-
-def test_twice_the_range_gives_a_quarter_of_the_light():
-    light = one_detector([[-2, 0, 0, 0, 0], [-4, 0, 0, 0, 0], [-8, 0, 0, 0, 0]])
-    np.testing.assert_allclose(light, [1 / 4, 1 / 16, 1 / 64], rtol=1e-15)
-
-
-@given(
-    eta=st.floats(0, math.pi),
-    around=st.floats(-math.pi, math.pi),
-    r=st.floats(0.5, 50),
-    sigma=st.floats(math.radians(3), math.radians(60)),
-)
-def test_the_beam_is_gaussian_in_the_off_axis_angle_and_round(eta, around, r, sigma):
-    across = r * math.sin(eta)
-    place = (-r * math.cos(eta), across * math.cos(around), across * math.sin(around))
-    expected = math.exp(-(eta**2) / (2 * sigma**2)) / r**2
-    assert one_detector(facing(place), sigma) == pytest.approx(expected, rel=1e-11, abs=1e-300)
-
-
-@given(r_axial=st.floats(0.5, 30), eta=st.floats(0.0, 1.2), k=st.floats(0, 1))
-def test_beer_dims_along_the_slant_path(r_axial, eta, k):
-    range_m = seen([-r_axial, r_axial * math.tan(eta), 0, 0, 0])[RANGE]
-    factor = beer(range_m, 0.0, 1.0, k, 0.0, 0.0)[0]
-    assert factor == pytest.approx(math.exp(-k * r_axial / math.cos(eta)), rel=1e-12)
-
-
 @pytest.mark.parametrize("eta", [0.05, 0.1, 0.2])
 def test_the_slant_path_of_the_paper_is_ours_to_second_order(eta):
     ours = seen([-6.0, 6.0 * math.tan(eta), 0, 0, 0])[RANGE]
     papers = 2 * 6.0 / (2 - eta**2)
     # 2 / (2 - eta^2) and 1 / cos(eta) part at fourth order, by eta^4 / 24.
     assert papers - ours == pytest.approx(6.0 * eta**4 / 24, rel=0.1)
-
-
-@given(tilt=st.floats(-math.pi, math.pi), roll=st.floats(-3, 3))
-def test_lambert_a_turned_detector_reads_the_cosine_and_zero_from_behind(tilt, roll):
-    light = one_detector([-1, 0, 0, 0, tilt], roll=roll)
-    assert light == pytest.approx(max(0.0, math.cos(tilt)), abs=1e-15)
-    if abs(tilt) > math.pi / 2 + 1e-12:
-        assert light == 0.0
 
 
 def test_a_detector_that_faces_away_has_no_slope_and_no_light():
@@ -173,23 +120,6 @@ def test_the_turn_stays_finite_on_the_axis_on_either_side():
     assert 0 < turn <= math.pi * 1e9 / 2.0
 
 
-@given(
-    geometry=st.tuples(st.floats(0.5, 50), st.floats(0, 0.5), st.floats(-1, 1)),
-    power=st.floats(1e-3, 1e6),
-    sigma=st.floats(math.radians(3), math.radians(60)),
-)
-def test_the_slopes_of_the_light_are_those_of_its_logarithm(geometry, power, sigma):
-    range_m, half_square, cosine = geometry
-    light, *slopes = lamp_light(*geometry, power, sigma)
-    beam = math.exp(-half_square / sigma**2) if half_square / sigma**2 < 700 else 0.0
-    expected = power / range_m**2 * beam * max(cosine, 0.0)
-    assert light == pytest.approx(expected, rel=1e-12, abs=1e-300)
-    by_cosine = 1 / max(cosine, 1e-300) if cosine > 0 else 0.0
-    by_sigma = 2 * half_square / sigma**3
-    expected = [-2 / range_m, -1 / sigma**2, by_cosine, by_sigma]
-    np.testing.assert_allclose(slopes, expected, rtol=1e-14, atol=1e-300)
-
-
 def test_no_cosine_exceeds_one_by_rounding():
     normals = np.random.default_rng(7).standard_normal((3, 1000))
     normals /= np.linalg.norm(normals, axis=0)
@@ -198,35 +128,6 @@ def test_no_cosine_exceeds_one_by_rounding():
     cosines = ray(*lamps, *normals, -1.0, 0.0, 0.0)[2]
     assert (cosines <= 1).all()
     np.testing.assert_allclose(cosines, 1, rtol=1e-15)
-
-
-@given(
-    lamp=st.tuples(st.floats(2, 9), st.floats(-2, 2), st.floats(-2, 2)),
-    turn=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
-    slopes=st.tuples(*[st.floats(-3, 3)] * 3),
-)
-def test_slopes_by_the_ray_turn_into_those_by_where_the_lamp_is(lamp, turn, slopes):
-    """Of a function that is linear in range, half square and cosine."""
-    axis = np.array([-1.0, *turn]) / math.hypot(1, *turn)
-
-    def value(moved, axis=axis):
-        rays = traced((*moved, *axis))[: INCIDENCE + 1, 0]
-        return float(np.dot(slopes, rays))
-
-    rays = traced((*lamp, *axis))[:, 0]
-    radial, facing, bend = slopes_by_lamp(*slopes, *rays[[RANGE, COSINE, ALONG, TURN]])
-    place = np.array(lamp)
-    by_lamp = radial * place + facing * np.array([1.0, 0, 0]) + bend * axis
-    h = 1e-5
-    steps = h * np.eye(3)
-    expected = [(value(place + step) - value(place - step)) / (2 * h) for step in steps]
-    np.testing.assert_allclose(by_lamp, expected, atol=1e-7)
-    # The axis is a unit vector: only its turns count.
-    for across in (np.cross(axis, [0, 0, 1.0]), np.cross(axis, [0, 1.0, 0])):
-        ahead, back = (axis + sign * h * across for sign in (1, -1))
-        ahead, back = (value(place, one / np.linalg.norm(one)) for one in (ahead, back))
-        expected = (ahead - back) / (2 * h)
-        assert bend * place @ across == pytest.approx(expected, abs=1e-7)
 
 
 @given(

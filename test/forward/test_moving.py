@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import second_forward
 from scenes import make_scene
 
 from uuv_optical_array.forward.model import ForwardModel
@@ -48,22 +47,3 @@ def test_the_drift_has_the_stated_spread_and_correlation():
     assert np.corrcoef(now, later)[0, 1] == pytest.approx(
         math.exp(-0.5), abs=4 * (1 - math.exp(-1)) / math.sqrt(LAMPS)
     )
-
-
-def test_clouds_dim_each_ray_where_it_pierces_their_plane():
-    model = model_with(**PLUME)
-    pose, moments = np.array([-5.0, 0.4, -0.1, 0.2, 0.3]), np.arange(0.0, 60.0, 0.5)
-    array, clouds = model.scene.settings()["array"], model.scene.effects["plume"]
-    paths = [second_forward.rays(array, pose, 0.0, float(moment)) for moment in moments]
-    expected = [[second_forward.plume(ray, None, **clouds) for ray in rays] for rays in paths]
-    found = model.expose(np.broadcast_to(pose, (120, 5)), time_s=moments).reshape(120, 25)
-    still = model_with().light(pose).ravel()
-    np.testing.assert_allclose(found, still * expected, rtol=1e-9)
-    # Some cloud passes, and dims a part of the array only.
-    assert np.min(expected) < 0.5
-    assert np.ptp(expected, axis=1).max() > 0.2
-
-
-def test_a_cloud_behind_the_array_dims_nothing():
-    model = model_with(plume={**CLOUDS, "distance_m": 9.0})
-    np.testing.assert_array_equal(model.expose(AHEAD, time_s=5.0), model.light(AHEAD))

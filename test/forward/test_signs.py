@@ -60,11 +60,6 @@ def test_an_aligned_array_sees_the_spot_in_the_middle(model):
         assert spot(model, AHEAD, roll) == pytest.approx((0, 0), abs=1e-12)
 
 
-def test_a_step_closer_makes_the_peak_brighter(model):
-    closer = AHEAD + 0.5 * np.eye(5)[0]
-    assert model.light(closer).max() > model.light(AHEAD).max()
-
-
 def test_starboard_rolled_down_carries_a_spot_at_starboard_towards_row_0(model):
     # The spot stays level while the starboard side of the array sinks below it.
     _, level_row = spot(model, at("y"))

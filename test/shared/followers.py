@@ -1,7 +1,6 @@
 """A leader and a follower in closed loop, and the errors of the poses between them."""
 
 import contextlib
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Outlier
 from uuv_optical_array.estimation.tracking.tracker import Tracker
@@ -20,14 +18,13 @@ TICK_S = 0.05
 GRID = np.array([0.33, 0.1, 0.1, np.radians(3.3), np.radians(3.3)])
 
 
-def covariance(correlation: float) -> Array:
+def covariance(correlation):
     """Return what an estimator by SAM would publish on the follow scene."""
     std = np.array([0.35, 0.25, 0.25, np.radians(7), np.radians(7)])
     alike = np.eye(5)
     alike[1, 4] = alike[4, 1] = -correlation
     alike[2, 3] = alike[3, 2] = correlation
-    published: Array = alike * np.outer(std, std)
-    return published
+    return alike * np.outer(std, std)
 
 
 PUBLISHED = covariance(0.97)
@@ -36,16 +33,16 @@ PUBLISHED = covariance(0.97)
 STILL = np.zeros(5)
 
 
-def command_at(controller: FormationController, now: float) -> Array:
+def command_at(controller, now):
     """Return the command, linear and angular."""
     command = controller.command(now)
     assert command is not None
     return np.concatenate(command)
 
 
-def under_way(**changes: float) -> tuple[FormationController, float]:
+def under_way(**changes):
     """Return a controller that surges, and the stamp of its last pose."""
-    controller = FormationController(replace(SETTINGS, **changes))  # type: ignore[arg-type]
+    controller = FormationController(replace(SETTINGS, **changes))
     for tick in range(40):
         pose = off_station([-1.0, 0.1, -0.1, 0.05, 0.05])
         controller.update(tick * 0.1, pose, PUBLISHED, STILL)
@@ -54,11 +51,11 @@ def under_way(**changes: float) -> tuple[FormationController, float]:
     return controller, tick * 0.1
 
 
-def exact(pose: Array) -> Array:
+def exact(pose):
     return pose
 
 
-def sam_noise(seed: int) -> Callable[[Array], Array]:
+def sam_noise(seed):
     """Return the errors of a match on the follow scene: y against yaw, z with pitch, on a grid."""
     rng = np.random.default_rng(seed)
     std = np.array([0.30, 0.21, 0.21, np.radians(5.4), np.radians(5.4)])
@@ -67,18 +64,18 @@ def sam_noise(seed: int) -> Callable[[Array], Array]:
     correlation[2, 3] = correlation[3, 2] = 0.97
     spread = np.linalg.cholesky(correlation * np.outer(std, std))
 
-    def measure(pose: Array) -> Array:
-        noisy: Array = pose + spread @ rng.standard_normal(5)
+    def measure(pose):
+        noisy = pose + spread @ rng.standard_normal(5)
         return np.rint(noisy / GRID) * GRID
 
     return measure
 
 
-def off_station(error: Sequence[float]) -> Array:
+def off_station(error):
     return np.add(STATION, error)
 
 
-def relative(leader: Vehicle, follower: Vehicle) -> Array:
+def relative(leader, follower):
     """Return the pose of the follower in the leader's frame, by SciPy's rotations."""
     to_world = Rotation.from_euler("ZYX", [leader.yaw, leader.pitch, 0])
     own = Rotation.from_euler("ZYX", [follower.yaw, follower.pitch, 0])
@@ -89,16 +86,16 @@ def relative(leader: Vehicle, follower: Vehicle) -> Array:
 class TrackedLaw:
     """The formation law behind the tracker that is told its commands, as nodes have them."""
 
-    def __init__(self, settings: FormationSettings) -> None:
+    def __init__(self, settings):
         self._tracker, self._law = Tracker(TrackerSettings()), FormationController(settings)
 
-    def update(self, now: float, pose: Array, covariance: Array, _: Array | None = None) -> None:
+    def update(self, now, pose, covariance, _=None):
         """Take a pose without its rate."""
         with contextlib.suppress(Outlier):
             track = self._tracker.update(round(now * 1e9), pose, covariance)
             self._law.update(now, track.pose, track.covariance, track.rate)
 
-    def command(self, now: float) -> tuple[Array, Array] | None:
+    def command(self, now):
         command = self._law.command(now)
         if command is not None:
             linear, angular = command
@@ -107,15 +104,15 @@ class TrackedLaw:
 
 
 def follow(
-    seconds: float,
-    measure: Callable[[Array], Array] = exact,
-    twist: Callable[[float], tuple[Array, Array]] = leader_twist,
-    offset: Sequence[float] = (-0.5, -0.2, 0.0),
-    published: Array = PUBLISHED,
-    latency_ticks: int = 1,
-    settings: FormationSettings | None = None,
-    tracked: bool = False,
-) -> tuple[Array, Array]:
+    seconds,
+    measure=exact,
+    twist=leader_twist,
+    offset=(-0.5, -0.2, 0.0),
+    published=PUBLISHED,
+    latency_ticks=1,
+    settings=None,
+    tracked=False,
+):
     """Run both vehicles; poses come at 10 Hz, late, and commands at 20 Hz.
 
     Rates are true, or a tracker's. Returns the true errors of the pose and the commands (linear,
@@ -144,7 +141,5 @@ def follow(
     return np.array(errors), np.array(commands)
 
 
-def steady(
-    linear: Sequence[float], angular: Sequence[float]
-) -> Callable[[float], tuple[Array, Array]]:
+def steady(linear, angular):
     return lambda _: (np.array(linear), np.array(angular))

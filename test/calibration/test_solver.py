@@ -4,6 +4,14 @@ import numpy as np
 import pytest
 from calibrated_seas import drive, lights, sea, truth_of
 
+from uuv_optical_array.calibration.fit import (
+    MAX_STEP,
+    CalibrationProblem,
+    evaluate,
+    outward,
+    propose,
+    refine,
+)
 from uuv_optical_array.calibration.identifiability import undetermined
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
 from uuv_optical_array.calibration.parameters import (
@@ -12,14 +20,6 @@ from uuv_optical_array.calibration.parameters import (
     SIGMA,
     K,
     Layout,
-)
-from uuv_optical_array.calibration.solver import (
-    MAX_STEP,
-    CalibrationProblem,
-    evaluate,
-    outward,
-    propose,
-    refine,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene

@@ -23,14 +23,10 @@ TURN = 5  # about the beacon's x, beside the pose
 def appearing(poses: Array, rolls: Array, aims: Array, bow_m: float) -> tuple[Array, Array, Array]:
     """Return the poses and rolls of which lamp and array would give the same light if they aimed.
 
-    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    - aims: pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, shape
-      ``(4,)``.
-    - bow_m: how far ahead of ``base_link`` the array turns.
-    - returned poses, rolls: shapes as given.
-    - returned slopes: from slopes of the light by the former poses, and by a turn of the follower
-      about the beacon's x, to those by the given poses, by their rolls and by the aims, shape
-      ``(m, 6, 10)``. The follower's bow is not abeam.
+    The aims are pitch and yaw of the lamp in ``beacon`` and of the array on its mount, rad, which
+    turns `bow_m` ahead of ``base_link``. Returned slopes, shape ``(m, 6, 10)``, lead from those of
+    the light by the former poses, and by a turn of the follower about the beacon's x, to those by
+    the given poses, by their rolls and by the aims. The follower's bow is not abeam.
     """
     lamp, mount = rotation_matrix(*aims[:2]), rotation_matrix(*aims[2:])
     body, ahead = rotation_matrix(poses[:, PITCH], poses[:, YAW], rolls), np.array([bow_m, 0, 0])

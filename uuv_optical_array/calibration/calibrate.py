@@ -48,13 +48,10 @@ DARK, LEAST_LIT = 5.0, 0.01  # standard deviations of a dark reading; share of a
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One fitted number.
+    """One fitted number, with name and unit of the scene, before and after.
 
-    - name, unit: as in the scene.
-    - start, value: before and after.
-    - std: standard error, which includes the effect of parameters that are held though unknown; nan
-      where the value itself was held.
-    - note: why it was held, or what it is correlated with; empty: determined by itself.
+    The standard error includes the effect of parameters that are held though unknown, and is nan
+    where the value itself was held. The note says why it was, or what it is correlated with.
     """
 
     name: str
@@ -74,17 +71,14 @@ class Calibration:
       follows from them; the noise, where it was fitted.
     - gains, gain_std: geometric mean 1, shape ``(side, side)``; the standard error is nan where one
       was held.
-    - correlation: of the k parameters before the reference reading, shape ``(k, k)``; nan where
-      one was held.
+    - correlation: of the parameters before the reference reading; nan where one was held.
     - mean, residuals: of every reading, counts and standard deviations, shape ``(m, n)``.
     - used: readings that were fitted, shape ``(m, n)``; the others are outliers or faulty.
     - uncensored: used readings that are far from both limits, shape ``(m, n)``.
     - misfit: mean squared residual of these, 1 where the model explains the data; where it exceeds
       `notes.MISFIT`, the standard errors are multiplied by its root.
-    - outliers, outlying_images: number of single readings that were left out; indices of images
-      that were.
-    - notes: what a user should know, a line each.
-    - refusal: why the scene is not to be used; empty where the model explains the images.
+    - outliers, outlying_images: how many single readings, and which images, were left out.
+    - notes, refusal: what a user should know, and why the scene is not to be used; empty: it is.
     """
 
     scene: Scene

@@ -1,25 +1,25 @@
-"""The fit of a calibration: outliers are left out, and undetermined parameters are held."""
+"""The fit of a calibration: damped Gauss-Newton steps with bounds.
+
+Outliers are left out, and undetermined parameters are held.
+"""
 
 import itertools
 from collections.abc import Callable, Collection
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uuv_optical_array.calibration.agreement import Agreement, agreement_of
-from uuv_optical_array.calibration.identifiability import (
-    covariance,
-    held_shifts,
-    undetermined,
-)
+from uuv_optical_array.calibration.identifiability import covariance, held_shifts, undetermined
 from uuv_optical_array.calibration.likelihood import (
     CalibrationLikelihood,
     CalibrationState,
     Unknowns,
 )
-from uuv_optical_array.calibration.parameters import BACKGROUND, POWER, SHARE, SIGMA
-from uuv_optical_array.calibration.solver import CalibrationProblem, outward, refine
+from uuv_optical_array.calibration.parameters import BACKGROUND, POWER, SHARE, SIGMA, Layout
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.numerics.gauss_newton import minimiser
 
 OUTLIER = 5.0  # standard deviations; noise alone exceeds it once in two million readings
 OUTLYING_IMAGE = 0.25  # share of outliers among an image's readings from which none is used
@@ -28,23 +28,66 @@ FREE_ROUNDS = 3  # of finding what is determined, in which a held parameter may 
 POOR_MISFIT = 2.0  # mean squared residual from which held parameters are released once
 CONSTANT_IMAGES = 10  # a reading that is the same in so many images is a fault,
 EXPECTED_CHANGE_COUNTS = 20.0  # where it should have changed by this much
+MAX_STEPS = 500  # where gains and response make up for each other, a long bent valley
+CONVERGED = 1e-5  # decrement of the negative log-likelihood from which a step is the last
+MAX_STEP = 1.0  # of a logarithm
+REGULARISATION = 1e-12  # added to the information, relative to its largest
+
+
+class CalibrationProblem(NamedTuple):
+    """A likelihood, the parameters that are held, and what to call at every step."""
+
+    likelihood: CalibrationLikelihood
+    held: frozenset[int]
+    on_step: Callable[[], object]
+
+
+def outward(layout: Layout, state: CalibrationState) -> frozenset[int]:
+    """Return the parameters at a bound whose gradient points beyond it."""
+    values, slope = state.at.parameters, state.gradient
+    beyond = ((values <= layout.low) & (slope < 0)) | ((values >= layout.high) & (slope > 0))
+    return frozenset(np.flatnonzero(beyond).tolist())
+
+
+def evaluate(problem: CalibrationProblem, at: Unknowns) -> CalibrationState:
+    """Return the likelihood with its derivatives."""
+    return problem.likelihood.evaluate(at)
+
+
+def propose(
+    problem: CalibrationProblem, state: CalibrationState, damping: float
+) -> tuple[Unknowns, float]:
+    """Return the damped Gauss-Newton step from a state, and its decrement."""
+    problem.on_step()
+    (values, shifts), layout = state.at, problem.likelihood.layout
+    basis = layout.free_directions(problem.held | outward(layout, state))
+    reduced = basis.T @ state.information @ basis
+    diagonal = np.diag(reduced)
+    smallest = REGULARISATION * np.max(diagonal, initial=REGULARISATION)
+    reduced = reduced + np.diag(damping * diagonal + smallest)
+    step = basis @ np.linalg.solve(reduced, basis.T @ state.gradient)
+    decrement = 0.5 * float(state.gradient @ step) + state.shift_decrement
+    step /= max(1.0, np.abs(step[layout.logarithm]).max() / MAX_STEP)
+    trial = np.clip(values + step, layout.low, layout.high)
+    if state.shift_step.size:
+        shifts = shifts + state.shift_step + state.shift_by_parameters @ (trial - values)
+    return Unknowns(trial, shifts), decrement
+
+
+# refine(problem, start): the state of the largest likelihood near the start.
+refine = minimiser(evaluate, propose, CONVERGED, MAX_STEPS)
 
 
 class CalibrationFit:
     """The most probable parameters, and which of them the images determine.
 
     - likelihood: of the images; its faulty detectors and used readings are updated.
-    - known: parameters that are held where they start.
-    - on_step: called at every step, to show progress.
-    - start: parameters of the scene, shape ``(p,)``.
-    - state: the fit, with Fisher's information.
+    - start, state: parameters of the scene, shape ``(p,)``; the fit, with Fisher's information.
     - known, unknown: parameters that are held: those given, and those that the images do not
       determine.
     - correlated: parameters that are determined only while another, the value, is held.
     - at_bound: parameters whose likelihood grows beyond a bound.
-    - dead: detectors whose reading never changes.
-    - outlying_images: images of which no reading is used.
-    - agreement: of the fit with the readings.
+    - dead, outlying_images: detectors whose reading never changes; images that are not used.
     """
 
     agreement: Agreement

@@ -5,32 +5,12 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.calibration.parameters import (
-    AIMS,
-    AXIS,
-    BACKGROUND,
-    BOUGHT,
-    COSINE_POWER,
-    GAINS,
-    PLACE,
-    POWER,
-    SCATTER,
-    SHARE,
-    SIGMA,
-    SIZE,
-    K,
-    Layout,
-)
+from uuv_optical_array.calibration.parameters import BOUGHT, GAINS, HOLD_ORDER, SIGMA, Layout
 from uuv_optical_array.core.geometry import Array
 
 # Undetermined parameters that are held may shift a gain by this much, relative. Beyond it all gains
 # are held: they would absorb an error of the beam as a pattern from which poses are read.
 MAX_GAIN_SHIFT = 0.005
-# Which of several correlated parameters is held first; the power absorbs what the others leave.
-HOLD_ORDER = (
-    *(SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
-    *(K, SIGMA, BACKGROUND, SHARE, GAINS, PLACE, POWER),
-)
 
 
 def covariance(layout: Layout, information: Array, held: Collection[int]) -> Array:
@@ -56,8 +36,7 @@ def held_shifts(
     """Return how far the fitted parameters move with each of the q unknown ones, ``(p, q)``.
 
     The most probable values follow a parameter that is held though unknown linearly. Its standard
-    deviation is the largest of its kind; that of a gain is the one of a rig as bought. The
-    `covariances` are those of the fitted parameters, 0 where held.
+    deviation is the largest of its kind; that of a gain is the one of a rig as bought.
     """
     held: NDArray[np.intp] = np.array(sorted(unknown), dtype=np.intp)
     shifts = -covariances @ information[:, held]

@@ -7,7 +7,8 @@ complement, as in bundle adjustment (Triggs et al. 2000), so that the work grows
 number of images. The places of several lamps were measured, too, with a tape.
 """
 
-from typing import NamedTuple
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,6 @@ from uuv_optical_array.calibration.parameters import AIMS, BACKGROUND, BOUGHT, P
 from uuv_optical_array.core.geometry import PITCH, Array
 from uuv_optical_array.estimation.information.likelihood import information, log_likelihood
 from uuv_optical_array.forward.effects.detectors import detector_gains
-from uuv_optical_array.forward.lamps import BeaconLamp
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.prior import OWN_GEOMETRY, ROLL
@@ -61,13 +61,7 @@ class CalibrationState(NamedTuple):
 class CalibrationLikelihood:
     """The likelihood of m images of n readings, of as many detectors for each lamp.
 
-    - scene: where the fit starts.
-    - images: counts, finite, shape ``(m, L side, side)``.
-    - poses, rolls: of the follower in ``beacon``, m and rad, shapes ``(m, 5)`` and ``(m,)``.
-    - pose_std: standard deviation of each pose, m and rad, shape ``(5,)`` or, by image, ``(m, 5)``;
-      ``None``: exact. The roll is known as well as the pitch.
-    - places: of each image, from 0 on, shape ``(m,)``: images of a place share the error of its
-      pose. ``None``: each image has a place of its own.
+    - scene, images, poses, rolls, pose_std, places: as of `calibrate`, the last from 0 on.
     - taped, tape_std_m: the parameters that are the places of several lamps, and how well these are
       known without images: as a rig as bought, or as the scene says if that is worse.
     """
@@ -147,7 +141,7 @@ class CalibrationLikelihood:
                 np.log(scene.array.radius_m or 1.0),
                 *np.zeros(len(AIMS)),
                 0.0 if BACKGROUND in self.layout.lacking else level * common,
-                *(value for lamp in scene.lamps for value in _own_values(lamp)),
+                *(own for lamp in scene.lamps for own in (np.log(lamp.power), *_geometry(lamp))),
                 *np.log(gains / common),
             ]
         )
@@ -231,9 +225,7 @@ class CalibrationLikelihood:
             precision = self.pose_std**-2.0
             cost += 0.5 * float((shifts**2 * precision).sum())
             pull -= shifts * precision
-            inverse = np.asarray(
-                np.linalg.inv(inner + precision[:, None] * np.eye(self._shifts)), float
-            )
+            inverse: Any = np.linalg.inv(inner + precision[:, None] * np.eye(self._shifts))
             shift_step = np.einsum("mij,mj->mi", inverse, pull)
             shift_decrement = 0.5 * float((pull * shift_step).sum())
             by_parameters = -inverse @ np.swapaxes(cross, 1, 2)
@@ -265,10 +257,10 @@ class CalibrationLikelihood:
     def _shift_equations(
         self, slopes: Array, own: Array, score: Array, weight: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the normal equations of the s shifts of m poses, and their cross terms.
+        """Return the normal equations of the s shifts of m poses.
 
-        They are the information of the shifts, shape ``(m, s, s)``, that of parameters with shifts,
-        shape ``(m, p, s)``, and the gradient by the shifts, shape ``(m, s)``.
+        They are the information of the shifts, ``(m, s, s)``, that of parameters with shifts, ``(m,
+        p, s)``, and the gradient by the shifts, ``(m, s)``.
         """
         by_pose, lamp = slopes[..., : self._shifts], slopes[..., POSE:]
         weighted = by_pose * weight[..., None]
@@ -277,6 +269,4 @@ class CalibrationLikelihood:
         return np.swapaxes(weighted, 1, 2) @ by_pose, cross, (score[:, None, :] @ by_pose)[:, 0]
 
 
-def _own_values(lamp: BeaconLamp) -> list[float]:
-    """Return the parameters of one of several lamps."""
-    return [np.log(lamp.power), *(getattr(lamp, key) for key in OWN_GEOMETRY)]
+_geometry = attrgetter(*OWN_GEOMETRY)

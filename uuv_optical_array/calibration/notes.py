@@ -7,20 +7,14 @@ from scipy.special import chdtri
 
 from uuv_optical_array.calibration.fit import CalibrationFit
 from uuv_optical_array.calibration.parameters import (
-    AIMS,
     ARRAY_AIM,
-    AXIS,
     BACKGROUND,
-    COSINE_POWER,
     GAINS,
+    KINDS,
     LAMP_AIM,
     NOISE,
     PLACE,
-    POWER,
-    SCATTER,
-    SHARE,
     SIGMA,
-    SIZE,
     K,
 )
 from uuv_optical_array.core.geometry import Array
@@ -37,27 +31,13 @@ MANY_OUTLIERS = 0.05  # share of the readings from which something else is wrong
 LEAST_AIM, SURE = 0.002, 3.0  # rad, and standard errors, off a frame, from where it is told
 LITTLE, HARDLY = 0.8, "hardly by the images"  # of the error of a tape
 MOVED_M = 0.1  # of the place that a tape tells
-TURN = "turn the array up to 30 deg while the lamp shines on it"
-ASIDE = "record poses on all sides of the beam's axis"
 CHECK = "check --odometry-axes, --beacon-position, array.wiring and the topics"
 ENOUGH = "are enough: record more images, with a brighter lamp, while you weave and turn"
 
 
 def advice(fit: CalibrationFit, kind: int) -> str:
     """Say what to record so that a parameter, or the gains, can be determined."""
-    return {
-        POWER: "too little light of the lamp; record closer to it and in its beam",
-        SIGMA: _wider_angles(fit),
-        K: _wider_ranges(fit),
-        BACKGROUND: "record some images with the lamp off, out of its beam or far away",
-        SCATTER: _wider_angles(fit),
-        COSINE_POWER: TURN,
-        SIZE: TURN,
-        **dict.fromkeys([*AIMS, AXIS], ASIDE),
-        SHARE: "too little light of this lamp; switch it on, and record in its beam",
-        PLACE: "record closer to the lamps, on all sides of them and at several ranges",
-        GAINS: "turn and shift the array so that the lamp shines on it",
-    }[kind]
+    return KINDS[kind].cure or (_wider_ranges(fit) if kind == K else _wider_angles(fit))
 
 
 def _lit(fit: CalibrationFit, row: int) -> Array:
@@ -134,12 +114,7 @@ def refusal(fit: CalibrationFit, fit_noise: bool) -> str:
 
 def notes_of(scene: Scene, fit: CalibrationFit) -> tuple[str, ...]:
     """Return the notes of a fit, a line each; `scene` has the noise that the fit assumed."""
-    return (
-        *_dead_detectors(fit),
-        *_undetermined(fit),
-        *_aim(fit),
-        *_residuals(scene, fit),
-    )
+    return (*_dead_detectors(fit), *_undetermined(fit), *_aim(fit), *_residuals(scene, fit))
 
 
 def _aim(fit: CalibrationFit) -> list[str]:

@@ -32,7 +32,7 @@ from uuv_optical_array.forward.prior import (
 from uuv_optical_array.forward.prior import POWER as LAMP_POWER
 from uuv_optical_array.forward.scene import Scene
 
-# Kinds of parameters. Up to the background there is one of each, at this place.
+# Kinds of parameters, rows of `KINDS`. Up to the background there is one of each, at this place.
 POWER, SIGMA, K, SCATTER, COSINE_POWER, SIZE = range(6)
 LAMP_AIM, ARRAY_AIM = [6, 7], [8, 9]  # pitch and yaw
 AIMS = [*LAMP_AIM, *ARRAY_AIM]
@@ -51,6 +51,7 @@ class Kind(NamedTuple):
     - largest: standard error beyond which one counts as undetermined: a water type, a tape, or a
       look at the array in the dark, tells as much. Of the background relative to full scale.
     - prior: the key of the prior for their standard error; empty: by the scene's water.
+    - cure: what to record so that one is determined; empty: that depends on what was recorded.
     """
 
     unit: str
@@ -58,24 +59,37 @@ class Kind(NamedTuple):
     high: float
     largest: float
     prior: str
+    cure: str = ""
     logarithm: bool = False
 
 
 FACTOR, BOUGHT = float(np.log(1e3)), PRIORS["as_bought"]
+NEARER = "too little light of the lamp; record closer to it and in its beam"
+TURN = "turn the array up to 30 deg while the lamp shines on it"
+ASIDE = "record poses on all sides of the beam's axis"
+OFF = "record some images with the lamp off, out of its beam or far away"
+DARK = "too little light of this lamp; switch it on, and record in its beam"
+AROUND = "record closer to the lamps, on all sides of them and at several ranges"
+SHIFT = "turn and shift the array so that the lamp shines on it"
 KINDS = (
-    Kind("counts m^2", -50.0, 50.0, 0.15, "lamp_power_std", True),
-    Kind("deg", np.log(0.1), np.log(90), 0.15, "beam_sigma_std_deg", True),
+    Kind("counts m^2", -50.0, 50.0, 0.15, "lamp_power_std", NEARER, True),
+    Kind("deg", np.log(0.1), np.log(90), 0.15, "beam_sigma_std_deg", "", True),
     Kind("1/m", 0.0, 10.0, 0.02, ""),
-    Kind("1/m", np.log(1e-6), np.log(10), 0.5, "scattering_std", True),
-    Kind("", 0.5, 1000.0, 0.2, "cosine_power_std"),
-    Kind("m", np.log(0.01), np.log(100), 0.03, "radius_std", True),
-    *[Kind("rad", -0.3, 0.3, 0.02, "lamp_aim_std_deg")] * 2,
-    *[Kind("rad", -0.3, 0.3, 0.02, "aim_std_deg")] * 2,
-    Kind("counts", 0.0, 1e6, 0.02, "ambient_std_counts"),
-    Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", True),
-    Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m"),  # a tape tells more
-    Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg"),
-    Kind("", -FACTOR, FACTOR, 0.15, "gain_std", True),
+    Kind("1/m", np.log(1e-6), np.log(10), 0.5, "scattering_std", "", True),
+    Kind("", 0.5, 1000.0, 0.2, "cosine_power_std", TURN),
+    Kind("m", np.log(0.01), np.log(100), 0.03, "radius_std", TURN, True),
+    *[Kind("rad", -0.3, 0.3, 0.02, "lamp_aim_std_deg", ASIDE)] * 2,
+    *[Kind("rad", -0.3, 0.3, 0.02, "aim_std_deg", ASIDE)] * 2,
+    Kind("counts", 0.0, 1e6, 0.02, "ambient_std_counts", OFF),
+    Kind("", -FACTOR, FACTOR, BOUGHT["lamps_power_std"], "lamps_power_std", DARK, True),
+    Kind("m", -10.0, 10.0, 1.0, "lamps_place_std_m", AROUND),  # a tape tells more
+    Kind("deg", -45.0, 45.0, BOUGHT["lamps_aim_std_deg"], "lamps_aim_std_deg", ASIDE),
+    Kind("", -FACTOR, FACTOR, 0.15, "gain_std", SHIFT, True),
+)
+# Which of several correlated parameters is held first; the power absorbs what the others leave.
+HOLD_ORDER = (
+    *(SIZE, COSINE_POWER, SCATTER, *AIMS, AXIS),
+    *(K, SIGMA, BACKGROUND, SHARE, GAINS, PLACE, POWER),
 )
 
 
@@ -134,9 +148,9 @@ class Layout:
     ) -> dict[str, Any]:
         """Return standard errors as keys of `PriorSettings`, within their bounds.
 
-        Parameters whose errors are nan, as they were held, keep the prior of the starting scene. So
-        do the `unknown` ones, or they get that of a rig as bought where the start is exact. A scene
-        takes lamp and array to point along their frames, so how far they do not stays uncertain.
+        What was held keeps the prior of the starting scene. So does what is `unknown`, or it gets
+        that of a rig as bought where the start is exact. A scene takes lamp and array to point
+        along their frames, so how far they do not stays uncertain.
         """
         hints = get_type_hints(PriorSettings, include_extras=True)
         prior: dict[str, Any] = {"known": "calibrated"}

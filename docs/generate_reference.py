@@ -30,7 +30,7 @@ from uuv_optical_array.commands.scenes import schema_text
 from uuv_optical_array.core.settings import Quantity, Span, declared
 from uuv_optical_array.forward.effects import EFFECTS
 from uuv_optical_array.forward.lamps import BeaconLamp
-from uuv_optical_array.forward.prior import CALIBRATED_AS_BOUGHT
+from uuv_optical_array.forward.prior import UNCERTAIN
 from uuv_optical_array.forward.scene import GROUPS
 from uuv_optical_array.forward.scene_files import ready_scenes, scene_file, sentence
 from uuv_optical_array.nodes.bringup.launch_arguments import FOLLOW, FOLLOWER, FORMATION
@@ -421,8 +421,9 @@ def scene() -> list[str]:
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     sets = {
-        key: f"; {values[0]:g} calibrated, {values[1]:g} as bought"
-        for key, values in CALIBRATED_AS_BOUGHT.items()
+        key: f"; {of.calibrated:g} calibrated, {of.as_bought:g} as bought"
+        for key, of in UNCERTAIN.items()
+        if of.as_bought
     }
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
         parts += [

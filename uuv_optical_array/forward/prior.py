@@ -22,6 +22,7 @@ POWER, BEAM_SIGMA = "lamp.power", "lamp.beam_sigma_deg"
 ATTENUATION, AMBIENT = "attenuation.k_per_m", "ambient.level_counts"
 ABSORPTION, SCATTERING = "sea.absorption_per_m", "sea.scattering_per_m"
 RESPONSE, RADIUS = "field_of_view.cosine_power", "array.radius_m"
+TEMPERATURE = "responsivity.temperature_c"
 ROLL = "follower.roll_rad"  # which several lamps show, as a turn about the beacon's x
 # What is a lamp's own, in the order of the places of `lamps.one_of_lamps`, and its power.
 OWN_GEOMETRY = "x_m", "y_m", "z_m", "pitch_deg", "yaw_deg"
@@ -45,30 +46,46 @@ UNEVEN_DEPTH, UNEVEN_DAYLIGHT = 0.2, 0.02
 SHADE_DOUBT = 2.5
 
 Known = Literal["exactly", "calibrated", "as_bought"]
-# Of a rig that was calibrated once in this sea, and of one that never was: orders of magnitude of
-# our choice, for want of published ones.
-CALIBRATED_AS_BOUGHT = {
-    "lamp_power_std": (0.1, 0.2),
-    "beam_sigma_std_deg": (0.3, 0.5),
-    "k_std_per_m": (0.02, 0.05),
-    "absorption_std_per_m": (0.02, 0.05),
-    "scattering_std": (0.5, 0.7),
-    "cosine_power_std": (0.1, 0.2),
-    "radius_std": (0.02, 0.03),
-    "aim_std_deg": (0.3, 0.5),
-    "lamp_aim_std_deg": (0.5, 1.0),
-    "lamps_power_std": (0.03, 0.1),
-    "lamps_aim_std_deg": (0.2, 0.5),
-    "lamps_place_std_m": (0.002, 0.01),
-    "roll_std_deg": (1.15, 1.15),
-    "ambient_std_counts": (5.0, 10.0),
-    "gain_std": (0.005, 0.01),
-    "uneven_probability": (0.02, 0.02),
+
+
+class Uncertain(NamedTuple):
+    """What a standard deviation of the prior is of, what a scene must have for it, and its size.
+
+    Settings are dotted names, or keys of each of several lamps. A rig was calibrated once in this
+    sea, or never: orders of magnitude of our choice, for want of published ones.
+    """
+
+    settings: tuple[str, ...]
+    calibrated: float = 0.0
+    as_bought: float = 0.0
+    needs: str = ""
+
+
+LAMPS = "lamps"
+UNCERTAIN = {
+    "lamp_power_std": Uncertain((POWER,), 0.1, 0.2),
+    "beam_sigma_std_deg": Uncertain((BEAM_SIGMA,), 0.3, 0.5),
+    "k_std_per_m": Uncertain((ATTENUATION,), 0.02, 0.05, "effects.attenuation"),
+    "absorption_std_per_m": Uncertain((ABSORPTION,), 0.02, 0.05, "effects.sea"),
+    "scattering_std": Uncertain((SCATTERING,), 0.5, 0.7, "effects.sea"),
+    "cosine_power_std": Uncertain((RESPONSE,), 0.1, 0.2),
+    "radius_std": Uncertain((RADIUS,), 0.02, 0.03, "array.radius_m"),
+    "ambient_std_counts": Uncertain((AMBIENT,), 5.0, 10.0),
+    "ambient_gradient_std_counts": Uncertain(GRADIENTS),
+    "temperature_std_c": Uncertain((TEMPERATURE,), needs="effects.responsivity"),
+    "aim_std_deg": Uncertain((), 0.3, 0.5),
+    "lamp_aim_std_deg": Uncertain((), 0.5, 1.0),
+    "lamps_power_std": Uncertain((OWN_POWER,), 0.03, 0.1, LAMPS),
+    "lamps_aim_std_deg": Uncertain(OWN_GEOMETRY[3:], 0.2, 0.5, LAMPS),
+    "lamps_place_std_m": Uncertain(OWN_GEOMETRY[:3], 0.002, 0.01, LAMPS),
+    "roll_std_deg": Uncertain((), 1.15, 1.15, LAMPS),
+    "gain_std": Uncertain((), 0.005, 0.01),
+    "uneven_probability": Uncertain((), 0.02, 0.02),
 }
 PRIORS: dict[str, dict[str, float]] = {
     "exactly": {},
-    "calibrated": {key: value for key, (value, _) in CALIBRATED_AS_BOUGHT.items()},
-    "as_bought": {key: value for key, (_, value) in CALIBRATED_AS_BOUGHT.items()},
+    "calibrated": {key: each.calibrated for key, each in UNCERTAIN.items()},
+    "as_bought": {key: each.as_bought for key, each in UNCERTAIN.items()},
 }
 
 
@@ -138,26 +155,22 @@ class PriorSettings:
 
     def nuisance_std(self) -> dict[str, float]:
         """Return the standard deviation of each uncertain setting, by dotted name."""
-        stds = {
-            POWER: self.lamp_power_std,
-            BEAM_SIGMA: self.beam_sigma_std_deg,
-            ATTENUATION: self.k_std_per_m,
-            ABSORPTION: self.absorption_std_per_m,
-            SCATTERING: self.scattering_std,
-            RESPONSE: self.cosine_power_std,
-            RADIUS: self.radius_std,
-            AMBIENT: self.ambient_std_counts,
-            **dict.fromkeys(GRADIENTS, self.ambient_gradient_std_counts),
-            "responsivity.temperature_c": self.temperature_std_c,
+        return {
+            name: std
+            for key, uncertain in UNCERTAIN.items()
+            for name in uncertain.settings
+            if uncertain.needs != LAMPS and (std := getattr(self, key)) > 0
         }
-        return {name: std for name, std in stds.items() if std > 0}
 
     def lamps_std(self, count: int) -> dict[str, float]:
         """Return the standard deviation of what is each of several lamps' own, and of the roll."""
-        places = dict.fromkeys(OWN_GEOMETRY[:3], self.lamps_place_std_m)
-        aims = dict.fromkeys(OWN_GEOMETRY[3:], self.lamps_aim_std_deg)
-        own = {OWN_POWER: self.lamps_power_std, **aims, **places}
-        stds = {of_lamp(i, key): std for i in range(count) for key, std in own.items()}
+        own = [(key, each) for key, each in UNCERTAIN.items() if each.needs == LAMPS]
+        stds = {
+            of_lamp(i, setting): getattr(self, key)
+            for i in range(count)
+            for key, uncertain in own
+            for setting in uncertain.settings
+        }
         stds[ROLL] = math.radians(self.roll_std_deg) if count else 0.0
         return {name: std for name, std in stds.items() if std > 0}
 
@@ -255,7 +268,7 @@ def unknown_forms(side: int) -> dict[str, Background | Shade | Transmission]:
     shades = zip(SHADES, shade_modes(side), strict=True)
     return {
         RESPONSE: Transmission(lens, nuisance=RESPONSE),
-        **{name: Shade(mode, name) for name, mode in shades},
+        **{name: Shade(mode, nuisance=name) for name, mode in shades},
         AMBIENT: Background(np.ones(side * side), 0.0, AMBIENT),
         GRADIENTS[0]: Background(u, 0.0, GRADIENTS[0]),
         GRADIENTS[1]: Background(v, 0.0, GRADIENTS[1]),

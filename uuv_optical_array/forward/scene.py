@@ -21,6 +21,7 @@ from uuv_optical_array.forward.prior import (
     ATTENUATION,
     GRADIENTS,
     PRIORS,
+    UNCERTAIN,
     PriorSettings,
 )
 
@@ -199,18 +200,6 @@ class Scene:
         ]
 
 
-# What an uncertain setting of the prior belongs to.
-NEEDS = {
-    "k_std_per_m": "effects.attenuation",
-    "absorption_std_per_m": "effects.sea",
-    "scattering_std": "effects.sea",
-    "temperature_std_c": "effects.responsivity",
-    "radius_std": "array.radius_m",
-    "lamps_power_std": "lamps",
-    "lamps_aim_std_deg": "lamps",
-    "lamps_place_std_m": "lamps",
-    "roll_std_deg": "lamps",
-}
 DAYLIGHT_STDS = "ambient_std_counts", "ambient_gradient_std_counts"  # which demodulation removes
 
 
@@ -220,18 +209,15 @@ def without_meaning(
     """Return the keys of the prior that are about what a scene does not have."""
     there = {f"effects.{name}" for name in effects} | ({"lamps"} if lamps else set())
     there |= {f"array.{name}" for name, value in vars(array).items() if value is not None}
-    unused = [key for key, needed in NEEDS.items() if needed not in there]
+    unused = [key for key, each in UNCERTAIN.items() if each.needs and each.needs not in there]
     return [*unused, *DAYLIGHT_STDS] if "demodulation" in effects else unused
 
 
 def scene_from_settings(settings: Any, name: str) -> Scene:
-    """Check a scene given as plain values.
+    """Check a scene given as plain values, by groups; the name is for errors.
 
-    - settings: mapping of the groups ``lamp`` and ``array``, and where they differ from the
-      defaults ``effects``, ``signature``, ``table`` and ``prior``.
-    - name: name of the scene, for errors.
-    - ValueError: for an unknown or missing key, a wrong type or a value out of bounds, with the
-      key, the value, the bound and the cure.
+    ValueError for an unknown or missing key, a wrong type or a value out of bounds, with the key,
+    the value, the bound and the cure.
     """
     try:
         if not isinstance(settings, Mapping):
@@ -248,18 +234,19 @@ def scene_from_settings(settings: Any, name: str) -> Scene:
                 given, defaults = settings.get(group) or {}, PRIORS[values["known"]]
                 values |= {key: std for key, std in defaults.items() if key not in given}
                 # A set's values do not apply to what the scene does not have.
-                unused = without_meaning(effects, groups["array"], lamps)
-                values |= {key: 0.0 for key in unused if key not in given}
+                for key in without_meaning(effects, groups["array"], lamps):
+                    if key not in given:
+                        values[key] = 0.0
+                    elif values[key] > 0 and key in DAYLIGHT_STDS:
+                        raise ValueError(f"prior.{key}: demodulation removes daylight; give 0")
+                    elif values[key] > 0:
+                        needs = UNCERTAIN[key].needs
+                        raise ValueError(f"prior.{key}: the scene has no {needs}; add it")
             try:
                 groups[group] = declared(**values)
             except ValueError as error:
                 raise ValueError(f"{group}.{error}") from None
         scene = Scene(name=name, effects=effects, lamps=lamps, **groups)
-        for key in without_meaning(effects, scene.array, lamps):
-            if getattr(scene.prior, key) > 0:
-                if key in DAYLIGHT_STDS:
-                    raise ValueError(f"prior.{key}: demodulation removes daylight; give 0")
-                raise ValueError(f"prior.{key}: the scene has no {NEEDS[key]}; add it")
         if "sea" in effects and "attenuation" in effects:
             raise ValueError("effects.attenuation: sea has absorption in its place; leave one out")
         if lamps and "demodulation" not in effects:

@@ -36,10 +36,7 @@ def needs(extra: str, module: str) -> Any:
 
 
 def install_line(extra: str) -> str:
-    """Return the command that installs the packages of an extra for this Python.
-
-    It names them, not ours, which is on no index.
-    """
+    """Return the command that installs an extra's packages, not ours, which is on no index."""
     lines = (line.partition(";") for line in requires(PACKAGE) or ())
     names = [name.strip() for name, _, when in lines if re.search(rf"extra == .{extra}\b", when)]
     managed = Path(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED").is_file()

@@ -47,11 +47,9 @@ Grid: TypeAlias = Sequence[Sequence[float]]
 
 
 class Setting(NamedTuple):
-    """How a setting is declared.
+    """How a setting is declared: its type, as of `check`, default, and whether it may be ``None``.
 
-    `kind` is its type (``float``, ``int``, `Span`, `Place`, `Cells`, `Order`, `Grid` or a
-    ``Literal``), `default` is ``inspect.Parameter.empty`` where the setting is required, and
-    `optional` says whether it may be ``None``.
+    The default is ``inspect.Parameter.empty`` where the setting is required.
     """
 
     kind: Any
@@ -100,10 +98,22 @@ def _list(value: Any, name: str, fault: str, length: int | None = None) -> Seque
     return value
 
 
+def _numbers(
+    value: Any,
+    quantity: Quantity,
+    name: str,
+    fault: str = "no list of numbers; give one",
+    length: int | None = None,
+    whole: bool = False,
+) -> list[Any]:
+    values = _list(value, name, fault, length)
+    return [_number(x, quantity, f"{name}[{i}]", whole) for i, x in enumerate(values)]
+
+
 def _span(value: Any, quantity: Quantity, name: str) -> Span:
-    values = _list(value, name, "not a span; give [from, to, how many]", 3)
-    start, stop = (float(_number(values[i], quantity, f"{name}[{i}]", False)) for i in (0, 1))
-    number = int(_number(values[2], Quantity("", "values", 1, MAX_VALUES), f"{name}[2]", True))
+    *ends, count = _list(value, name, "not a span; give [from, to, how many]", 3)
+    start, stop = _numbers(ends, quantity, name)
+    number = int(_number(count, Quantity("", "values", 1, MAX_VALUES), f"{name}[2]", True))
     if start > stop or (number == 1) != (start == stop):
         raise ValueError(
             f"{name}: [{start:g}, {stop:g}, {number}] is no span; "
@@ -112,29 +122,21 @@ def _span(value: Any, quantity: Quantity, name: str) -> Span:
     return Span(start, stop, number)
 
 
-def _cells(value: Any, quantity: Quantity, name: str) -> list[list[int]]:
+def _cells(value: Any, quantity: Quantity, name: str) -> list[list[Any]]:
     cells = _list(value, name, "no list of places; give [[row, column], ...]")
-    for i, cell in enumerate(cells):
-        _list(cell, f"{name}[{i}]", "no place; give [row, column]", 2)
-    return [
-        [int(_number(index, quantity, f"{name}[{i}]", True)) for index in cell]
-        for i, cell in enumerate(cells)
-    ]
-
-
-def _numbers(value: Any, quantity: Quantity, name: str) -> list[float]:
-    values = _list(value, name, "no list of numbers; give one")
-    return [float(_number(x, quantity, f"{name}[{i}]", False)) for i, x in enumerate(values)]
+    named = [(f"{name}[{i}]", cell) for i, cell in enumerate(cells)]
+    places = [(at, _list(cell, at, "no place; give [row, column]", 2)) for at, cell in named]
+    return [[_number(index, quantity, at, True) for index in place] for at, place in places]
 
 
 def _place(value: Any, quantity: Quantity, name: str) -> Place:
-    x, y, z = _numbers(_list(value, name, "no place; give [x, y, z]", 3), quantity, name)
+    x, y, z = _numbers(value, quantity, name, "no place; give [x, y, z]", 3)
     return x, y, z
 
 
 def _order(value: Any, quantity: Quantity, name: str) -> list[int]:
-    values = _list(value, name, "no list of whole numbers; give one")
-    order = [int(_number(x, quantity, f"{name}[{i}]", True)) for i, x in enumerate(values)]
+    fault = "no list of whole numbers; give one"
+    order: list[int] = _numbers(value, quantity, name, fault, whole=True)
     seen: set[int] = set()
     for i, place in enumerate(order):
         if place >= len(order) or place in seen:
@@ -151,10 +153,7 @@ def _grid(value: Any, quantity: Quantity, name: str) -> list[list[float]]:
     rows = _list(value, name, fault)
     if not rows or any(not isinstance(row, list | tuple) or len(row) != len(rows) for row in rows):
         raise ValueError(f"{name}: {reprlib.repr(value)} is {fault}")
-    return [
-        [float(_number(x, quantity, f"{name}[{i}][{j}]", False)) for j, x in enumerate(row)]
-        for i, row in enumerate(rows)
-    ]
+    return [_numbers(row, quantity, f"{name}[{i}]") for i, row in enumerate(rows)]
 
 
 LISTS: dict[Any, Callable[[Any, Quantity, str], Any]] = {

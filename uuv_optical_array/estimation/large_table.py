@@ -137,8 +137,7 @@ def _open(path: Path, scene: Scene) -> Any:
 def fill(block: int, path: Path, scene: Scene) -> int:
     """Compute a block of a table, unless it is there and whole; return its rows with light.
 
-    - ValueError: on a machine that does not see the table.
-    - OSError: where the block cannot be written.
+    ValueError on a machine that does not see the table; OSError where it cannot be written.
     """
     if not (path / ".zarray").is_file():
         raise ValueError(f"table {path}: not seen by every worker; name a folder that all share")

@@ -66,12 +66,7 @@ def grid_rows(axes: list[Array]) -> int:
 
 
 def grid_poses(axes: list[Array], rows: ArrayLike) -> Array:
-    """Return poses of a grid by their row numbers; the last axis varies fastest.
-
-    - axes: as `grid_axes`.
-    - rows: row numbers, shape ``(...)``, each >= 0 and less than `grid_rows`.
-    - returned: poses, m and rad, shape ``(..., 5)``.
-    """
+    """Return poses of a grid, ``(..., 5)``, by their row numbers; the last axis varies fastest."""
     cells = np.unravel_index(np.asarray(rows), [len(axis) for axis in axes])
     return np.stack([axis[i] for axis, i in zip(axes, cells, strict=True)], axis=-1)
 
@@ -82,13 +77,9 @@ def grid_parameters(
     min_peak_counts: float = MIN_PEAK_COUNTS,
     progress: Progress = iter,
 ) -> Array:
-    """Compute the key parameters of rows of the scene's grid, free of noise and rounding.
+    """Return the key parameters of rows of the scene's grid, ``(m, 5)``; NaN where it is dark.
 
-    - model: forward model of the scene.
-    - rows: row numbers, one after the other.
-    - min_peak_counts: a brightest reading below this is no light.
-    - progress: as in `build_table`.
-    - returned: shape ``(m, 5)``; NaN for a pose without light.
+    They are free of noise and rounding; the rest is as in `build_table`.
     """
     scene, axes = model.scene, grid_axes(model.scene.table)
     # glibc keeps the memory of freed arrays up to the size of the largest one that was ever freed.
@@ -159,8 +150,7 @@ def memory_bytes(rows: int) -> int:
 def machine_bytes(container_limit: Path = CONTAINER_LIMIT) -> int:
     """Return the memory of this machine, or of the container that this runs in, bytes.
 
-    - container_limit: file with the limit of the container, bytes; it may be missing, or hold
-      ``max``.
+    The file with the limit of the container may be missing, or hold ``max``.
     """
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
@@ -170,11 +160,7 @@ def machine_bytes(container_limit: Path = CONTAINER_LIMIT) -> int:
 
 
 def check_memory(rows: int, what: str) -> None:
-    """Raise ValueError where this machine cannot hold a table of so many rows and its index.
-
-    - rows: rows of the table, >= 0.
-    - what: whose table it is, for the error.
-    """
+    """Raise ValueError where this machine cannot hold a table of so many rows and its index."""
     need, have = memory_bytes(rows), machine_bytes()
     if need > have:
         raise ValueError(

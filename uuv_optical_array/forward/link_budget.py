@@ -115,9 +115,8 @@ def scene_with(scene: Scene, instrument: Instrument) -> Scene:
 def keys(scene: Scene, instrument: Instrument) -> dict[str, dict[str, Any]]:
     """Return what a scene file that extends the scene says of the instrument.
 
-    These are power of the lamp, noise, limits and daylight; a prior's uncertainty of the ambient
-    keeps its share of full scale. ValueError where the reference reading exceeds the bounds of a
-    scene.
+    A prior's uncertainty of the ambient keeps its share of full scale. ValueError where the
+    reference reading exceeds the bounds of a scene.
     """
     reference = _reference_counts(scene, instrument)
     if not 1 <= reference <= 1e6:

@@ -11,8 +11,8 @@ from typing import Any
 def cholesky(matrix: Any) -> bool:
     """Replace the lower triangle of a symmetric matrix by its Cholesky factor.
 
-    - matrix: shape ``(p, p)``; the upper triangle is neither read nor written.
-    - returned bool: whether the matrix is positive definite; if not, it is left half done.
+    The upper one is neither read nor written. Where the matrix is not positive definite the result
+    is false, and it is left half done.
     """
     for i in range(len(matrix)):
         for j in range(i + 1):
@@ -29,12 +29,7 @@ def cholesky(matrix: Any) -> bool:
 
 
 def solve_lower(factor: Any, vector: Any) -> None:
-    """Replace b by the x of ``L x = b``.
-
-    - factor: as `cholesky` leaves it, shape ``(p, p)``; of a shorter vector only as many rows and
-      columns are used.
-    - vector: shape ``(p,)`` or shorter.
-    """
+    """Replace b by the x of ``L x = b``; for a shorter b by a part of the factor of `cholesky`."""
     for i in range(len(vector)):
         rest = vector[i]
         for k in range(i):

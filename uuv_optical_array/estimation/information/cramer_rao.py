@@ -33,18 +33,12 @@ class Bound:
     The bound is local: a standard deviation of more than half a turn says no more than that the
     angle is unknown.
 
-    Parameters
-    ----------
-    information
-        Fisher information of x, y, z, pitch and yaw, shape ``(..., 5, 5)``.
-    covariance
-        Its inverse, with what the aim of lamp and array adds, shape ``(..., 5, 5)``. An
-        unobservable degree of freedom has the variance inf and covariances nan; the block of the
-        others is exact, not that of a pseudo-inverse.
-    observable
-        Whether the image says anything of a degree of freedom, shape ``(..., 5)``.
-    condition
-        Condition number of `information`, >= 1, shape ``(...)``; inf where it is singular.
+    - information: Fisher's, of x, y, z, pitch and yaw, shape ``(..., 5, 5)``.
+    - covariance: its inverse, with what the aim of lamp and array adds, shape ``(..., 5, 5)``. An
+      unobservable degree of freedom has the variance inf and covariances nan; the block of the
+      others is exact, not that of a pseudo-inverse.
+    - observable: whether the image says anything of a degree of freedom, shape ``(..., 5)``.
+    - condition: condition number of `information`, >= 1, shape ``(...)``; inf where singular.
     """
 
     information: Array
@@ -64,13 +58,10 @@ def fisher_information(model: ForwardModel, poses: ArrayLike, roll: ArrayLike = 
     What the scene's prior leaves uncertain, such as the lamp's power, counts as estimated along
     under that prior: its share is taken off by the Schur complement. The pose has no prior.
 
-    - model: the scene's forward model.
-    - poses: ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, finite, shape
-      ``(..., 5)``.
-    - roll: roll of the follower, rad, taken as known, broadcast to ``(...)``.
-    - returned: positive semidefinite but for rounding, in 1/m^2, 1/(m rad) and 1/rad^2, shape
-      ``(..., 5, 5)``. At the edge where a detector turns away from the lamp its light has no
-      derivative; the side without light is taken.
+    - poses, roll: of the follower in ``beacon``, m and rad, shape ``(..., 5)`` and, taken as known,
+      broadcast to ``(...)``.
+    - returned: positive semidefinite but for rounding, shape ``(..., 5, 5)``. At the edge where a
+      detector turns away from the lamp the side without light is taken.
     - ValueError: for a pose that is not finite.
     """
     expect(model, ForwardModel, "model", "ForwardModel(scene)")

@@ -25,13 +25,10 @@ def hazard(u: Any) -> Any:
 
 @law
 def gaussian(reading: Any, light: Any, variance: Any) -> tuple[Any, Any, Any]:
-    """Log-likelihood of a reading that is Gaussian about the light.
+    """Return value, score and Fisher information of a reading that is Gaussian about the light.
 
-    - reading, light: counts.
-    - variance: of the reading, counts^2.
-    - returned value: logarithm of the density, but for what the variance alone adds.
-    - returned score: its derivative by the light, 1/counts.
-    - returned curvature: the Fisher information, 1/counts^2.
+    They are the logarithm of the density, but for what the variance alone adds, its derivative by
+    the light, 1/counts, and 1/counts^2.
     """
     precision = 1 / variance
     residual = reading - light
@@ -53,13 +50,10 @@ def gaussian_growing(reading: Any, light: Any, variance: Any, slope: Any) -> tup
 
 @law
 def censored(light: Any, bound: Any, sign: Any, variance: Any) -> tuple[Any, Any, Any]:
-    """Log-likelihood of a reading that only says that the light is not beyond a bound.
+    """As `gaussian`, of a reading that only says that the light is not beyond a bound.
 
-    - light, bound: counts.
-    - sign: 1 where the light is not below the bound, -1 where it is not above it.
-    - variance: of a reading, counts^2.
-    - returned value, score, curvature: as `gaussian`; the curvature is the second derivative, sign
-      turned.
+    The sign is 1 where the light is not below it, -1 where it is not above. In place of Fisher's
+    information is the second derivative, sign turned.
     """
     precision = 1 / sqrt(variance)
     # Beyond this all is as improbable, and a square still has a number.
@@ -77,11 +71,8 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -
     """Write the log-likelihood of each reading, with derivatives by its light.
 
     A reading inside the limits is Gaussian about the light; one at a limit is censored and
-    counts by the probability of lying beyond (the Tobit model).
-
-    - readings, light: counts, shape ``(n,)``.
-    - noise: of the scene.
-    - result: results: values, scores and curvatures, as of `gaussian`, shape ``(3, n)``.
+    counts by the probability of lying beyond (the Tobit model). The result has the rows of
+    `gaussian`, shape ``(3, n)``.
     """
     for j in indices(len(light)):
         variance = reading_variance(light[j], noise)
@@ -105,15 +96,9 @@ def likelihood_of(readings: Any, light: Any, noise: ReadingNoise, result: Any) -
 def log_likelihood(
     readings: Array, light: Array, noise: ReadingNoise
 ) -> tuple[Array, Array, Array]:
-    """Log-likelihood of many images, with its first two derivatives by the light.
+    """Return `likelihood_of` many images, each part in the shape of the light, ``(..., n)``.
 
-    - readings: counts, broadcast to ``(..., n)``.
-    - light: expected light, counts, shape ``(..., n)``.
-    - noise: of the scene.
-    - returned value: of each reading, without the constant, shape ``(..., n)``.
-    - returned score: derivative by the light, 1/counts, shape ``(..., n)``.
-    - returned curvature: what the second derivative is to be for Gauss-Newton, with its sign
-      turned, >= 0, 1/counts^2, shape ``(..., n)``.
+    The last one, >= 0, is what the second derivative is to be for Gauss-Newton, sign turned.
     """
     result = np.empty((3, light.size))
     flat = np.broadcast_to(readings, light.shape).reshape(-1)
@@ -128,10 +113,7 @@ def information(light: Array, noise: ReadingNoise) -> Array:
 
     ``1/v + v'^2 / (2 v^2)`` inside the limits (S. Kay, Estimation Theory, 1993, eq. 3.31),
     with the share of the Gaussian that the limits cut off replaced by what a censored
-    reading still says.
-
-    - light, noise: as in `log_likelihood`.
-    - returned: 1/counts^2, in the shape of the light, >= 0.
+    reading still says; 1/counts^2, in the shape of the light.
     """
     variance = reading_variance(light, noise)
     slope = variance_slope(light, noise)

@@ -17,11 +17,8 @@ def tolerances(scene: Scene, pose: Array) -> dict[str, Array]:
     """Return the RMS error of the most probable pose by each error of building.
 
     The estimate follows the light with the weights of the maximum likelihood; what the scene's
-    prior leaves uncertain takes its share. Errors of single detectors are independent.
-
-    - scene: as the estimator has it.
-    - pose: shape ``(5,)``, m and rad.
-    - returned: errors in x, y, z, pitch and yaw, m and rad, shape ``(5,)``, by what is wrong.
+    prior leaves uncertain takes its share. Errors of single detectors are independent. Those of the
+    pose, shape ``(5,)``, m and rad, are by what is wrong.
     """
     model = ForwardModel(scene)
     stds = scene.nuisance_std()

@@ -37,11 +37,7 @@ class FeatureSettings:
 
 
 def skewness(values: ArrayLike) -> Array:
-    """Compute the population skewness along the last axis; 0 for values that do not vary.
-
-    - values: shape ``(..., n)``, any unit.
-    - returned: ``m3 / m2^1.5``, shape ``(...)``, dimensionless.
-    """
+    """Return the population skewness ``m3 / m2^1.5`` along the last axis; 0 without variation."""
     values = np.asarray(values, dtype=float)
     skews = np.empty(values.shape[:-1])
     write_skewness(values.reshape(-1, values.shape[-1]).T, skews.reshape(-1))
@@ -137,13 +133,7 @@ def settle_ties(
 def write_parameters(
     readings: Any, side: int, full_scale_counts: float, subdetector: bool, parameters: Any
 ) -> None:
-    """Write the key parameters of images: see `key_parameters`.
-
-    - readings: counts, row-major, shape ``(side * side, m)``.
-    - side, full_scale_counts: as in `key_parameters`.
-    - subdetector: whether the peak is placed between detectors.
-    - parameters: result, shape ``(5, m)``.
-    """
+    """Write the `key_parameters`, ``(5, m)``, of m images by readings, ``(side * side, m)``."""
     last, middle, m = side - 1, 0.5 * (side - 1), readings.shape[1]
     peaks, flats = workspace(6, 0.0, m), zeros(4, m, 0.0)
     brightest, places, tops = peaks[0], peaks[1], peaks[2]
@@ -249,12 +239,8 @@ def lifted(parameters: ArrayLike, settings: SignatureSettings, side: int) -> Arr
     """Weigh the five parameters and append the constant: the vectors that are matched.
 
     The spectral angle of five numbers does not see their common scale, so that an aligned
-    array has one signature at every range; the appended constant makes the angle see it.
-
-    - parameters: key parameters, shape ``(..., 5)``.
-    - settings: the scene's weights.
-    - side: detectors in a row, >= 2.
-    - returned: shape ``(..., 6)``, dimensionless.
+    array has one signature at every range; the appended constant makes the angle see it. Shapes are
+    ``(..., 5)`` and ``(..., 6)``.
     """
     parameters = np.asarray(parameters, dtype=float)
     position = settings.position_weight * 2 / (side - 1)
@@ -276,10 +262,6 @@ def no_pattern(image: Array, min_peak_counts: float) -> str | None:
 
     That all readings are at full scale says that the lamp is near, the sun shines in, or the array
     is broken. A pose as wide as that is no guide near a leader, and without one the follower stops.
-
-    - image: readings in counts, shape ``(side, side)``.
-    - min_peak_counts: peak below which there is no light, counts.
-    - returned: the reason, with the figure that decided.
     """
     brightest, darkest = float(np.max(image)), float(np.min(image))
     if not np.isfinite(brightest):

@@ -24,10 +24,9 @@ FROZEN = 1e-9  # chance of honest frames to repeat, below which they do not
 
 
 def bounds(scene: Scene) -> Array:
-    """Return the largest absolute value of each key parameter that an array can give.
+    """Return the largest absolute value of each key parameter that an array can give, ``(5,)``.
 
-    - scene: the scene; without saturation and converter its peak has no bound.
-    - returned: shape ``(5,)``.
+    Without saturation and converter the peak has no bound.
     """
     side, full = scene.array.detectors_per_side, scene.full_scale_counts
     peak = 1.0
@@ -41,12 +40,7 @@ def bounds(scene: Scene) -> Array:
 
 
 def check_parameters(parameters: Array, largest: Array) -> None:
-    """Refuse key parameters that no array can have.
-
-    - parameters: shape ``(5,)``, finite.
-    - largest: what `bounds` returned.
-    - NoPose: with the value and its bound.
-    """
+    """Refuse key parameters, shape ``(5,)``, beyond their `bounds`."""
     for name, value, high in zip(FEATURE_NAMES, parameters.tolist(), largest.tolist(), strict=True):
         low, slack = (0.0 if name == "peak" else -high), ROUNDING * max(1.0, high)
         if not low - slack <= value <= high + slack:
@@ -57,12 +51,7 @@ def check_parameters(parameters: Array, largest: Array) -> None:
 
 
 def check_full_scale(image: Array, scene: Scene) -> None:
-    """Refuse an image with a reading that the array of a scene cannot give.
-
-    - image: counts, shape ``(side, side)``.
-    - scene: the scene, of which `Scene.full_scale_counts` is asked.
-    - NoPose: with the reading and its bound.
-    """
+    """Refuse an image with a reading that the array of a scene cannot give."""
     if image.max() > scene.full_scale_counts:
         raise NoPose(
             f"above full scale: {image.max():g} counts, but the scene reads at most "
@@ -71,13 +60,7 @@ def check_full_scale(image: Array, scene: Scene) -> None:
 
 
 def check_image(parameters: Array, image: Array, scene: Scene) -> None:
-    """Refuse key parameters that are not those of their image.
-
-    - parameters: shape ``(5,)``.
-    - image: counts, shape ``(side, side)``.
-    - scene: the scene of both.
-    - NoPose: as of `check_parameters`, or with the parameter that differs and both of its values.
-    """
+    """Refuse key parameters, shape ``(5,)``, that are not those of their image of a scene."""
     own = scene_parameters(image, scene)
     alike = np.abs(parameters - own) <= ROUNDING * np.maximum(1.0, np.abs(own))
     for i in np.flatnonzero(~alike)[:1]:
@@ -96,8 +79,6 @@ class FrozenFrames:
     at full scale may repeat for ever. The probabilities of all readings, and of frames that repeat
     one after the other, multiply. So a scene without noise, and a dark or saturated image, may
     repeat.
-
-    - model: the model of the scene.
     """
 
     def __init__(self, model: ForwardModel) -> None:
@@ -106,12 +87,9 @@ class FrozenFrames:
         self._log_chance = 0.0
 
     def check(self, frame: Array, readings: Callable[[], Array]) -> None:
-        """Compare a frame with the one before.
+        """Refuse a frame, image or key parameters, that repeats with a chance below `FROZEN`.
 
-        - frame: what would repeat, an image or key parameters, any shape.
-        - readings: returns the readings that it depends on, measured or expected, counts, any
-          shape; asked where the frame repeats.
-        - NoPose: for a frame that repeats with a chance below `FROZEN`.
+        The readings that it depends on, measured or expected, are asked where it repeats.
         """
         repeats = np.array_equal(frame, self._before)
         self._before = np.array(frame)
@@ -136,10 +114,7 @@ class FrozenFrames:
     def profiles(self, pose: Array, roll: float, parameters: Array) -> Array:
         """Return the readings that key parameters depend on, as expected at a pose.
 
-        - pose, roll: ``(x, y, z, pitch, yaw)``, m and rad, shape ``(5,)``, and rad.
-        - parameters: which say where the peak is, shape ``(5,)``.
-        - returned: the row and the rest of the column through the peak, counts, shape ``(2 side -
-          1,)``.
+        These are the row and the rest of the column through the peak, shape ``(2 side - 1,)``.
         """
         image = self._model.expected(pose, roll)
         last = len(image) - 1

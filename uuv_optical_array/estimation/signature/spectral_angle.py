@@ -18,11 +18,9 @@ SMALL, LARGE = 1e-100, 1e100
 
 
 def unit_vectors(vectors: ArrayLike) -> Array:
-    """Scale vectors to length one, whatever their magnitude.
+    """Scale vectors, shape ``(..., n)``, to length one, whatever their magnitude.
 
-    - vectors: finite and not zero, shape ``(..., n)``.
-    - returned: shape ``(..., n)``, float64.
-    - ValueError: for a zero vector, which has no direction, or one that is not finite.
+    ValueError for a zero vector, which has no direction, or one that is not finite.
     """
     own: Array = np.asarray(vectors, dtype=float)
     largest = np.abs(own).max(axis=-1, keepdims=True)
@@ -85,13 +83,11 @@ def _tree(units: Array) -> cKDTree:
 
 
 class SpectralIndex:
-    """Exact search for the rows of least spectral angle.
+    """Exact search for the rows, shape ``(m, n)``, of least spectral angle.
 
     Nearest by angle is nearest by chord on the unit sphere, so a k-d tree on normalised rows
-    answers exactly; the candidates are ranked again by the stable angle.
-
-    - rows: finite and not zero, shape ``(m, n)``, m >= 1.
-    - ValueError: for a row that has no direction, or no rows.
+    answers exactly; the candidates are ranked again by the stable angle. ValueError for a row that
+    has no direction, or no rows.
     """
 
     def __init__(self, rows: ArrayLike) -> None:
@@ -115,13 +111,11 @@ class SpectralIndex:
         return units
 
     def nearest(self, query: ArrayLike, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
-        """Find the rows nearest to a vector, or to each of many, by angle and then by row number.
+        """Find the k rows nearest to a vector, ``(n,)``, or to each of many, ``(q, n)``.
 
-        - query: finite and not zero, shape ``(n,)`` or, many at once, ``(q, n)``.
-        - k: how many, >= 1; fewer come back where the table has fewer.
-        - returned angles: ascending, rad, shape ``(min(k, m),)`` or ``(q, min(k, m))``.
-        - returned rows: row numbers, in the same order.
-        - ValueError: for a query that has no direction, or is of another length than the rows.
+        Returned are angles, rad, ascending, and row numbers, by which equal angles are ordered,
+        shape ``(min(k, m),)`` or ``(q, min(k, m))``. ValueError for a query that has no direction,
+        or is of another length than the rows.
         """
         query = np.asarray(query, dtype=float)
         length = self._units.shape[1]

@@ -30,20 +30,15 @@ class Expected(NamedTuple):
 class Constants:
     """Settings of the scene that are not known, and how far they may be off.
 
-    - names: dotted names, as `ForwardModel.nuisances` has them; the offset of ``lamp.power`` is
-      that of its logarithm.
-    - stds: standard deviation of the offset of each, > 0; the mean is 0.
+    - names, stds: as `ForwardModel.nuisances`, and the standard deviation of the offset of each, >
+      0; the mean is 0.
     - gain_std: relative gain error of a detector, white over the array; 0: none.
-    - detectors: how many there are, where there are gain errors.
-    - frame: of the scene's coordinates, as `coordinates.frame_of` returns it; ``None``: pose and
-      constants are corrected as they are, which is right only where the light is linear in them.
+    - detectors, lamps: how many there are, and how many each reads.
+    - frame: of the scene's coordinates; ``None``: pose and constants are corrected as they are,
+      which is right only where the light is linear in them.
     - unclear_lasts_s: time in which light that is not clear becomes other light, s; 0: it is always
       clear.
-    - uneven: share of frames that are lit unevenly in a way that the scene does not name, in [0,
-      1].
-    - lamps: how many each detector reads.
-    - ValueError: for standard deviations that are not > 0 or not one for each name, or for gain
-      errors of no detector.
+    - uneven: share of frames that are lit unevenly in a way that the scene does not name.
     """
 
     names: tuple[str, ...] = ()
@@ -90,13 +85,9 @@ def constants_of(model: ForwardModel) -> Constants:
 
 
 def drift(hold_s: ArrayLike, step_s: float) -> Array:
-    """Return what is left after a step of what was known of constants, in (0, 1].
+    """Return what is left after a step, s, of what was known of constants, in (0, 1].
 
-    Constants drift as an Ornstein-Uhlenbeck process, whose mean goes to 0 and whose variance goes
-    to that of the prior and never beyond.
-
-    - hold_s: time in which each drifts to a new value, s, > 0, any shape.
-    - step_s: length of the step, s; one before the start counts as 0.
-    - returned: in the shape of `hold_s`.
+    Constants drift as an Ornstein-Uhlenbeck process, each in its `hold_s`: its mean goes to 0, its
+    variance to that of the prior and never beyond. A step before the start counts as 0.
     """
     return np.exp(-max(step_s, 0.0) / np.asarray(hold_s, dtype=float))

@@ -117,11 +117,8 @@ class Detection(NamedTuple):
 
     With a lamp of mean 1 and waveform m(t), the reading is the mean of the signal times a reference
     w(t), where the means of w and of w m are 0 and 1. The variance of white noise grows by the mean
-    of w^2, that of the lamp's shot noise by the mean of w^2 m. For L lamps as bright as each other:
-
-    - noise_factor: mean of w^2.
-    - light_factor: mean of w^2 times the light of all, over that of one.
-    - peak_factor: highest light of all together, over the mean of one.
+    of w^2, that of the lamp's shot noise by the mean of w^2 m, for lamps as bright as each other of
+    w^2 times the light of all over that of one. The peak is the light of all over the mean of one.
     """
 
     noise_factor: float

@@ -4,20 +4,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-Water: TypeAlias = Literal[
-    "oceanic_i",
-    "oceanic_ia",
-    "oceanic_ib",
-    "oceanic_ii",
-    "oceanic_iii",
-    "coastal_1c",
-    "coastal_3c",
-    "coastal_5c",
-    "coastal_7c",
-    "coastal_9c",
-    "eren2016_clear",
-    "eren2016_coastal",
-]
+Oceanic: TypeAlias = Literal["oceanic_i", "oceanic_ia", "oceanic_ib", "oceanic_ii", "oceanic_iii"]
+Coastal: TypeAlias = Literal["coastal_1c", "coastal_3c", "coastal_5c", "coastal_7c", "coastal_9c"]
+Water: TypeAlias = Literal[Oceanic, Coastal, "eren2016_clear", "eren2016_coastal"]
 
 # Kd, the diffuse attenuation of downward irradiance, 1/km, not the (larger) beam attenuation c:
 # N. G. Jerlov, Marine Optics, Elsevier 1976, table XXVII, p. 135.

@@ -16,10 +16,6 @@ from uuv_optical_array.core.numerics.elementwise import (
     workspace,
     zeros,
 )
-from uuv_optical_array.forward.effects.detectors import lens
-from uuv_optical_array.forward.effects.water import beer
-from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
@@ -141,11 +137,12 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on(
     code = (
         "import sys; sys.modules['numba'] = None\n"
         "from uuv_optical_array.core.numerics import compilation\n"
+        "from uuv_optical_array.estimation.information.linearised import Lineariser\n"
         "from uuv_optical_array.forward.model import ForwardModel\n"
         "from uuv_optical_array.forward.scene import load_scene\n"
         "model = ForwardModel(load_scene('reference'))\n"
         "print(compilation.installed(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
-        "model.optics((), compiled=True)\n"
+        "Lineariser(model, (), compiled=True)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     installed, light = run.stdout.split()
@@ -172,13 +169,3 @@ def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
     assert run.stdout.strip() == "None True [[2.0, 0.0], [1.0, 3.0]]"
-
-
-@numba
-def test_a_law_is_found_at_an_address_of_its_own():
-    addresses = [compilation.law_address(law) for law in (beer, lens, beer)]
-    assert addresses[0] == addresses[2] != addresses[1]
-    values = load_scene("harbour").settings()
-    values["effects"]["field_of_view"] = {"cosine_power": 1.5}
-    optics = ForwardModel(scene_from_settings(values, "lensed")).optics((), compiled=True)
-    assert optics.laws.tolist() == addresses[:2]

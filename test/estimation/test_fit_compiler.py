@@ -28,8 +28,8 @@ POSES = [[-6, 0.2, -0.1, 0.05, -0.1], [-5, -0.2, 0.1, -0.05, 0.1]]
 @pytest.fixture
 def nothing_loaded(monkeypatch):
     """Let this process look as one that finds no compiled fit."""
-    monkeypatch.setattr(fit_compiler, "_COMPILERS", {})
-    monkeypatch.setattr(fit_compiler, "is_compiled", lambda scene: False)
+    monkeypatch.setattr(fit_compiler, "_COMPILERS", [])
+    monkeypatch.setattr(fit_compiler, "is_compiled", lambda: False)
 
 
 @pytest.fixture
@@ -159,7 +159,7 @@ PROGRAM = """
 from uuv_optical_array.estimation import fit_compiler
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.scene import load_scene
-fit_compiler.is_compiled = lambda scene: False
+fit_compiler.is_compiled = lambda: False
 fit_compiler.CODE = (
     "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "
     "letters = open({fifo!r}, 'w'); letters.write('c'); letters.flush(); "

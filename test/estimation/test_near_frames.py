@@ -86,7 +86,7 @@ def test_a_covariance_covers_each_minimum_that_is_as_likely():
 def test_no_pose_is_impossible_for_a_vehicle(pose, possible):
     model = ForwardModel(load_scene("reference"))
     prior = PosePrior(np.zeros(5), np.full(5, 9.0), {})
-    problem = problem_of(model, prior, compiled=False)
+    problem = problem_of(model, prior)
     with np.errstate(all="ignore"):
         state = evaluate(problem, start_at(problem, np.array(pose)))
     assert np.isfinite(state.cost) == possible

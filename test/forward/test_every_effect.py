@@ -23,6 +23,7 @@ from uuv_optical_array.forward.effects import EFFECTS, MOVING
 from uuv_optical_array.forward.effects.forms import Transmission
 from uuv_optical_array.forward.light import COSINE
 from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.optics import LAWS
 
 reproducible = settings(
     max_examples=15,
@@ -143,6 +144,7 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
     chosen = effects.check_effects({name: data.draw(settings_of(name, 5))})
     forms = effects.plan(chosen, ARRAY)
     for form in (form for form in forms if isinstance(form, Transmission)):
+        assert form.law in LAWS  # of compiled code, too
         # The ray, and the first setting where it may be uncertain.
         count = 4 if form.nuisance else 3
         at = np.array([*ray, form.settings[0]])

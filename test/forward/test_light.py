@@ -49,7 +49,7 @@ def traced(lamp):
 def seen(pose, roll=0.0):
     """Rays to a single detector at the follower's origin, shape ``(13, ...)``."""
     components = np.moveaxis(np.asarray(pose, dtype=float), -1, 0)[..., None]
-    return traced(lamp_in_body(*components, roll))[..., 0]
+    return traced(lamp_in_body(components, roll))[..., 0]
 
 
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
@@ -125,7 +125,7 @@ def test_no_cosine_exceeds_one_by_rounding():
     normals /= np.linalg.norm(normals, axis=0)
     lamps = 3.7 * normals  # straight ahead of detectors at the origin
     assert ((lamps * normals).sum(axis=0) > np.linalg.norm(lamps, axis=0)).any()
-    cosines = ray(*lamps, *normals, -1.0, 0.0, 0.0)[2]
+    cosines = ray(lamps, normals, (-1.0, 0.0, 0.0))[2]
     assert (cosines <= 1).all()
     np.testing.assert_allclose(cosines, 1, rtol=1e-15)
 

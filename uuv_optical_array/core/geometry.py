@@ -48,23 +48,29 @@ def rotation(pitch: Any, yaw: Any, roll: Any) -> tuple[tuple[Any, Any, Any], ...
 
 
 @law
-def lamp_in_body(
-    x: Any, y: Any, z: Any, pitch: Any, yaw: Any, roll: Any
-) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Return the lamp in ``base_link``: position, m, and unit vector along the beam.
+def dot(a: Any, b: Any) -> Any:
+    """Return the scalar product of two vectors, three components each."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
-    - x, y, z, pitch, yaw, roll: pose and roll of the follower in ``beacon``, m and rad, numbers or
-      arrays.
-    """
-    ahead, aside, above = rotation(pitch, yaw, roll)
+
+@law
+def in_body(rows: Any, vector: Any) -> tuple[Any, Any, Any]:
+    """Return in ``base_link`` a vector of ``beacon``, by the rows of `rotation`."""
+    ahead, aside, above = rows
     return (
-        -(x * ahead[0] + y * aside[0] + z * above[0]),
-        -(x * ahead[1] + y * aside[1] + z * above[1]),
-        -(x * ahead[2] + y * aside[2] + z * above[2]),
-        -ahead[0],
-        -ahead[1],
-        -ahead[2],
+        dot((ahead[0], aside[0], above[0]), vector),
+        dot((ahead[1], aside[1], above[1]), vector),
+        dot((ahead[2], aside[2], above[2]), vector),
     )
+
+
+@law
+def lamp_in_body(pose: Any, roll: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return position, m, and unit vector along the beam of the lamp in ``base_link``."""
+    rows = rotation(pose[PITCH], pose[YAW], roll)
+    x, y, z = in_body(rows, (pose[X], pose[Y], pose[Z]))
+    u, v, w = rows[0]
+    return -x, -y, -z, -u, -v, -w
 
 
 @law
@@ -76,10 +82,7 @@ def pitched(seen: Any, roll: Any) -> tuple[Any, Any, Any]:
 
 
 def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
-    """Write the slopes of `lamp_in_body`, whose result is `lamp`, by the pose.
-
-    The slopes are given as zeros, shape ``(6, 5, ...)``.
-    """
+    """Write the slopes of `lamp_in_body`, the `lamp`, by the pose, given as zeros, (6, 5, ...)."""
     rows = rotation(pose[PITCH], pose[YAW], roll)
     place = pitched((lamp[0], lamp[1], lamp[2]), roll)
     axis = pitched((lamp[3], lamp[4], lamp[5]), roll)
@@ -95,8 +98,8 @@ def write_lamp_slopes(pose: Any, roll: Any, lamp: Any, slopes: Any) -> None:
 def rotation_matrix(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike = 0.0) -> Array:
     """Rotation ``Rz(yaw) Ry(pitch) Rx(roll)`` from the turned frame to the original one.
 
-    Angles are in rad and broadcast to ``(...)``; the result has shape ``(..., 3, 3)``. Positive
-    pitch lowers the bow, positive yaw turns it to port, positive roll lowers the starboard side.
+    Angles broadcast to ``(...)``; the result has shape ``(..., 3, 3)``. Positive pitch lowers the
+    bow, positive yaw turns it to port, positive roll lowers the starboard side.
     """
     if np.ndim(pitch) == np.ndim(yaw) == np.ndim(roll) == 0:  # four times as fast for one pose
         return np.array(rotation(pitch, yaw, roll))
@@ -129,8 +132,7 @@ def relative_pose(
 ) -> tuple[Array, float]:
     """Pose, shape ``(5,)``, and roll of the follower in the beacon frame.
 
-    Origins are in a common frame, m, shape ``(3,)``; rotations are from each frame to the common
-    one, shape ``(3, 3)``.
+    Origins are in a common frame, m; rotations are from each frame to it, shape ``(3, 3)``.
     """
     to_beacon = np.asarray(beacon_rotation, dtype=float).T
     position = to_beacon @ (np.asarray(follower_position, float) - np.asarray(beacon_position))
@@ -139,10 +141,7 @@ def relative_pose(
 
 
 def covariance_5x5(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Reduce the covariance of a ROS pose to that of a pose in 5 DOF, shape ``(5, 5)``.
-
-    The former is of (x, y, z, rotations about the fixed x, y and z axes), shape ``(6, 6)``.
-    """
+    """Reduce the covariance of a ROS pose, (x, y, z, turns about the fixed axes), to 5 DOF."""
     yaw = np.asarray(pose, dtype=float)[YAW]
     reduction = np.zeros((5, 6))
     reduction[:3, :3] = np.eye(3)
@@ -174,12 +173,11 @@ def turned_components(
 def body_twist(
     pose: ArrayLike, rate: ArrayLike, covariance: ArrayLike, roll: float
 ) -> tuple[Array, Array]:
-    """Return the twist in the follower's frame of a pose that changes at a rate.
+    """Return the twist in the follower's frame, and its covariance, of a pose that changes.
 
-    An error of the roll, which is taken as constant, changes nothing: follower and velocity turn
-    about the beam together. The covariance is of pose and rate, shape ``(10, 10)``. That of the
-    twist, linear and angular velocity along and about x, y and z, has shape ``(6, 6)``; the
-    variance of the roll rate is that of the faster turn.
+    The covariances are of pose and rate, shape ``(10, 10)``, and of linear and angular velocity,
+    ``(6, 6)``. An error of the roll, which is taken as constant, changes nothing, as follower and
+    velocity turn about the beam together; the variance of its rate is that of the faster turn.
     """
     _, _, _, pitch, yaw = np.asarray(pose, dtype=float)
     rate = np.asarray(rate, dtype=float)
@@ -269,14 +267,10 @@ def covariance_6x6(pose: ArrayLike, covariance: ArrayLike, roll_std: float | Arr
     """Expand a 5-DOF covariance to that of a ROS pose, shape ``(6, 6)``.
 
     The beam of one lamp is axisymmetric, so a turn of the whole follower about its axis changes
-    nothing in the image: an uncertain roll moves y, z and the attitude together. That adds a term
-    of rank one to the mapped 5x5. Several lamps show the roll.
-
-    - pose: ``(x, y, z, pitch, yaw)`` in m and rad, shape ``(5,)``; abs(yaw) < pi/2, since abeam the
-      pitch and the beam have one axis.
-    - covariance: of `pose`, shape ``(5, 5)``.
-    - roll_std: standard deviation of the roll about the beam axis, rad, > 0; or, by several lamps,
-      the covariance of the follower's roll with the pose, and its variance, shape ``(6,)``.
+    nothing in the image: an uncertain roll, by its standard deviation about the beam, rad, moves y,
+    z and the attitude together. That adds a term of rank one to the mapped 5x5. Several lamps show
+    the follower's roll: its covariance with the pose, and its variance, shape ``(6,)``. Abeam the
+    pitch and the beam have one axis, so abs(yaw) < pi/2.
     """
     _, y, z, pitch, yaw = np.asarray(pose, dtype=float)
     jacobian = np.eye(6, 5)

@@ -28,20 +28,17 @@ fill_cache({settings!r})"""
 LOAD_S = 5.0  # longest that an estimator waits for what is compiled already
 
 
-def compiled_parts(scene: Scene) -> str:
-    """Name what of the compiled fit depends on the scene: the laws of its effects."""
-    laws = {law.__qualname__ for law in ForwardModel(scene).optics().laws}
-    return "-".join(["fit", *sorted(laws)]) + compilation.DONE
+FIT = f"fit{compilation.DONE}"  # it is the same in every scene
 
 
-def is_compiled(scene: Scene) -> bool:
+def is_compiled() -> bool:
     """Say whether `compile_fit` has only to load what it finds on disk."""
     folder = compilation.cache_folder()
-    return folder is not None and (folder / compiled_parts(scene)).exists()
+    return folder is not None and (folder / FIT).exists()
 
 
 def compile_fit(scene: Scene) -> None:
-    """Compile what ``least_squares`` runs in a scene, or load it from disk."""
+    """Compile what ``least_squares`` runs, by a scene as an example, or load it from disk."""
     folder = compilation.cache_folder()
     if folder is None:
         raise OSError(
@@ -50,7 +47,7 @@ def compile_fit(scene: Scene) -> None:
         )
     model = ForwardModel(scene)
     ImageFit(model, constants_of(model), candidates=1, max_misfit=0.5, compiled=True)
-    (folder / compiled_parts(scene)).touch()
+    (folder / FIT).touch()
 
 
 def fill_cache(settings: dict[str, Any]) -> None:
@@ -83,7 +80,7 @@ class FitCompiler:
         if not compilation.installed():
             self.done, self.failure = True, "Numba is not installed"
             return
-        compiled = is_compiled(scene)
+        compiled = is_compiled()
         if not compiled:
             self._process = self._compiling()
         atexit.register(self._stop)
@@ -130,12 +127,11 @@ class FitCompiler:
         self.failure, self.done = failure, True
 
 
-_COMPILERS: dict[str, FitCompiler] = {}
+_COMPILERS: list[FitCompiler] = []
 
 
 def fit_compiler(scene: Scene) -> FitCompiler:
-    """Return the compiler of a scene's fit, one in a process for all scenes of the same laws."""
-    parts = compiled_parts(scene)
-    if parts not in _COMPILERS:
-        _COMPILERS[parts] = FitCompiler(scene)
-    return _COMPILERS[parts]
+    """Return the compiler of the fit, one in a process, which takes a scene as an example."""
+    if not _COMPILERS:
+        _COMPILERS.append(FitCompiler(scene))
+    return _COMPILERS[0]

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy import cos, sin
 
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, pitched, rotation
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import law
 from uuv_optical_array.core.settings import Quantity, check_all
 
@@ -128,18 +128,6 @@ def turned_back(turn: Any, vector: Any) -> tuple[Any, Any, Any]:
     return x, cos(turn) * y + sin(turn) * z, cos(turn) * z - sin(turn) * y
 
 
-@law
-def seen(rows: Any, vector: Any) -> tuple[Any, Any, Any]:
-    """Return in ``base_link`` a vector of ``beacon``, by the rows of `geometry.rotation`."""
-    ahead, aside, above = rows
-    x, y, z = vector
-    return (
-        ahead[0] * x + aside[0] * y + above[0] * z,
-        ahead[1] * x + aside[1] * y + above[1] * z,
-        ahead[2] * x + aside[2] * y + above[2] * z,
-    )
-
-
 def one_of_lamps(
     lamps: Any,
     places: Any,
@@ -157,13 +145,13 @@ def one_of_lamps(
     - places: of the offsets of x, y, z, pitch and yaw of each lamp, m and deg, and of the turn of
       all, rad, among the nuisances, shape ``(6, L)``; -1: known.
     - attitude: pitch, yaw and roll of the follower, rad.
-    - nuisances: their offsets, shape ``(q, ...)``.
     - origin, origin_slopes: of a lamp at the beacon's origin, with slopes by p coordinates, of
       which the fourth and the fifth are pitch and yaw, shape ``(6, p, ...)``.
     - slopes, by_geometry: results, by the coordinates and by what `places` has, shapes ``(6, p,
       ...)`` and ``(6, 6, ...)``; none where p is 0.
     """
-    rows, roll = rotation(attitude[0], attitude[1], attitude[2]), attitude[2]
+    pitch, yaw, roll = attitude
+    rows = rotation(pitch, yaw, roll)
     x = lamps[PLACE_X, i] + offset_of(nuisances, places[PLACE_X, i])
     y = lamps[PLACE_Y, i] + offset_of(nuisances, places[PLACE_Y, i])
     z = lamps[PLACE_Z, i] + offset_of(nuisances, places[PLACE_Z, i])
@@ -173,16 +161,16 @@ def one_of_lamps(
     sin_p, cos_p, sin_y, cos_y = sin(pitch), cos(pitch), sin(yaw), cos(yaw)
     place = turned_back(turn, (x, y, z))
     axis = turned_back(turn, (-cos_y * cos_p, -sin_y * cos_p, sin_p))
-    here, along = seen(rows, place), seen(rows, axis)
+    here, along = in_body(rows, place), in_body(rows, axis)
     if slopes.shape[1] > 0:
         ahead, aside, _ = rows
         swung, leant = pitched(here, roll), pitched(along, roll)
-        up = seen(rows, turned_back(turn, (cos_y * sin_p, sin_y * sin_p, cos_p)))
-        side = seen(rows, turned_back(turn, (sin_y * cos_p, -cos_y * cos_p, 0.0)))
-        to_y, to_z = turned_back(turn, (0.0, 1.0, 0.0)), turned_back(turn, (0.0, 0.0, 1.0))
-        by_y, by_z = seen(rows, to_y), seen(rows, to_z)
-        moved = seen(rows, (0.0, place[2], -place[1]))
-        leaning = seen(rows, (0.0, axis[2], -axis[1]))
+        up = in_body(rows, turned_back(turn, (cos_y * sin_p, sin_y * sin_p, cos_p)))
+        side = in_body(rows, turned_back(turn, (sin_y * cos_p, -cos_y * cos_p, 0.0)))
+        by_y = in_body(rows, turned_back(turn, (0.0, 1.0, 0.0)))
+        by_z = in_body(rows, turned_back(turn, (0.0, 0.0, 1.0)))
+        moved = in_body(rows, (0.0, place[2], -place[1]))
+        leaning = in_body(rows, (0.0, axis[2], -axis[1]))
         for k in range(3):
             for q in range(slopes.shape[1]):
                 slopes[k, q] = origin_slopes[k, q]
@@ -196,11 +184,5 @@ def one_of_lamps(
             by_geometry[3 + k, AXIS_PITCH] = DEGREE * up[k]
             by_geometry[3 + k, AXIS_YAW] = DEGREE * side[k]
             by_geometry[k, TURN], by_geometry[3 + k, TURN] = moved[k], leaning[k]
-    return (
-        origin[0] + here[0],
-        origin[1] + here[1],
-        origin[2] + here[2],
-        along[0],
-        along[1],
-        along[2],
-    )
+    u, v, w = along
+    return origin[0] + here[0], origin[1] + here[1], origin[2] + here[2], u, v, w

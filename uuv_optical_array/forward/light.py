@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from numpy import exp, maximum, minimum, sqrt
 
+from uuv_optical_array.core.geometry import dot
 from uuv_optical_array.core.numerics.elementwise import choose, law
 from uuv_optical_array.core.settings import Quantity
 
@@ -22,25 +23,11 @@ RAY_ROWS = 13
 
 # eta^2 / s by powers of s = sin(eta)^2, highest first: minimax up to 45 deg, error 7e-17.
 SQUARED_ANGLE = (
-    2.7124616655916145,
-    -10.004857358882923,
-    17.571727023989236,
-    -19.01318692404218,
-    14.169478164381292,
-    -7.60441630782109,
-    3.077360310267226,
-    -0.9071505140312446,
-    0.23928802702305582,
-    -0.00937123339089781,
-    0.03828718456652349,
-    0.03928961497271882,
-    0.04874835923485211,
-    0.061566307856399424,
-    0.08126989914313835,
-    0.11428571312458523,
-    0.17777777779004794,
-    0.333333333333282,
-    1.0,
+    *(2.7124616655916145, -10.004857358882923, 17.571727023989236, -19.01318692404218),
+    *(14.169478164381292, -7.60441630782109, 3.077360310267226, -0.9071505140312446),
+    *(0.23928802702305582, -0.00937123339089781, 0.03828718456652349, 0.03928961497271882),
+    *(0.04874835923485211, 0.061566307856399424, 0.08126989914313835, 0.11428571312458523),
+    *(0.17777777779004794, 0.333333333333282, 1.0),
 )
 EVEN, ODD = SQUARED_ANGLE[::2], SQUARED_ANGLE[1::2]  # powers, summed side by side
 
@@ -76,9 +63,8 @@ def beam_solid_angle(sigma_rad: float) -> float:
 def off_axis(along_m: Any, across_squared: Any, range_m: Any) -> tuple[Any, Any]:
     """Return half the squared angle off an axis, rad^2, and the angle over its sine and range, 1/m.
 
-    It is exact near the axis and behind the lamp, without a call of a function. The component along
-    the axis is in m, the square of that across it in m^2, the range > 0. The second result is at
-    most 1e9 over the range.
+    It is exact near the axis and behind the lamp, without a call of a function. The second result
+    is at most 1e9 over the range.
     """
     # Of half the angle to the nearer end of the axis, at most 45 deg, the squared sine.
     s = across_squared / (2 * range_m * (range_m + abs(along_m)))
@@ -99,38 +85,24 @@ def off_axis(along_m: Any, across_squared: Any, range_m: Any) -> tuple[Any, Any]
 
 
 @law
-def ray(
-    to_x: Any,
-    to_y: Any,
-    to_z: Any,
-    normal_x: Any,
-    normal_y: Any,
-    normal_z: Any,
-    axis_x: Any,
-    axis_y: Any,
-    axis_z: Any,
-) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """Follow the light from the lamp to a detector; all in ``base_link``.
+def ray(to: Any, normal: Any, axis: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Follow the light from the lamp to a detector, by vectors in ``base_link``.
 
-    - to_x, to_y, to_z: from the detector to the lamp, m.
-    - normal_x, normal_y, normal_z: the detector's outward unit normal.
-    - axis_x, axis_y, axis_z: the unit vector along the lamp's beam.
+    - to: from the detector to the lamp, m.
+    - normal, axis: unit vectors, out of the detector and along the lamp's beam.
     - returned range_m: length of the path, m, at least `MIN_RANGE_M`.
     - returned half_square, turn: as `off_axis`, of the angle between the beam's axis and the path.
     - returned cosine, axial: of the angles between the detector's normal and the lamp, at most 1,
       and the beam's axis.
     - returned along_m: the detector along the beam's axis, m.
     """
-    along_m = -(to_x * axis_x + to_y * axis_y + to_z * axis_z)
+    along_m = -dot(to, axis)
     # The part across the beam, taken by itself, keeps the small angles that r^2 - along^2 loses.
-    off_x, off_y, off_z = to_x + along_m * axis_x, to_y + along_m * axis_y, to_z + along_m * axis_z
-    across_squared = off_x * off_x + off_y * off_y + off_z * off_z
-    range_m = maximum(sqrt(to_x * to_x + to_y * to_y + to_z * to_z), MIN_RANGE_M)
-    facing = to_x * normal_x + to_y * normal_y + to_z * normal_z
-    half_square, turn = off_axis(along_m, across_squared, range_m)
-    cosine = minimum(facing / range_m, 1.0)
-    axial = axis_x * normal_x + axis_y * normal_y + axis_z * normal_z
-    return range_m, half_square, cosine, axial, along_m, turn
+    off = to[0] + along_m * axis[0], to[1] + along_m * axis[1], to[2] + along_m * axis[2]
+    range_m = maximum(sqrt(dot(to, to)), MIN_RANGE_M)
+    half_square, turn = off_axis(along_m, dot(off, off), range_m)
+    cosine = minimum(dot(to, normal) / range_m, 1.0)
+    return range_m, half_square, cosine, dot(axis, normal), along_m, turn
 
 
 @law
@@ -144,13 +116,10 @@ def lamp_light(
 
     - range_m, half_square: as `ray` returns them.
     - incidence: cosine of the angle between the detector's normal and where the light comes from.
-    - power: reading times squared range of a detector on the axis that faces the lamp, counts m^2,
-      >= 0.
-    - beam_sigma_rad: standard deviation of the beam in the off-axis angle, rad, > 0.
-    - returned light: counts, >= 0; 0 for a detector that faces away.
-    - returned by_range, by_half_square, by_incidence, by_sigma: slopes of its logarithm by range,
-      half_square, incidence and beam_sigma_rad; at the edge where a detector turns away from the
-      lamp that of the dark side, 0.
+    - power: reading times squared range of a detector on the axis that faces the lamp, counts m^2.
+    - returned light: counts; 0 for a detector that faces away.
+    - returned by_range, by_half_square, by_incidence, by_sigma: slopes of its logarithm; at the
+      edge where a detector turns away from the lamp that of the dark side, 0.
     """
     precision, inverse = 1 / (beam_sigma_rad * beam_sigma_rad), 1 / range_m
     facing, by_incidence = lambert(incidence)
@@ -168,13 +137,7 @@ def lambert(incidence: Any) -> tuple[Any, Any]:
 
 @law
 def slopes_by_lamp(
-    by_range: Any,
-    by_half_square: Any,
-    by_cosine: Any,
-    range_m: Any,
-    cosine: Any,
-    along_m: Any,
-    turn: Any,
+    slopes: tuple[Any, Any, Any], range_m: Any, cosine: Any, along_m: Any, turn: Any
 ) -> tuple[Any, Any, Any]:
     """Turn slopes of the light by range, half_square and cosine into those by the lamp.
 
@@ -182,6 +145,7 @@ def slopes_by_lamp(
     ``radial to + facing normal + bend axis``, and that by the beam's axis ``bend to`` with that by
     `axial` times the normal.
     """
+    by_range, by_half_square, by_cosine = slopes
     bend = by_half_square * turn
     facing = by_cosine / range_m
     radial = (by_range - facing * cosine + bend * along_m / range_m) / range_m

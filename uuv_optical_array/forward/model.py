@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv_optical_array.core.errors import expect
-from uuv_optical_array.core.geometry import Array, lamp_in_body, write_lamp_slopes
-from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.core.geometry import PITCH, Array, lamp_in_body, write_lamp_slopes
 from uuv_optical_array.core.numerics.elementwise import stack, workspace
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import build_array
@@ -22,6 +21,7 @@ from uuv_optical_array.forward.optics import (
     BACKGROUND,
     BLUR,
     GAIN,
+    LAWS,
     SHADE,
     Optics,
     ReadingNoise,
@@ -90,50 +90,40 @@ class ForwardModel:
             (form.level_counts for form in self._of(forms.Saturation)), default=np.inf
         )
         variance = float(sum(form.variance for form in noises))
-        slope, black = float(sum(form.slope for form in noises)), 0.0
-        if demodulations := self._of(forms.Demodulation):
+        slope, known = float(sum(form.slope for form in noises)), set[str]()
+        for form in self._of(forms.Demodulation):
             # Daylight leaves the readings, and stays in their noise.
-            level = sum(form.level for form in self._of(Background) if form.nuisance == AMBIENT)
+            level = sum(step.scale for step in self._of(Background) if step.nuisance == AMBIENT)
             self._forms = tuple(f for f in self._forms if getattr(f, "nuisance", "") != AMBIENT)
-            found = detection(demodulations[0].waveform, scene.lamp_count)
-            black = demodulations[0].black_counts
+            found = detection(form.waveform, scene.lamp_count)
             variance = found.noise_factor * (variance + slope * level)
-            slope *= found.light_factor
+            slope, known = slope * found.light_factor, {*DAYLIGHT}
             if np.isfinite(self._saturation_counts):
                 self._saturation_counts = scene.full_scale_counts
-        highest = min([*(form.largest for form in converters), self._saturation_counts])
-        self.analogue_noise = ReadingNoise(
-            variance,
-            slope,
-            0.0 if converters else -np.inf,
-            float(np.rint(highest)) if converters else highest,
-            black=black,
-        )
-        # Rounding is uniform within a count.
-        rounding = 1 / 12 if converters else 0.0
+        low, high = -np.inf, self._saturation_counts
+        rounding = 0.0
+        for converter in converters:
+            # Rounding is uniform within a count.
+            low, high, rounding = 0.0, float(np.rint(min(converter.largest, high))), 1 / 12
+        black = scene.black_counts
+        self.analogue_noise = ReadingNoise(variance, slope, low, high, black=black)
         self.noise = self.analogue_noise._replace(
-            variance=self.analogue_noise.variance + rounding, square=scene.prior.gain_std**2
+            variance=variance + rounding, square=scene.prior.gain_std**2
         )
-        uncertain: tuple[Any, ...] = (
-            *self._of(forms.Transmission),
-            *self._of(Background),
-            *self._of(Gain),
-        )
-        named = [form.nuisance for form in uncertain if form.nuisance]
-        known = [*named, *(DAYLIGHT if demodulations else ())]
-        self._unknown = {
-            name: form for name, form in unknown_forms(self.array.side).items() if name not in known
-        }
+        named = [form.nuisance for form in self._of(forms.Transmission)]
+        named += [form.nuisance for kind in (Background, Gain) for form in self._of(kind)]
+        unknown = unknown_forms(self.array.side)
+        self._unknown = {name: unknown[name] for name in unknown if name not in {*named, *known}}
         lamps = range(len(scene.lamps))
         for i, own in zip(lamps, np.eye(len(lamps)), strict=True):
             name = of_lamp(i, OWN_POWER)
-            self._unknown[name] = Shade(np.repeat(own, self.array.side**2), name)
+            self._unknown[name] = Shade(np.repeat(own, self.array.side**2), nuisance=name)
         if self._of(forms.Scattering):
             named.append(SCATTERING)
-        own = POWER, BEAM_SIGMA, RADIUS  # the radius of a planar array changes nothing
         geometry = [of_lamp(i, setting) for i in lamps for setting in OWN_GEOMETRY]
-        geometry += [ROLL] if lamps else []
-        self.nuisances = tuple(dict.fromkeys((*own, *named, *self._unknown, *geometry)))
+        # The radius of a planar array changes nothing.
+        names = POWER, BEAM_SIGMA, RADIUS, *named, *self._unknown, *geometry, ROLL
+        self.nuisances = tuple(dict.fromkeys(filter(None, names if lamps else names[:-1])))
         # The power of all lamps is that of one at the origin.
         sigma_rad = float(np.radians(scene.lamp.beam_sigma_deg))
         self.power, self._lamps = 1.0, lamps_in_numbers((), sigma_rad)
@@ -153,14 +143,11 @@ class ForwardModel:
     def _of(self, kind: type[T]) -> list[T]:
         return [form for form in self._forms if isinstance(form, kind)]
 
-    def optics(
-        self, nuisances: Sequence[str] = (), compiled: bool = False, given: Sequence[str] = ()
-    ) -> Optics:
-        """Return the scene in numbers, for NumPy or for compiled code.
+    def optics(self, nuisances: Sequence[str] = (), given: Sequence[str] = ()) -> Optics:
+        """Return the scene in numbers.
 
         The `nuisances` have offsets, in this order; the unknown light `given`, of level 0, comes
-        before all else on the array. ValueError for a setting that the scene does not have, or
-        where compiled code needs Numba and it is not there.
+        before all else on the array. ValueError for a setting that the scene does not have.
         """
         for name in (*nuisances, *given):
             if name not in self.nuisances:
@@ -169,54 +156,42 @@ class ForwardModel:
         def index_of(name: str) -> int:
             return nuisances.index(name) if name in nuisances else -1
 
-        scattering = self._of(forms.Scattering)
         unknown = [form for name, form in self._unknown.items() if name in nuisances]
         passed = self._of(forms.Transmission)
         passed += [form for form in unknown if isinstance(form, forms.Transmission)]
         # Light that the scene does not name comes before the effects on the array.
         steps: list[Any] = [self._unknown[name] for name in given]
-        steps += [form for form in unknown if not isinstance(form, forms.Transmission)]
-        steps += [form for form in self._forms if isinstance(form, Background | Gain | Blur)]
-        blurs = [step.matrix for step in steps if isinstance(step, Blur)]
-        kinds = np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64)
-        count = self._lamps.shape[1]
+        steps += [form for form in unknown if isinstance(form, forms.Step)]
+        steps += [form for form in self._forms if isinstance(form, forms.Step | Blur)]
+        blurs, count = self._of(Blur), self._lamps.shape[1]
         values = np.zeros((len(steps), count * self.array.side**2))
-        scales, places = np.zeros(len(steps)), np.full(len(steps), -1, dtype=np.int64)
-        for i, step in enumerate(steps):
-            if isinstance(step, Blur):
-                continue
-            places[i] = index_of(step.nuisance)
-            values[i] = np.resize(
-                step.gains if isinstance(step, Gain) else step.pattern, values.shape[1]
-            )
-            if not isinstance(step, Shade):
-                scales[i] = step.slope if isinstance(step, Gain) else step.level
+        for row, step in zip(values, steps, strict=True):
+            row[:] = 0.0 if isinstance(step, Blur) else np.resize(step.values, row.shape)
         lamp_at = np.full((GEOMETRY, count), index_of(ROLL), dtype=np.int64)
         for i in range(count):
             lamp_at[:TURN, i] = [index_of(of_lamp(i, setting)) for setting in OWN_GEOMETRY]
-        laws: Any = tuple(form.law for form in passed)
-        if compiled:
-            laws = np.array([compilation.law_address(law) for law in laws], dtype=np.int64)
         return Optics(
             detectors=np.ascontiguousarray(np.hstack([self.array.positions, self.array.normals]).T),
             radius_m=float(self.scene.array.radius_m or 0.0),
             power=float(self.power),
             lamps=self._lamps,
             lamp_at=lamp_at,
-            scattering_per_m=float(sum(form.scattering_per_m for form in scattering)),
+            scattering_per_m=float(
+                sum(form.scattering_per_m for form in self._of(forms.Scattering))
+            ),
             nuisances=len(nuisances),
             power_at=index_of(POWER),
             sigma_at=index_of(BEAM_SIGMA),
             scattering_at=index_of(SCATTERING),
             radius_at=index_of(RADIUS),
-            laws=laws,
+            laws=np.array([LAWS.index(form.law) for form in passed], dtype=np.int64),
             law_settings=np.array([form.settings for form in passed]).reshape(len(passed), 3),
             law_at=np.array([index_of(form.nuisance) for form in passed], dtype=np.int64),
-            step_kinds=kinds,
+            step_kinds=np.array([STEP_KINDS[type(step)] for step in steps], dtype=np.int64),
             step_values=values,
-            step_scales=scales,
-            step_at=places,
-            blur=np.ascontiguousarray(blurs[0]) if blurs else np.zeros((0, 0)),
+            step_scales=np.array([getattr(step, "scale", 0.0) for step in steps], dtype=float),
+            step_at=np.array([index_of(getattr(it, "nuisance", "")) for it in steps], np.int64),
+            blur=np.ascontiguousarray(blurs[0].matrix) if blurs else np.zeros((0, 0)),
         )
 
     def light(
@@ -320,12 +295,11 @@ class ForwardModel:
         with np.errstate(under="ignore"):
             for start in range(0, count, step):
                 part = slice(start, start + step)
-                x, y, z, pitch, yaw = flat[:, part]
-                lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls[part]))
+                lamp = stack(*lamp_in_body(flat[:, part], rolls[part]))
                 slopes = np.zeros((6, 5 if differentiate else 0, *lamp.shape[1:]))
                 if differentiate:
                     write_lamp_slopes(flat[:, part], rolls[part], lamp, slopes)
-                offset, attitude = nuisances[:, part], (pitch, yaw, rolls[part])
+                offset, attitude = nuisances[:, part], (*flat[PITCH:, part], rolls[part])
                 write_light(optics, lamp, slopes, attitude, offset, image[:, part])
                 if moving:
                     image[0, part] *= self._moved(optics, lamp, attitude, offset, times[part])
@@ -423,8 +397,7 @@ class ForwardModel:
 
         Poses and rolls have shapes ``(m, 5)`` and ``(m,)``, m and rad.
         """
-        x, y, z, pitch, yaw = poses.T[..., None]
-        lamp = stack(*lamp_in_body(x, y, z, pitch, yaw, rolls[:, None]))
-        attitude = pitch, yaw, rolls[:, None]
+        components, roll = poses.T[..., None], rolls[:, None]
+        lamp, attitude = stack(*lamp_in_body(components, roll)), (*components[PITCH:], roll)
         traced = self._traced(self.optics(), lamp, attitude, np.zeros((0, len(poses), 1)))
         return np.concatenate([rays for rays, _ in traced], axis=-1)

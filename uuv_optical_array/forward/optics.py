@@ -5,6 +5,7 @@ Components come first: a position is ``(3, ...)``, an image with its derivatives
 compiled code it is a number, of one pose.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from numpy import exp, maximum, sqrt
@@ -16,10 +17,11 @@ from uuv_optical_array.core.numerics.elementwise import (
     indices,
     law,
     sandwich,
-    transmit,
     workspace,
     zeros,
 )
+from uuv_optical_array.forward.effects.detectors import housing, lens, port
+from uuv_optical_array.forward.effects.water import beer
 from uuv_optical_array.forward.lamps import DEGREE, GEOMETRY, SHARE, SIGMA, one_of_lamps
 from uuv_optical_array.forward.light import (
     ALONG,
@@ -48,6 +50,9 @@ from uuv_optical_array.forward.scattering import scattered_light
 LIGHT, BY_RANGE, BY_HALF_SQUARE, BY_INCIDENCE, BY_SIGMA, BY_SCATTERING = range(6)
 IN_RANGE, IN_HALF_SQUARE, IN_COSINE, IN_AXIAL, IN_SIGMA = range(6, 11)
 BEAM_ROWS = 11
+# Laws of transmission, each with a branch in `illuminate`.
+LAWS = beer, lens, housing, port
+BEER, LENS, HOUSING, PORT = range(4)
 # Kinds of step on the array.
 BACKGROUND, GAIN, BLUR, SHADE = range(4)
 LEAST_DEPTH = 1e-6  # squared, of a detector on the sphere's rim, as a share of the radius
@@ -87,9 +92,8 @@ class Optics(NamedTuple):
     - power_at, sigma_at, scattering_at, radius_at: index among the nuisances of the offset of the
       power's logarithm, of that of the beam's standard deviation, deg, and of the logarithms of
       scattering and radius; -1: known.
-    - laws, law_settings, law_at: of transmission: functions, or their addresses for compiled code;
-      their settings, shape ``(laws, 3)``; index of the nuisance that is the first of these, as
-      `power_at`.
+    - laws, law_settings, law_at: of transmission: places in `LAWS`; their settings, shape ``(laws,
+      3)``; index of the nuisance that is the first of these, as `power_at`.
     - step_kinds, step_values, step_scales, step_at: of each step on the array: `BACKGROUND`,
       `GAIN`, `BLUR` or `SHADE`; pattern, gains or logarithms, shape ``(steps, n)``; level of a
       background or slope of gains; index of the nuisance, as `power_at`.
@@ -120,6 +124,7 @@ class Optics(NamedTuple):
 def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
     """Write the `light.ray` from the lamp (six components) to each detector, ``(13, ..., n)``."""
     lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp
+    axis = axis_x, axis_y, axis_z
     detectors, flatter, scale = optics.detectors, optics.radius_at >= 0, 1.0
     if flatter:
         scale = exp(nuisances[optics.radius_at])
@@ -135,17 +140,9 @@ def trace(optics: Optics, lamp: Any, nuisances: Any, rays: Any) -> None:
         rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j] = lamp_x - x, lamp_y - y, lamp_z - z
         rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j] = normal_x, normal_y, normal_z
     for j in indices(detectors.shape[1]):
-        range_m, half_square, cosine, axial, along_m, turn = ray(
-            rays[TO_X, j],
-            rays[TO_Y, j],
-            rays[TO_Z, j],
-            rays[NORMAL_X, j],
-            rays[NORMAL_Y, j],
-            rays[NORMAL_Z, j],
-            axis_x,
-            axis_y,
-            axis_z,
-        )
+        to = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]
+        normal = rays[NORMAL_X, j], rays[NORMAL_Y, j], rays[NORMAL_Z, j]
+        range_m, half_square, cosine, axial, along_m, turn = ray(to, normal, axis)
         rays[RANGE, j], rays[HALF_SQUARE, j], rays[COSINE, j] = range_m, half_square, cosine
         rays[INCIDENCE, j], rays[AXIAL, j] = cosine, axial
         rays[ALONG, j], rays[TURN, j] = along_m, turn
@@ -199,39 +196,50 @@ def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, b
 def write_light(
     optics: Optics, lamp: Any, slopes: Any, attitude: Any, nuisances: Any, image: Any
 ) -> None:
-    """Write the light on the array, of one lamp below the other, and its slopes.
+    """Write the light on the array, of one lamp below the other, and its slopes, as `project`.
 
-    - lamp, slopes: as in `project`, of a lamp at the origin of ``beacon``.
-    - attitude: pitch, yaw and roll of the follower, rad.
-    - nuisances: as in `illuminate`.
-    - image: as of `project`, of L times the detectors.
+    Lamp and slopes are those of one at the origin of ``beacon``; the attitude is pitch, yaw and
+    roll of the follower, rad. The image has L times the detectors.
     """
-    count, n = optics.lamps.shape[1], optics.detectors.shape[1]
-    rays, beam = (
-        workspace(RAY_ROWS, lamp[0], n),
-        workspace(BEAM_ROWS + len(optics.laws), lamp[0], n),
-    )
-    by_geometry, differentiate = zeros(6, GEOMETRY, lamp[0]), len(image) > 1
-    if count == 1:
-        illuminate(optics, 0, lamp, nuisances, rays, beam, differentiate)
-        project(optics, 0, lamp, slopes, by_geometry, nuisances, rays, beam, image)
-    else:
-        own_slopes, own = zeros(6, slopes.shape[1], lamp[0]), workspace(len(image), lamp[0], n)
-        for i in range(count):
-            one = one_of_lamps(
-                optics.lamps,
-                optics.lamp_at,
-                i,
-                attitude,
-                nuisances,
-                lamp,
-                slopes,
-                own_slopes,
-                by_geometry,
-            )
-            illuminate(optics, i, one, nuisances, rays, beam, differentiate)
-            project(optics, i, one, own_slopes, by_geometry, nuisances, rays, beam, own)
+    count, n, rows = optics.lamps.shape[1], optics.detectors.shape[1], len(image)
+    rays = workspace(RAY_ROWS, lamp[0], n)
+    beam = workspace(BEAM_ROWS + len(optics.laws), lamp[0], n)
+    by_geometry, several = zeros(6, GEOMETRY, lamp[0]), count > 1
+    own_slopes = zeros(6, slopes.shape[1] if several else 0, lamp[0])
+    own = workspace(rows if several else 0, lamp[0], n)
+    for i in range(count):
+        one, one_slopes, one_image = lamp, slopes, image
+        if several:
+            known = optics.lamps, optics.lamp_at, i, attitude, nuisances
+            one = one_of_lamps(*known, lamp, slopes, own_slopes, by_geometry)
+            one_slopes, one_image = own_slopes, own
+        illuminate(optics, i, one, nuisances, rays, beam, rows > 1)
+        project(optics, i, one, one_slopes, by_geometry, nuisances, rays, beam, one_image)
+        if several:
             beside(own, i, image)
+
+
+def transmitter(law: Callable[..., Any]) -> Callable[..., None]:
+    """Return what changes the light by a law of transmission with settings a, b and c."""
+
+    def transmit(
+        rays: Any, a: Any, b: Any, c: Any, beam: Any, row: Any, differentiate: bool
+    ) -> None:
+        for j in indices(rays.shape[-1]):
+            factor, by_range, by_half_square, by_incidence, by_a = law(
+                rays[RANGE, j], rays[HALF_SQUARE, j], rays[INCIDENCE, j], a, b, c
+            )
+            beam[LIGHT, j] *= factor
+            if differentiate:
+                beam[BY_RANGE, j] += by_range
+                beam[BY_HALF_SQUARE, j] += by_half_square
+                beam[BY_INCIDENCE, j] += by_incidence
+                beam[row, j] = by_a
+
+    return transmit
+
+
+transmit_beer, transmit_lens, transmit_housing, transmit_port = map(transmitter, LAWS)
 
 
 def illuminate(
@@ -239,9 +247,9 @@ def illuminate(
 ) -> None:
     """Write the rays from lamp i to each detector and the light that arrives there.
 
-    Lamp and axis of the beam in ``base_link``, m, are six components; offsets of nuisances have
-    shape ``(q, ...)``. Results are the rows of `light.ray`, shape ``(13, ..., n)``, and in `beam`
-    the light, its slopes and those by settings of the laws, shape ``(11 + laws, ..., n)``.
+    Lamp and axis are six components, offsets of nuisances ``(q, ...)``. Results are the rows of
+    `light.ray`, shape ``(13, ..., n)``, and of the beam with those of laws, ``(11 + laws, ...,
+    n)``.
     """
     power, beam_sigma_rad = optics.power * optics.lamps[SHARE, i], optics.lamps[SIGMA, i]
     scattering_per_m = optics.scattering_per_m
@@ -261,8 +269,15 @@ def illuminate(
         if optics.law_at[i] >= 0:
             first = first + nuisances[optics.law_at[i]]
         second, third = optics.law_settings[i, 1], optics.law_settings[i, 2]
-        row = BEAM_ROWS + i
-        transmit(optics.laws[i], rays, first, second, third, beam, row, differentiate)
+        given = rays, first, second, third, beam, BEAM_ROWS + i, differentiate
+        if optics.laws[i] == BEER:
+            transmit_beer(*given)
+        elif optics.laws[i] == LENS:
+            transmit_lens(*given)
+        elif optics.laws[i] == HOUSING:
+            transmit_housing(*given)
+        elif optics.laws[i] == PORT:
+            transmit_port(*given)
 
 
 def project(
@@ -279,9 +294,8 @@ def project(
     """Write the light of lamp i on the array, and its slopes by p coordinates and q nuisances.
 
     `lamp_slopes` are those of lamp and axis by the coordinates, shape ``(6, p, ...)``, and
-    `by_geometry` those by what ``optics.lamp_at`` has. The image is
-    light, slopes by the coordinates and by the nuisances, shape ``(1 + p + q, ..., n)``, or light
-    alone, shape ``(1, ..., n)``.
+    `by_geometry` those by what ``optics.lamp_at`` has. The image has shape ``(1 + p + q, ..., n)``,
+    or of light alone ``(1, ..., n)``.
     """
     size, n = lamp_slopes.shape[1], rays.shape[-1]
     for j in indices(n):
@@ -293,14 +307,13 @@ def project(
     for j in indices(n):
         light, by_incidence = beam[LIGHT, j], beam[BY_INCIDENCE, j]
         lean = light * by_incidence
-        radial, facing, bend = slopes_by_lamp(
+        by_ray = (
             light * (beam[BY_RANGE, j] + by_incidence * beam[IN_RANGE, j]),
             light * (beam[BY_HALF_SQUARE, j] + by_incidence * beam[IN_HALF_SQUARE, j]),
             lean * beam[IN_COSINE, j],
-            rays[RANGE, j],
-            rays[COSINE, j],
-            rays[ALONG, j],
-            rays[TURN, j],
+        )
+        radial, facing, bend = slopes_by_lamp(
+            by_ray, rays[RANGE, j], rays[COSINE, j], rays[ALONG, j], rays[TURN, j]
         )
         by_axial = lean * beam[IN_AXIAL, j]
         to_x, to_y, to_z = rays[TO_X, j], rays[TO_Y, j], rays[TO_Z, j]

@@ -43,8 +43,7 @@ def part(
     - narrow, variance, growth: variance of the beam at the lamp and of this part, rad^2, and the
       slope of the latter by the logarithm of ``b r``.
     - tilt: the t above.
-    - half_square, off_axis, sine_ratio: half the squared angle off the axis, its cosine, and its
-      sine over itself.
+    - half_square, off_axis, sine_ratio: as of `scattered_light`.
     - returned strength, by_depth, by_half_square, by_narrow: of the flux, over the distance to the
       apparent source, and slopes of its logarithm by the logarithm of ``b r``, by half_square and
       by `narrow`.
@@ -87,8 +86,6 @@ def scattered_light(
 
     - range_m, half_square, cosine, axial: as `light.ray` returns them.
     - off_axis, sine_ratio: cosine of the angle off the axis, and its sine over itself.
-    - power, beam_sigma_rad: as of `light.lamp_light`.
-    - scattering_per_m: b, 1/m, > 0.
     - returned flux, by_range, by_half_square, by_sigma, by_scattering: counts, and slopes of its
       logarithm, the last by the logarithm of b.
     - returned incidence, in_range, in_half_square, in_cosine, in_axial, in_sigma: cosine of the

@@ -98,8 +98,8 @@ class Lamp:
 
         It is the net flux through the face of each detector; 0 where that comes from behind.
         """
-        x, y, z, pitch, yaw = np.asarray(poses, float).T[..., None]
-        lamp = np.moveaxis(np.array(lamp_in_body(x, y, z, pitch, yaw, 0.0)), 0, -1)
+        components = np.asarray(poses, float).T[..., None]
+        lamp = np.moveaxis(np.array(lamp_in_body(components, 0.0)), 0, -1)
         ray = array.positions - lamp[..., :3]
         range_m = np.linalg.norm(ray, axis=-1)
         ray /= range_m[..., None]

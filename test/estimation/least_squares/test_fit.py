@@ -84,7 +84,7 @@ class Fit:
     def __init__(self, model, stds=None, pose_std=WIDE):
         self.model, self.stds = model, stds or {}
         self.pose_std = pose_std
-        self.problem = problem_of(model, PosePrior(MIDDLE, pose_std, self.stds), False)
+        self.problem = problem_of(model, PosePrior(MIDDLE, pose_std, self.stds))
 
     def of(self, readings, roll=0.0):
         return self.problem._replace(readings=np.ravel(readings).astype(float), roll=roll)

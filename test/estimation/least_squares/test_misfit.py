@@ -72,7 +72,7 @@ def scores(gain_std, gain_off, count=400, power_off=0.0):
     """Misfits of images whose gains are off by some share, as far as the prior says or not."""
     values = load_scene("reference").settings() | {"prior": {"gain_std": gain_std}}
     model = ForwardModel(scene_from_settings(values, "sea"))
-    problem = problem_of(model, PosePrior(POSE, PRIOR_STD, NUISANCES), False)
+    problem = problem_of(model, PosePrior(POSE, PRIOR_STD, NUISANCES))
     start = np.concatenate([from_pose(problem.frame, POSE, 0.0), np.zeros(2)])
     rng = np.random.default_rng(7)
     found = []

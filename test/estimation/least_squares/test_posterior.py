@@ -66,7 +66,7 @@ def chain_moments(estimator, readings, roll, steps):
     axes = grid_axes(table.scene.table)
     middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
     wide = 3 * np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
-    problem = problem_of(model, PosePrior(middle, wide, {}), False)
+    problem = problem_of(model, PosePrior(middle, wide, {}))
     frame, one = problem.frame, problem._replace(readings=readings, roll=roll)
     vectors = table.vectors(signature(table.scene, readings.reshape(5, 5)))
     with np.errstate(all="ignore"):

@@ -55,7 +55,7 @@ def lamp_and_pose(frame, at, roll):
 
 def facing(frame, pose, roll):
     """Cosine between the array's axis and the way to the lamp; positive where it sees it."""
-    sight = np.array(lamp_in_body(*pose, roll)[:3]) - frame[:3]
+    sight = np.array(lamp_in_body(pose, roll)[:3]) - frame[:3]
     return sight[0] / np.linalg.norm(sight)
 
 
@@ -77,7 +77,7 @@ def test_from_pose_to_coordinates_and_back(frame, pose, roll):
     coordinates = from_pose(frame, np.array(pose), roll)
     lamp, back = lamp_and_pose(frame, coordinates, roll)
     np.testing.assert_allclose(back, pose, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(lamp, lamp_in_body(*pose, roll), rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(lamp, lamp_in_body(pose, roll), rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(from_pose(frame, back, roll), coordinates, rtol=1e-7, atol=1e-7)
 
 
@@ -152,7 +152,7 @@ def test_the_derivatives_of_the_coordinates_are_those_of_lamp_and_pose(frame, po
     slopes, pose_slopes = slopes_at(frame, coordinates, roll, lamp)
 
     def lamp_at(at):
-        return np.array(lamp_in_body(*lamp_and_pose(frame, at, roll)[1], roll))
+        return np.array(lamp_in_body(lamp_and_pose(frame, at, roll)[1], roll))
 
     def pose_at(at):
         return lamp_and_pose(frame, at, roll)[1]

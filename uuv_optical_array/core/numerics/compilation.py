@@ -16,7 +16,7 @@ import os
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CellType, CodeType, FunctionType
@@ -43,7 +43,9 @@ def compiled(function: Callable[..., Any]) -> Any:
     - function: a function of this package, written for numbers and arrays alike.
     - ValueError: where Numba is not installed, or not for this NumPy.
     """
-    return _jit(_compiled_twin(function), keep=True)
+    numba, twin, options = _prepared(function, inner=False)
+    with _kept_on_disk(numba) as kept:
+        return numba.njit(cache=kept, **options)(twin)
 
 
 def prepare(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
@@ -72,30 +74,10 @@ def loaded(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @cache
-def law_address(law: Callable[..., Any]) -> int:
-    """Return where the compiled `compiled_math.transmit_by` of a law of transmission is.
-
-    - law: as `forward.effects.forms.Transmission` has it.
-    - ValueError: as `compiled`.
-    """
-    numba, mathematics = _numba(), _mathematics()
-    transmit = _compiled_twin(mathematics.transmit_by, law=compiled_inside(law))
-    # Its own name on disk: the file tells the laws apart by nothing else.
-    transmit.__qualname__ = f"{transmit.__qualname__}.{law.__module__}.{law.__qualname__}"
-    with _kept_on_disk(numba) as kept:
-        options = {**OPTIONS, **_linking(inner=False)}
-        callback = numba.cfunc(mathematics.TRANSMIT, cache=kept, **options)(transmit)
-    _CALLBACKS.append(callback)
-    return int(callback.address)
-
-
-_CALLBACKS: list[Any] = []  # which must outlive their addresses
-
-
-@cache
 def compiled_inside(function: Callable[..., Any]) -> Any:
     """Return a function compiled to be called from compiled code only."""
-    return _jit(_compiled_twin(function), keep=False)
+    numba, twin, options = _prepared(function, inner=True)
+    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(twin)
 
 
 def _numba() -> Any:
@@ -105,72 +87,38 @@ def _numba() -> Any:
         raise ValueError(f"compiled: {error}; install Numba: {install_line('fast')}") from None
 
 
-def _mathematics() -> Any:
-    return importlib.import_module(f"{__package__}.compiled_math")
-
-
-def _compiled_twin(function: Any, **names: Any) -> FunctionType:
+def _prepared(function: Any, inner: bool) -> tuple[Any, FunctionType, dict[str, Any]]:
+    """Return Numba, a copy of a function that calls compiled ones, and the options of ``njit``."""
     package, _, place = function.__module__.partition(".")
     if package == files.PACKAGE and place.partition(".")[0] not in SOURCES:
         raise ValueError(
             f"compiled: {function.__module__}.{function.__qualname__}: a change there would not be "
             f"noticed; move the function to one of {', '.join(SOURCES)}"
         )
-    _numba()
-    return _twin(function, _mathematics().REPLACED, compiled_inside, names)
-
-
-def _twin(
-    function: Any,
-    replaced: Mapping[Any, Any],
-    copied: Callable[..., Any],
-    names: Mapping[str, Any],
-) -> FunctionType:
-    """Copy a function whose globals are replaced, or, if of this package, copied; or given."""
+    numba = _numba()
+    replaced = importlib.import_module(f"{__package__}.compiled_math").REPLACED
+    linking = importlib.import_module(f"{__package__}.linked_functions").options(inner)
 
     def instead(value: Any) -> Any:
         if callable(value) and not isinstance(value, type) and value in replaced:
             return replaced[value]
-        if isinstance(value, FunctionType) and value.__module__.startswith(files.PACKAGE):
-            return copied(value)
-        return value
+        ours = isinstance(value, FunctionType) and value.__module__.startswith(files.PACKAGE)
+        return compiled_inside(value) if ours else value
 
-    mine = dict(function.__globals__)
-    for name in _names(function.__code__):
-        if name in mine:
-            mine[name] = instead(mine[name])
-    mine.update(names)
+    code, mine = function.__code__, dict(function.__globals__)
+    mine |= {name: instead(mine[name]) for name in _names(code) & mine.keys()}
     cells = tuple(CellType(instead(cell.cell_contents)) for cell in function.__closure__ or ())
-    code = function.__code__
     twin = FunctionType(code, mine, function.__name__, function.__defaults__, cells)
     twin.__qualname__, twin.__module__ = function.__qualname__, function.__module__
-    twin.__dict__.update(function.__dict__)
-    return twin
+    options = OPTIONS | linking | ({"forceinline": True} if hasattr(function, "inline") else {})
+    if hasattr(function, "reorder"):
+        options["fastmath"] = {"contract", "reassoc"}
+    return numba, twin, options
 
 
 def _names(code: CodeType) -> set[str]:
     inner = (const for const in code.co_consts if isinstance(const, CodeType))
     return set(code.co_names).union(*(_names(const) for const in inner))
-
-
-def _jit(function: FunctionType, keep: bool) -> Any:
-    numba = _numba()
-    options = dict(OPTIONS)
-    if hasattr(function, "inline"):
-        options["forceinline"] = True
-    if hasattr(function, "reorder"):
-        options["fastmath"] = {"contract", "reassoc"}
-    if not keep:
-        # Nobody calls it from Python.
-        options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_linking(inner=True))
-        return numba.njit(**options)(function)
-    with _kept_on_disk(numba) as kept:
-        return numba.njit(cache=kept, **options, **_linking(inner=False))(function)
-
-
-@cache
-def _linking(inner: bool) -> dict[str, Any]:
-    return dict(importlib.import_module(f"{__package__}.linked_functions").options(inner))
 
 
 @contextlib.contextmanager

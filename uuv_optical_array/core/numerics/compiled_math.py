@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, njit, types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
@@ -20,42 +20,21 @@ from uuv_optical_array.core.numerics import elementwise
 
 # sin(x) / x and cos(x) by powers of x^2 up to pi / 2, highest first: minimax, right to 3e-19.
 SINE = (
-    2.7215660921125597e-15,
-    -7.643025738964345e-13,
-    1.6058940847832492e-10,
-    -2.505210688997513e-08,
-    2.7557319211223257e-06,
-    -0.00019841269841208638,
-    0.008333333333333186,
-    -0.16666666666666666,
-    1.0,
+    *(2.7215660921125597e-15, -7.643025738964345e-13, 1.6058940847832492e-10),
+    *(-2.505210688997513e-08, 2.7557319211223257e-06, -0.00019841269841208638),
+    *(0.008333333333333186, -0.16666666666666666, 1.0),
 )
 COSINE = (
-    -1.51197786600161e-16,
-    4.776871733415368e-14,
-    -1.1470670142864075e-11,
-    2.087675566605353e-09,
-    -2.755731920964734e-07,
-    2.4801587301492586e-05,
-    -0.001388888888888853,
-    0.04166666666666666,
-    -0.5,
-    1.0,
+    *(-1.51197786600161e-16, 4.776871733415368e-14, -1.1470670142864075e-11),
+    *(2.087675566605353e-09, -2.755731920964734e-07, 2.4801587301492586e-05),
+    *(-0.001388888888888853, 0.04166666666666666, -0.5, 1.0),
 )
 # exp by powers up to log(2) / 2, highest first: minimax, right to 3e-18.
 EXPONENTIAL = (
-    2.5110037605963777e-08,
-    2.763263963904103e-07,
-    2.755724091857897e-06,
-    2.4801485482328494e-05,
-    0.00019841269890047113,
-    0.0013888888952314775,
-    0.008333333333319601,
-    0.0416666666664881,
-    0.1666666666666668,
-    0.5000000000000019,
-    1.0,
-    1.0,
+    *(2.5110037605963777e-08, 2.763263963904103e-07, 2.755724091857897e-06),
+    *(2.4801485482328494e-05, 0.00019841269890047113, 0.0013888888952314775),
+    *(0.008333333333319601, 0.0416666666664881, 0.1666666666666668),
+    *(0.5000000000000019, 1.0, 1.0),
 )
 # log((1 + s) / (1 - s)) / s by powers of s^2, highest first: Taylor's, right to 1e-18 of a log.
 LOGARITHM = tuple(2 / (2 * k + 1) for k in range(11, -1, -1))
@@ -169,12 +148,6 @@ def choose(condition, one, other):
 def same(value):
     """As `elementwise.total` and `elementwise.any_of`, of one number or condition."""
     return value
-
-
-@inlined
-def logical_not(condition):
-    """As `elementwise.logical_not`."""
-    return not condition
 
 
 @inlined
@@ -306,78 +279,12 @@ def _zeros(_typing, rows, columns, component):
 
 zeros: Any = intrinsic(_zeros)
 
-FLOATS = types.CPointer(types.float64)
-# Rays, three settings, beam, row of the setting's slope, readings, whether to differentiate.
-TRANSMIT = types.void(
-    FLOATS,
-    types.float64,
-    types.float64,
-    types.float64,
-    FLOATS,
-    types.int64,
-    types.int64,
-    types.int64,
-)
-
-
-def transmit_by(rays, a, b, c, beam, row, count, differentiate):
-    """As `elementwise.transmit`, by the law that is given to this name when it is compiled."""
-    ray = carray(rays, (3, count))
-    light = carray(beam, (4, count))
-    slopes = carray(beam, (row + 1, count))
-    for j in range(count):
-        factor, by_range, by_half_square, by_cosine, by_setting = law(  # noqa: F821
-            ray[0, j], ray[1, j], ray[2, j], a, b, c
-        )
-        light[0, j] *= factor
-        if differentiate:
-            light[1, j] += by_range
-            light[2, j] += by_half_square
-            light[3, j] += by_cosine
-            slopes[row, j] = by_setting
-
-
-def _start_of(_typing, array):
-    def generate(context, builder, signature, arguments):
-        make = cgutils.create_struct_proxy(signature.args[0])
-        return make(context, builder, arguments[0]).data
-
-    return FLOATS(array), generate
-
-
-start_of: Any = intrinsic(_start_of)
-
-
-def _call(_typing, address, rays, a, b, c, beam, row, count, differentiate):
-    def generate(context, builder, signature, arguments):
-        double, whole = ir.DoubleType(), ir.IntType(64)
-        pointer = double.as_pointer()
-        parts = [pointer, double, double, double, pointer, whole, whole, whole]
-        kind = ir.FunctionType(ir.VoidType(), parts)
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, *TRANSMIT.args), generate
-
-
-call: Any = intrinsic(_call)
-
-
-@njit(error_model="numpy")
-def transmit(address, rays, a, b, c, beam, row, differentiate):
-    """As `elementwise.transmit`, the law by its address."""
-    count = rays.shape[1]
-    flag = 1 if differentiate else 0
-    call(address, start_of(rays), a, b, c, start_of(beam), row, count, flag)
-
-
 REPLACED: dict[Any, Any] = {
     elementwise.indices: range,
     elementwise.indices_where: indices_where,
     elementwise.choose: choose,
     elementwise.choose_tuple: choose,
     elementwise.any_of: same,
-    elementwise.logical_not: logical_not,
     elementwise.total: same,
     elementwise.at_place: at_place,
     elementwise.workspace: workspace,
@@ -386,7 +293,6 @@ REPLACED: dict[Any, Any] = {
     elementwise.sandwich: sandwich,
     elementwise.beside: beside,
     elementwise.unowned: unowned,
-    elementwise.transmit: transmit,
     np.maximum: larger,
     np.minimum: smaller,
     np.exp: exponential,

@@ -48,11 +48,6 @@ def any_of(condition: Any) -> bool:
     return bool(np.any(condition))
 
 
-def logical_not(condition: Any) -> Any:
-    """Turn a condition round."""
-    return np.logical_not(condition)
-
-
 def total(values: Any) -> Any:
     """Sum what one turn of an `indices` loop holds: an array's last axis, or a number itself."""
     return np.add.reduce(values, axis=-1)
@@ -101,25 +96,3 @@ def unowned(values: Arrays) -> Arrays:
 def at_place(rows: Any, place: Any, index: Any) -> Any:
     """Return, for each column of an `indices` index, the row of its own place."""
     return np.take_along_axis(rows, np.asarray(place, dtype=np.intp)[None], axis=0)[0]
-
-
-def transmit(
-    law: Any, rays: Any, a: Any, b: Any, c: Any, beam: Any, row: int, differentiate: bool
-) -> None:
-    """Change the light by a law of transmission.
-
-    - law: ``law(range_m, half_square, cosine, a, b, c)``, which returns the factor of the light,
-      the slopes of its logarithm by the three and that by `a`; its address, in compiled code.
-    - rays: rows of range, m, half the squared off-axis angle, rad^2, and cosine of incidence.
-    - a, b, c: settings of the law.
-    - beam: rows of light, of the three slopes of its logarithm, and of slopes by settings.
-    - row: that of the slope by `a`.
-    - differentiate: whether the slopes are wanted.
-    """
-    factor, by_range, by_half_square, by_cosine, by_setting = law(*rays[:3], a, b, c)
-    beam[0] *= factor
-    if differentiate:
-        beam[1] += by_range
-        beam[2] += by_half_square
-        beam[3] += by_cosine
-        beam[row] = by_setting

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_tuple, logical_not
+from uuv_optical_array.core.numerics.elementwise import any_of, choose, choose_tuple
 
 DAMPING = 1e-3  # at the start
 FREE = 1e-1  # a step damped more is short wherever it is taken, so it proves nothing
@@ -22,15 +22,12 @@ def minimiser(
 
     - evaluate: ``evaluate(problem, at)``: a named tuple of the cost, first, and whatever `propose`
       needs to know of the place; of many problems, each part has their axis last.
-    - propose: ``propose(problem, state, damping)``: the place to try next, as `evaluate` takes it,
-      and the decrement of the cost that the model of second order promises there; nan where there
-      is no step. The more damping, > 0, the shorter the step; of many problems, those that have
-      ended get 0 and need none.
-    - arrived: decrement below which a step is the last, > 0.
-    - most: steps at most.
-    - returned callable: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best
-      place, the start itself where its cost is not finite. A place whose cost is not finite is
-      never taken.
+    - propose: ``propose(problem, state, damping)``: the place to try next, and the decrement of the
+      cost that the model of second order promises there; nan where there is no step. The more
+      damping, the shorter the step; of many problems, those that have ended get 0 and need none.
+    - arrived, most: decrement below which a step is the last, > 0, and number of steps at most.
+    - returned: ``minimise(problem, start, steps=most)``: what `evaluate` found at the best place,
+      the start itself where its cost is not finite. Such a place is never taken.
     """
 
     def minimise(problem: Any, start: Any, steps: int = most) -> Any:
@@ -48,7 +45,7 @@ def minimiser(
             # that sits there gains nothing either way.
             short = better & (new[0] > state[0] - arrived)
             state = choose_tuple(better, new, state)
-            go_on = active & logical_not(last | short | (damping > GIVE_UP))
+            go_on = choose(last | short | (damping > GIVE_UP), False, active)
             damping = choose(go_on, damping * choose(better, 0.1, 10.0), 0.0)
         return state
 

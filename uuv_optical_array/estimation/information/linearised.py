@@ -47,12 +47,10 @@ class LinearisedReadings(NamedTuple):
     variances: Array
 
     def pose_slopes(self, precision: Array, gain_std: float) -> Array:
-        """Return how the pose that fits best follows the last constants, which the fit is given.
+        """Return how the pose that fits best follows the constants that are given, ``(5, q - k)``.
 
-        - precision: inverse covariance of the prior of the pose and of the k constants that are
-          fitted with it, shape ``(5 + k, 5 + k)``, positive definite.
-        - gain_std: relative gain error of a detector.
-        - returned: shape ``(5, q - k)``.
+        These are the last; `precision` is the inverse covariance of the prior of the pose and of
+        the k constants that are fitted with it, and `gain_std` the detectors' relative error.
         """
         fitted, given = np.split(self.slopes, [len(precision)], axis=1)
         weighted = fitted.T / (self.variances + np.square(gain_std * self.light))
@@ -78,7 +76,7 @@ class Lineariser:
     ) -> None:
         self._size = 5 + len(constants)
         self._roll = 5 + constants.index(ROLL) if ROLL in constants else None
-        self._optics = model.optics(constants, compiled)
+        self._optics = model.optics(constants)
         self._noise = model.noise._replace(square=0.0)
         self._write: Callable[..., None] = write_linear
         if compiled:
@@ -89,12 +87,9 @@ class Lineariser:
 
     @np.errstate(under="ignore")  # of light too dim for a float64
     def __call__(self, readings: ArrayLike, at: ArrayLike, roll: float = 0.0) -> LinearisedReadings:
-        """Linearise the likelihood of an image.
+        """Linearise the likelihood of an image at pose and offsets of the constants, ``(5 + q,)``.
 
-        - readings: the image, counts, of n readings in any shape.
-        - at: pose, m and rad, then offsets of the constants, shape ``(5 + q,)``; that of the roll
-          is at this pose.
-        - roll: roll of the follower, rad.
+        The offset of the roll is at this pose.
         """
         readings = np.array(readings, dtype=float).reshape(-1)
         place = np.array(at, dtype=float)
@@ -128,7 +123,7 @@ def write_linear(
 ) -> None:
     """Write light and likelihood at a place."""
     nuisances = at[5:]
-    lamp, slopes = lamp_in_body(at[0], at[1], at[2], at[3], at[4], roll), zeros(6, 5, at[0])
+    lamp, slopes = lamp_in_body(at, roll), zeros(6, 5, at[0])
     write_lamp_slopes(at, roll, lamp, slopes)
     write_light(optics, lamp, slopes, (at[PITCH], at[YAW], roll), nuisances, image)
     detect(optics, nuisances, image)

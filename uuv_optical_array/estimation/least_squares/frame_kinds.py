@@ -68,14 +68,12 @@ class FrameKind(NamedTuple):
 def frame_kinds(
     model: ForwardModel,
     prior: PosePrior,
-    compiled: bool,
     others: Sequence[tuple[FrameLight, Mapping[str, float]]] = (),
 ) -> list[FrameKind]:
     """Return the kinds of frame that the prior of a model's scene names, clear frames first.
 
     - model: the scene's forward model.
     - prior: of the pose, and of the scene's unknown constants.
-    - compiled: whether they are for compiled code.
     - others: rare kinds beside them, by their light and standard deviations that are larger.
     """
     known, constants = model.scene.prior, model.scene.constants_std()
@@ -85,7 +83,7 @@ def frame_kinds(
         stds = {**model.scene.nuisance_std(), **known.std_in(light), **wider}
         names = list(stds)
         given = [name for name in constants if name not in stds]
-        problem = problem_of(model, replace(prior, nuisance_std=stds), compiled, given)
+        problem = problem_of(model, replace(prior, nuisance_std=stds), given)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth

@@ -144,7 +144,7 @@ class ImageFit:
         - ValueError: where it is to be compiled and Numba is not installed, or not for this NumPy.
         """
         model, constants = self._model, self._constants
-        kinds = frame_kinds(model, self._prior, compiled)
+        kinds = frame_kinds(model, self._prior)
         lineariser = Lineariser(model, constants.names, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
         if compiled:

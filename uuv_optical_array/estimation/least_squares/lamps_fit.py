@@ -110,7 +110,7 @@ class LampsFit(ImageFit):
         """Run as of `ImageFit`."""
         super().run(compiled)
         model, constants = self._model, self._constants.names
-        self._kinds = frame_kinds(model, self._prior, compiled, rare_kinds(model.scene))
+        self._kinds = frame_kinds(model, self._prior, rare_kinds(model.scene))
         more = (name for kind in self._kinds for name in kind.names if name not in constants)
         self._names = (*constants, *dict.fromkeys(more))
         self._linearise_all = Lineariser(model, self._names, compiled)

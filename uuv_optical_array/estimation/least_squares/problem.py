@@ -108,19 +108,16 @@ class State(NamedTuple):
     parts: Array
 
 
-def problem_of(
-    model: ForwardModel, prior: PosePrior, compiled: bool, given: Sequence[str] = ()
-) -> Problem:
+def problem_of(model: ForwardModel, prior: PosePrior, given: Sequence[str] = ()) -> Problem:
     """Return the problem of a model's images, without readings.
 
     - model: the scene's forward model.
     - prior: what is known before the image: wide for the pose, as given for the nuisances.
-    - compiled: whether it is for compiled code.
     - given: backgrounds to be given levels, as `ForwardModel.optics` has them.
     """
     nuisance_std = np.array(list(prior.nuisance_std.values()), dtype=float)
     return Problem(
-        model.optics(tuple(prior.nuisance_std), compiled, given),
+        model.optics(tuple(prior.nuisance_std), given),
         model.noise,
         frame_of(model),
         np.array(prior.pose_mean, dtype=float),

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from numpy import arctan2, cos, exp, hypot, log, maximum, minimum, sin, sqrt
 
-from uuv_optical_array.core.geometry import PITCH, YAW, lamp_in_body, pitched, rotation
+from uuv_optical_array.core.geometry import PITCH, YAW, dot, lamp_in_body, pitched, rotation
 from uuv_optical_array.core.numerics.elementwise import choose, law, stack
 from uuv_optical_array.forward.lamps import SIGMA
 from uuv_optical_array.forward.light import off_axis
@@ -35,13 +35,10 @@ LEAST_FACING = 1e-3  # cosine of incidence of a lamp almost beside a planar arra
 
 
 class CoordinateFrame(NamedTuple):
-    """What the coordinates of an array under a lamp depend on.
+    """What the coordinates depend on: the array's centre in ``base_link``, m, beam and water.
 
-    - centre_x, centre_y, centre_z: the array's centre in ``base_link``, m.
-    - beam_sigma_rad: standard deviation of the beam, rad, > 0.
-    - k_per_m: attenuation, 1/m, >= 0.
-    - share: the ``s / (s + 3)`` of a planar array; 0 for any other.
-    - scattered_per_m: how much of the attenuation is by scattering, 1/m.
+    The `share` is the ``s / (s + 3)`` of a planar array, and 0 for any other; `scattered_per_m` is
+    how much of the attenuation K is by scattering.
     """
 
     centre_x: float
@@ -115,25 +112,17 @@ def beam_loss(frame: CoordinateFrame, sight: Any, source: Any) -> tuple[Any, Any
 
     Of unit vectors from the array to the lamp and against the beam, by components.
     """
-    cosine = sight[0] * source[0] + sight[1] * source[1] + sight[2] * source[2]
+    cosine = dot(sight, source)
     off_x, off_y = sight[0] - cosine * source[0], sight[1] - cosine * source[1]
-    off_z = sight[2] - cosine * source[2]
-    half_square, turn = off_axis(cosine, off_x * off_x + off_y * off_y + off_z * off_z, 1.0)
+    off = off_x, off_y, sight[2] - cosine * source[2]
+    half_square, turn = off_axis(cosine, dot(off, off), 1.0)
     scale = 0.5 / (frame.beam_sigma_rad * frame.beam_sigma_rad)
     return scale * half_square, scale * turn
 
 
 def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
-    """Return the coordinates of a pose.
-
-    - frame: as `frame_of` returns it.
-    - pose: x, y, z, pitch and yaw, m and rad, shape ``(5, ...)``.
-    - roll: roll of the follower, rad.
-    - returned: shape ``(5, ...)``.
-    """
-    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp_in_body(
-        pose[0], pose[1], pose[2], pose[3], pose[4], roll
-    )
+    """Return the coordinates, shape ``(5, ...)``, of a pose with a roll, rad."""
+    lamp_x, lamp_y, lamp_z, axis_x, axis_y, axis_z = lamp_in_body(pose, roll)
     x, y, z = lamp_x - frame.centre_x, lamp_y - frame.centre_y, lamp_z - frame.centre_z
     range_m = maximum(sqrt(x * x + y * y + z * z), 1e-9)
     sight = (x / range_m, y / range_m, z / range_m)
@@ -150,14 +139,10 @@ def from_pose(frame: CoordinateFrame, pose: Any, roll: Any) -> Any:
 
 
 def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
-    """Return lamp and pose at coordinates.
+    """Return lamp and pose at coordinates, six and five components.
 
-    - frame, roll: as in `from_pose`.
-    - at: coordinates, shape ``(5, ...)`` or more.
-    - returned lamp: position, m, and axis of the beam in ``base_link``: six components.
-    - returned pose: x, y, z, pitch and yaw, m and rad: five components.
-    - returned log_volume: logarithm of the volume of poses in m and rad that a unit volume of the
-      coordinates holds.
+    The third is the logarithm of the volume of poses in m and rad that a unit volume of the
+    coordinates holds.
     """
     ahead, aside, above = rotation(at[PITCH], at[YAW], roll)
     azimuth, elevation = sight_angles(frame, at, ahead)
@@ -171,13 +156,8 @@ def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
     x = range_m * sight[0] + frame.centre_x
     y = range_m * sight[1] + frame.centre_y
     z = range_m * sight[2] + frame.centre_z
-    pose = (
-        -(ahead[0] * x + ahead[1] * y + ahead[2] * z),
-        -(aside[0] * x + aside[1] * y + aside[2] * z),
-        -(above[0] * x + above[1] * y + above[2] * z),
-        at[PITCH],
-        at[YAW],
-    )
+    to = x, y, z
+    pose = -dot(ahead, to), -dot(aside, to), -dot(above, to), at[PITCH], at[YAW]
     level = maximum(abs(cos_e), 1e-9)
     log_volume = log(range_m * range_m * level / (1 / range_m + 0.5 * frame.k_per_m))
     return (x, y, z, -ahead[0], -ahead[1], -ahead[2]), pose, log_volume
@@ -186,12 +166,9 @@ def to_lamp(frame: CoordinateFrame, at: Any, roll: Any) -> tuple[Any, Any, Any]:
 def write_slopes(
     frame: CoordinateFrame, at: Any, roll: Any, lamp: Any, slopes: Any, pose_slopes: Any
 ) -> None:
-    """Differentiate `to_lamp` by the coordinates.
+    """Write the slopes by the coordinates of what `to_lamp` returned: of the lamp and of the pose.
 
-    - frame, at, roll: as in `to_lamp`.
-    - lamp: what that returned.
-    - slopes: result for lamp and axis, given as zeros, shape ``(6, 5, ...)``.
-    - pose_slopes: result for the pose, likewise, shape ``(5, 5, ...)``.
+    Both are given as zeros, shapes ``(6, 5, ...)`` and ``(5, 5, ...)``.
     """
     rows = rotation(at[PITCH], at[YAW], roll)
     ahead, aside, _ = rows
@@ -238,10 +215,10 @@ def write_slopes(
         for q in range(5):
             moved = row[0] * slopes[0, q] + row[1] * slopes[1, q] + row[2] * slopes[2, q]
             if q == PITCH:
-                moved = moved - (row[0] * seen[0] + row[1] * seen[1] + row[2] * seen[2])
+                moved = moved - dot(row, seen)
             pose_slopes[i, q] = -moved
-    pose_slopes[0, YAW] += aside[0] * lamp[0] + aside[1] * lamp[1] + aside[2] * lamp[2]
-    pose_slopes[1, YAW] -= ahead[0] * lamp[0] + ahead[1] * lamp[1] + ahead[2] * lamp[2]
+    pose_slopes[0, YAW] += dot(aside, lamp)
+    pose_slopes[1, YAW] -= dot(ahead, lamp)
     pose_slopes[PITCH, PITCH] += 1.0
     pose_slopes[YAW, YAW] += 1.0
 

@@ -48,39 +48,27 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Background:
-    """Light beside that of the lamp: counts ``level`` times a pattern, shape ``(n,)``.
+class Step:
+    """What happens to the light on the array, by values of its detectors, shape ``(n,)``.
 
-    The nuisance is as in `Transmission`, of the level.
+    The nuisance is as in `Transmission`.
     """
 
-    pattern: Array
-    level: float
+    values: Array
+    scale: float = 0.0
     nuisance: str = ""
 
 
-@dataclass(frozen=True)
-class Gain:
-    """Factor of each detector, >= 0, shape ``(n,)``.
-
-    `slope` is the relative change of all gains by the nuisance, whose value in the scene is 0.
-    """
-
-    gains: Array
-    slope: float = 0.0
-    nuisance: str = ""
+class Background(Step):
+    """Light beside that of the lamp: the values times the scale, counts, which is the nuisance."""
 
 
-@dataclass(frozen=True)
-class Shade:
-    """Uneven attenuation over the array, by a depth that is unknown.
+class Gain(Step):
+    """Factors, >= 0; the scale is their relative change by the nuisance, 0 in the scene."""
 
-    The pattern, shape ``(n,)``, is the logarithm of the factor for a depth of 1. The nuisance is
-    the depth, whose value in the scene is 0.
-    """
 
-    pattern: Array
-    nuisance: str
+class Shade(Step):
+    """Uneven attenuation: the logarithm of the factor for a nuisance of 1; it is 0 in the scene."""
 
 
 @dataclass(frozen=True)
@@ -128,15 +116,5 @@ class Converter:
 
 
 Form: TypeAlias = (
-    Transmission
-    | Scattering
-    | Moving
-    | Background
-    | Gain
-    | Shade
-    | Blur
-    | Noise
-    | Saturation
-    | Demodulation
-    | Converter
+    Transmission | Scattering | Moving | Step | Blur | Noise | Saturation | Demodulation | Converter
 )

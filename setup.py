@@ -67,7 +67,7 @@ setup(
             "ros-visualization-msgs",
             "transforms3d",
         ],
-        # A compiled kernel for light at very many poses.
+        # The compiled fit.
         "fast": ["numba"],
         # Large signature tables on disk, written by threads or a cluster.
         "cluster": CLUSTER,

@@ -61,7 +61,7 @@ def check_shell(block):
 
 
 def check_yaml(block, folder):
-    """Check a scene, parameters of our nodes, or that others take a topic that is there."""
+    """Check a scene, or parameters of our nodes."""
     values = yaml.safe_load(block)
     if "lamp" in values or "extends" in values:
         (folder / "sea.yaml").write_text(block, encoding="utf-8")
@@ -72,8 +72,6 @@ def check_yaml(block, folder):
         for key, value in group.get("ros__parameters", {}).items():
             if node in PARAMETERS:
                 PARAMETERS[node][key].check(key, value)
-            elif re.fullmatch(r"(pose|odom)\d", key):
-                assert value in {topic.name for topic in TOPICS if topic.published}, value
 
 
 def coarse(scene):

@@ -9,8 +9,6 @@ from pages import PACKAGE, PAGES, ROOT, without_blocks
 from uuv_optical_array.commands import build_parser
 
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-# Options of other programs that a page names by themselves.
-FOREIGN = {"--memory-limit"}
 
 
 def code(page):
@@ -69,7 +67,7 @@ def test_every_command_and_each_of_its_options_is_there(page):
             used = set(re.findall(r"(?<=[ \[])--?[a-z][a-z-]*", rest))
             assert used <= known[command], piece
         if piece.startswith("--"):
-            assert piece.split()[0] in every | FOREIGN, piece
+            assert piece.split()[0] in every, piece
 
 
 @each_page
@@ -78,3 +76,9 @@ def test_every_target_of_make_is_there(page):
     targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
     for piece in code(page):
         assert set(re.findall(r"^make ([a-z]+)", piece)) <= targets, piece
+
+
+@each_page
+def test_no_line_break_in_code_makes_a_list(page):
+    spans = re.findall(r"`[^`]+`", without_blocks(page.read_text(encoding="utf-8")))
+    assert [span for span in spans if re.search(r"\n *([-+*]|\d+[.)]) ", span)] == []

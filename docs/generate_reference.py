@@ -47,7 +47,7 @@ SOURCE = re.compile(r"[A-Z]\w+(?: and [A-Z]\w+| et al\.)? (?:\d{4}|\(\d{4}\))(?:
 # The same in parentheses, with whatever else stands there.
 CITATION = re.compile(r" \([^()]*\d{4}[^()]*\)")
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
-# The page below docs/ that shows a command at work.
+# The page below docs/ that shows a command at work, unless it is that of a study's name.
 READ_MORE = {
     "follow": "tutorials/first_follow.md",
     "view": "how_to/view.md",
@@ -60,14 +60,7 @@ READ_MORE = {
     "estimate": "how_to/replay.md",
     "advise": "results/tradeoff.md",
     "table": "how_to/tables.md",
-    "study accuracy": "results/accuracy.md",
-    "study robustness": "results/robustness.md",
-    "study drives": "results/drives.md",
-    "study transport": "results/transport.md",
-    "study tradeoff": "results/tradeoff.md",
-    "study design": "results/design_study.md",
-    "study paper": "results/paper.md",
-    "study approach": "results/approach.md",
+    "design": "results/design_study.md",
 }
 
 
@@ -152,11 +145,8 @@ def parameter_list(declarations: Mapping[str, Any]) -> str:
     """Return node parameters with their defaults, values and meanings."""
     lines = []
     for key, parameter in declarations.items():
-        if parameter.choices:
-            values = choice(parameter.choices)
-        elif isinstance(parameter.default, bool | str):
-            values = ""
-        else:
+        values = choice(parameter.choices)
+        if not isinstance(parameter.default, bool | str):
             values = bounds(parameter.quantity)
         star = "\\*" if parameter.read_only else ""
         default = json.dumps(parameter.default)
@@ -310,8 +300,8 @@ def reason_lists(kinds: Mapping[str, reasons.Reason]) -> list[str]:
     return parts
 
 
-def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
-    """Return the meaning of each argument of a command, by its flags and the name of its value."""
+def options_of(parser: argparse.ArgumentParser) -> dict[str, tuple[str, str]]:
+    """Return meaning and default, if any, of each argument of a command, by flags and value."""
     options = {}
     for action in parser._actions:
         if isinstance(action, argparse._HelpAction):
@@ -325,22 +315,19 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
             words = metavar if isinstance(metavar, str) else " ".join(metavar)
         names = ", ".join(action.option_strings) or action.dest
         text = (action.help or "") % {**vars(action), "prog": parser.prog}
-        options[f"{names} {words}".strip()] = text.replace("<", "&lt;")
+        meaning, default = text.replace("(default: ", "("), ""
+        if meaning != text and meaning.endswith(")"):  # the default stands last
+            meaning, _, default = meaning[:-1].rpartition(" (")
+        options[f"{names} {words}".strip()] = meaning.replace("<", "&lt;"), default
     return options
 
 
-def option_list(options: Mapping[str, str]) -> str:
-    """Return options with their meanings."""
+def option_list(options: Mapping[str, tuple[str, str]]) -> str:
+    """Return options with their meanings and defaults."""
     return "\n".join(
-        f"- `{name}`: {text.replace('(default: ', '(')}" for name, text in options.items()
+        f"- `{name}`: {meaning}" + f" ({default})" * bool(default)
+        for name, (meaning, default) in options.items()
     )
-
-
-def without_default(text: str) -> tuple[str, str]:
-    """Return the help of an option without its default, and the default or nothing."""
-    found = re.fullmatch(r"(.*?)(?: \(default: (.*)\))?", text)
-    assert found is not None
-    return found[1], found[2] or ""
 
 
 def command_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -358,14 +345,11 @@ def commands() -> list[str]:
     parsers = list(command_parsers(build_parser()))
     help_of: dict[str, Counter[str]] = {}
     for parser in parsers:
-        for name, text in options_of(parser).items():
-            help_of.setdefault(name, Counter())[without_default(text)[0]] += 1
-    # The options that most often mean the same.
-    common = {}
-    for name, texts in help_of.items():
-        text, count = texts.most_common(1)[0]
-        if count > 2:
-            common[name] = text
+        for name, (meaning, _) in options_of(parser).items():
+            help_of.setdefault(name, Counter())[meaning] += 1
+    # The meanings that most often stand with an option.
+    often = {name: meanings.most_common(1)[0] for name, meanings in help_of.items()}
+    common = {name: meaning for name, (meaning, count) in often.items() if count > 2}
     parts = [
         "# Commands",
         "In a ROS workspace run `ros2 run uuv_optical_array uuv_array COMMAND`, otherwise "
@@ -373,19 +357,17 @@ def commands() -> list[str]:
         "Defaults are in brackets. The exit code is 1 if the result is negative, such as a lost "
         "leader, 2 for a bad value, and 130 after Ctrl-C; a study then reports what it has.",
         "## Common options",
-        option_list(common),
+        option_list({name: (meaning, "") for name, meaning in common.items()}),
     ]
     for parser in parsers:
         own, shared = {}, []
-        for name, text in options_of(parser).items():
-            meaning, default = without_default(text)
+        for name, (meaning, default) in options_of(parser).items():
             if common.get(name) == meaning:
-                shared.append(
-                    f"`{name.split(',')[0].split()[0]}`" + f" ({default})" * bool(default)
-                )
+                shared.append(f"`{name.split()[0]}`" + f" ({default})" * bool(default))
             else:
-                own[name] = text
-        page = READ_MORE[parser.prog.removeprefix("uuv_array ")]
+                own[name] = meaning, default
+        name = parser.prog.split()[-1]
+        page = READ_MORE.get(name, f"results/{name}.md")
         module = inspect.getmodule(parser.get_default("run"))
         described = first_sentence(inspect.getdoc(module)).partition(": ")[2]
         described = described[0].upper() + described[1:]

@@ -7,6 +7,7 @@ import pytest
 from bags import image_message, odometry_message, write_bag
 from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, largest_pull, named, pulls, sea
 from command_line import run
+from scenes import changed
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -39,14 +40,9 @@ MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0])  # other axes: y and z, pitch
 
 def scene_of(lamp=(), prior="calibrated", **effects):
     """Return `reference` with nine detectors and a background, to be fast, and other values."""
-    plain = load_scene("reference").settings()
-    plain["array"]["detectors_per_side"] = 3
-    plain["lamp"] |= dict(lamp)
-    plain["prior"] = {"known": prior}
     effects = {"ambient": {"level_counts": 10.0}, **effects}
-    for name, values in effects.items():
-        plain["effects"][name] = {**plain["effects"].get(name, {}), **values}
-    return scene_from_settings(plain, "sea")
+    groups = {"array": {"detectors_per_side": 3}, "lamp": dict(lamp), "prior": {"known": prior}}
+    return changed("reference", **groups, effects=effects)
 
 
 def drive(rng, count):
@@ -195,9 +191,7 @@ def test_a_poor_drive_names_what_it_does_not_tell_and_the_errors_hold_it(
 def test_what_is_not_known_was_held_and_what_is_known_was_fitted(seed):
     """In the light of a dim lamp, at one range, some are determined at one place of a fit alone."""
     rng = np.random.default_rng(seed)
-    settings = load_scene("follow").settings()
-    settings["lamp"]["reference_counts"] = 60.0
-    start = scene_from_settings(settings, "dim")
+    start = changed("follow", lamp={"reference_counts": 60.0})
     scene, aims = rig_like(start, rng)
     poses = rng.uniform([-6, -0.8, -0.8, -0.1, -0.1], [-6, 0.8, 0.8, 0.1, 0.1], (60, 5))
     poses[:, 0] = -np.sqrt(36 - (poses[:, 1:3] ** 2).sum(axis=1))
@@ -250,8 +244,7 @@ def test_the_scene_carries_the_standard_errors_as_its_prior():
     prior, parameters = found.scene.prior, named(found)
     assert prior.known == "calibrated"
     for key, name in (("lamp_power_std", "lamp.power"), ("radius_std", "array.radius_m")):
-        parameter = parameters[name]
-        relative = parameter.std / parameter.value
+        relative = parameters[name].std / parameters[name].value
         assert getattr(prior, key) == pytest.approx(relative, rel=5e-3)
     for key, name in (
         ("beam_sigma_std_deg", "lamp.beam_sigma_deg"),
@@ -287,11 +280,8 @@ def test_what_is_not_known_is_not_exact(known, kept):
 
 @pytest.mark.parametrize("housed", [{}, {"field_of_view": {"half_angle_deg": 60.0}}])
 def test_a_prior_is_about_what_the_scene_has_and_keeps_what_was_not_fitted(housed):
-    values = load_scene("reference").settings()
-    del values["effects"]["attenuation"]
-    values["effects"] |= housed
-    values["prior"] = {"known": "calibrated"}
-    start, rng = scene_from_settings(values, "clear"), np.random.default_rng(1)
+    effects, rng = {"attenuation": None, **housed}, np.random.default_rng(1)
+    start = changed("reference", effects=effects, prior={"known": "calibrated"})
     poses = drive(rng, 100)
     # Farther off it is brighter, if by little: no attenuation at all fits best.
     brighter = np.exp(0.002 * np.linalg.norm(poses[:, :3], axis=1))[:, None, None]

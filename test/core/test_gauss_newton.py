@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.gauss_newton import DAMPING, FREE, GIVE_UP, minimiser
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
     pytest.mark.usefixtures("strict_arithmetic"),
 ]
-numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 
 
 class State(NamedTuple):

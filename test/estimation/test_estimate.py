@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import coarse_settings
+from scenes import changed, coarse
 
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -13,16 +13,9 @@ from uuv_optical_array.estimation.signature.features import key_parameters, lift
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.estimation.signature_table import SignatureTable, build_table
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
-
-
-def grid_scene(number=5, **spans):
-    """Return the reference scene with `number` poses along each axis of its grid."""
-    values = coarse_settings(load_scene("reference"), number)
-    values["table"].update(spans)
-    return scene_from_settings(values, "grid")
 
 
 FLAT = {"z_m": [0.0, 0.0, 1], "pitch_deg": [0.0, 0.0, 1]}
@@ -30,12 +23,12 @@ FLAT = {"z_m": [0.0, 0.0, 1], "pitch_deg": [0.0, 0.0, 1]}
 
 @pytest.fixture(scope="module")
 def small():
-    return Estimator(build_table(grid_scene()), "sam")
+    return Estimator(build_table(coarse("reference")), "sam")
 
 
 @pytest.fixture(scope="module")
 def flat():
-    return Estimator(build_table(grid_scene(9, **FLAT)), "sam")
+    return Estimator(build_table(changed(coarse("reference", 9), table=FLAT)), "sam")
 
 
 def signatures(scene, images):
@@ -56,14 +49,18 @@ def test_the_image_of_a_grid_pose_gives_that_pose_exactly(small):
             np.testing.assert_allclose(twin, table.parameters[row], atol=1e-9)
 
 
-def test_a_scene_alone_is_answered_from_its_table(small, tmp_path, monkeypatch):
+def test_a_scene_alone_is_answered_from_its_table_and_whole_numbers_as_floats(
+    small, tmp_path, monkeypatch
+):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     scene = small.table.scene
     image = ForwardModel(scene).expose(small.table.poses[17], np.random.default_rng(4))
-    answer = Estimator(scene, "sam", compiled=False).estimate(image)
-    same = Estimator(small.table, "sam", compiled=False).estimate(image, signatures(scene, image))
-    np.testing.assert_array_equal(answer.pose, same.pose)
-    np.testing.assert_array_equal(answer.covariance, same.covariance)
+    for method in METHODS:
+        answer = Estimator(scene, method, compiled=False).estimate(image.astype(int))
+        known = Estimator(small.table, method, compiled=False)
+        same = known.estimate(image, signatures(scene, image))
+        np.testing.assert_array_equal(answer.pose, same.pose)
+        np.testing.assert_array_equal(answer.covariance, same.covariance)
 
 
 @pytest.mark.parametrize(
@@ -98,9 +95,7 @@ def test_what_is_given_in_place_of_another_is_named_with_the_cure(scene, call, w
 
 @pytest.mark.parametrize("lift", [0.0, 1.0])
 def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(small, lift):
-    values = small.table.scene.settings()
-    values["signature"]["lift"] = lift
-    scene = scene_from_settings(values, "lift")
+    scene = changed(small.scene, signature={"lift": lift})
     estimator = Estimator(SignatureTable(scene, small.table.poses, small.table.parameters), "sam")
     vectors = lifted(small.table.parameters, scene.signature, 5)
     rng = np.random.default_rng(29)
@@ -241,7 +236,7 @@ def test_a_peak_of_noisy_images_is_matched_within_the_reference_accuracy():
 
 
 def test_a_scene_whose_working_volume_is_dark_is_refused_by_the_fit_too():
-    ahead_of_the_lamp = grid_scene(3, x_m=[1.0, 5.0, 3])
+    ahead_of_the_lamp = changed(coarse("reference", 3), table={"x_m": [1.0, 5.0, 3]})
     with pytest.raises(ValueError, match="no pose of the table has 1 count of light; move"):
         Estimator(ahead_of_the_lamp, "least_squares", compiled=False)
 

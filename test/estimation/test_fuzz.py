@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from scenes import coarse_settings
+from scenes import coarse
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -18,17 +17,9 @@ pytestmark = [
 SIDE, FULL = 5, 1023.0
 
 
-def small_scene(**arrays):
-    values = coarse_settings(load_scene("reference"))
-    values["array"].update(arrays)
-    if values["array"]["shape"] == "planar":
-        del values["array"]["radius_m"]
-    return scene_from_settings(values, "fuzz")
-
-
 @pytest.fixture(scope="module", params=["curved", "planar"])
 def table(request):
-    return build_table(small_scene(shape=request.param))
+    return build_table(coarse("reference").with_shape(request.param))
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from scenes import changed
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
@@ -17,17 +18,14 @@ from uuv_optical_array.estimation.least_squares.problem import (
     start_at,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 
 @pytest.fixture(scope="module")
 def estimator(compiled_fit):
-    values = load_scene("follow").settings()
-    del values["effects"]["sea"]
     water = {"attenuation": {"k_per_m": 0.1}, "forward_scatter": {"window_m": 0.3}}
-    values["effects"] |= water
-    values["prior"] = {"known": "calibrated"}
-    return Estimator(scene_from_settings(values, "near")).wait()
+    scene = changed("follow", effects={"sea": None, **water}, prior={"known": "calibrated"})
+    return Estimator(scene).wait()
 
 
 def distance(estimator, image, truth):

@@ -12,7 +12,6 @@ from uuv_optical_array.commands.render import COLUMNS, draw_scene, sheet_poses
 from uuv_optical_array.forward.lamps import together
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.forward.working_volume import RANGES_M
 
 run = functools.partial(command_line.run, "render")
 
@@ -27,20 +26,6 @@ def test_the_sheet_shows_each_motion_alone_at_each_range():
         assert np.count_nonzero(sheet[:, column, 1:]) == 5
         scale = 180 / np.pi if "deg" in title else 1
         np.testing.assert_allclose(sheet[:, column, 1 + dof] * scale, value)
-
-
-def test_images_are_bright_where_the_convention_says():
-    # Port and bow to port move the spot to starboard, bow down moves it up (docs/design.md).
-    model = ForwardModel(load_scene("ideal"))
-    images = model.expose(sheet_poses(), np.random.default_rng(0))
-    assert images.shape == (len(RANGES_M), len(COLUMNS), 5, 5)
-    columns, rows = images.sum(axis=-2), images.sum(axis=-1)
-    for column in (1, 2, 3, 4):
-        assert (columns[:, column, 4] > columns[:, column, 0]).all()
-    for column in (5, 6):
-        assert (rows[:, column, 0] > rows[:, column, 4]).all()
-    np.testing.assert_allclose(images[:, 0], images[:, 0, ::-1, ::-1], rtol=1e-12)
-    assert (np.diff(images[:, 0].max(axis=(-1, -2))) < 0).all(), "farther is darker"
 
 
 def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path):

@@ -6,14 +6,12 @@ import typing
 from effect_settings import declared, ways
 from hypothesis import assume
 from hypothesis import strategies as st
+from scenes import SHAPES, make_scene
 
 from uuv_optical_array.core.settings import Cells, Grid
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 WAYS = {name: ways(name) for name in EFFECTS}
-SHAPES = ("planar", "curved")
-REFERENCE = load_scene("reference")
 
 places = st.tuples(st.floats(-9, -2), st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
 angles = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
@@ -58,14 +56,9 @@ def settings_of(draw, name, side):
     return values
 
 
-def scene_with(effects, shape="curved", side=5, **lamp):
+def scene_with(effects, shape="curved", side=5):
     """Return the reference scene with these effects and no others."""
-    settings = REFERENCE.settings()
-    settings["array"].update(shape=shape, detectors_per_side=side)
-    if shape == "planar":
-        del settings["array"]["radius_m"]
-    settings["lamp"].update(lamp)
-    return scene_from_settings({**settings, "effects": effects}, "test")
+    return make_scene(shape, side, effects)
 
 
 @st.composite

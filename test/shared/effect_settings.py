@@ -4,18 +4,18 @@ import inspect
 import itertools
 import math
 import typing
-from typing import Any, Literal
+from typing import Literal
 
 from uuv_optical_array.core import settings
-from uuv_optical_array.core.settings import Cells, Grid, Setting
+from uuv_optical_array.core.settings import Cells, Grid
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
 
 
-def declared(name: str) -> dict[str, Setting]:
+def declared(name):
     return settings.declared(EFFECTS[name].function)
 
 
-def ways(name: str) -> list[tuple[str, ...]]:
+def ways(name):
     """Return the required settings of each way to give an effect, the shortest first."""
     keyed = declared(name)
     required = [key for key in keyed if keyed[key].default is inspect.Parameter.empty]
@@ -32,7 +32,7 @@ def ways(name: str) -> list[tuple[str, ...]]:
     return result
 
 
-def middle(setting: Setting) -> Any:
+def middle(setting):
     """Return a value from the middle of a setting's bounds, its first choice, or one place."""
     if typing.get_origin(setting.kind) is Literal:
         return typing.get_args(setting.kind)[0]
@@ -46,7 +46,7 @@ def middle(setting: Setting) -> Any:
     return int(value) if setting.kind is int else value
 
 
-def middle_settings(name: str) -> dict[str, Any]:
+def middle_settings(name):
     """Return settings of an effect in the middle of their bounds, the shortest way."""
     keyed = declared(name)
     return {key: middle(keyed[key]) for key in ways(name)[0]}

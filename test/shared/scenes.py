@@ -20,6 +20,28 @@ def make_scene(shape="curved", side=5, effects=WATER, prior=None, **lamp):
     return scene_from_settings({**scene, "effects": effects, "prior": prior}, "test")
 
 
+def merged(settings, changes):
+    if not isinstance(changes, dict):
+        return changes
+    values = {key: merged(settings.get(key) or {}, value) for key, value in changes.items()}
+    return {key: value for key, value in {**settings, **values}.items() if value is not None}
+
+
+def changed(scene, **changes):
+    """Return a scene with other settings: groups are merged, and None takes away.
+
+    A prior is replaced, as its settings hold all that `known` stands for.
+    """
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    plain = scene.settings() | ({"prior": {}} if "prior" in changes else {})
+    return scene_from_settings(merged(plain, changes), "changed")
+
+
+def coarse(scene, number=5):
+    """Return a scene with `number` poses along each axis of its table."""
+    return scene_from_settings(coarse_settings(load_scene(scene), number), "coarse")
+
+
 def coarse_settings(scene, number=5):
     """Return the settings of a scene with `number` poses along each axis of its table."""
     settings = scene.settings()

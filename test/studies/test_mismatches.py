@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import second_forward as second
+from scenes import changed as changed_scene
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -269,13 +270,11 @@ def test_a_sphere_that_is_hardly_wide_enough_can_be_no_smaller(name, radius_m, h
 
 
 def test_a_narrow_beam_does_not_light_what_is_far_aside():
-    settings = settings_of()
-    settings["lamp"]["beam_sigma_deg"] = 3.0
-    narrow = scene_from_settings(settings, "narrow")
+    narrow = changed_scene("reference", lamp={"beam_sigma_deg": 3.0})
     names = {kind.name for kind in kinds_named(None, narrow)}
     assert "near_2m" in names
     assert "aside_1.5m" not in names
-    with pytest.raises(ValueError, match=r"aside_1\.5m needs light .* scene narrow has not"):
+    with pytest.raises(ValueError, match=r"aside_1\.5m needs light .* scene changed has not"):
         kinds_named("aside_1.5m", narrow)
 
 

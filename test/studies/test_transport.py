@@ -6,10 +6,11 @@ import json
 import command_line
 import numpy as np
 import pytest
+from scenes import changed
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.forward.working_volume import uniform_poses
 from uuv_optical_array.studies.photon_transport import PhotonSea, shipped_pencil
 from uuv_optical_array.studies.transport import (
@@ -82,9 +83,7 @@ class Blind:
 
 
 def test_images_without_light_do_not_count():
-    settings = load_scene(DEFAULT).settings()
-    settings["lamp"]["reference_counts"] = 40.0
-    scene = scene_from_settings(settings, "dim")
+    scene = changed(DEFAULT, lamp={"reference_counts": 40.0})
     estimator, truth = Blind(scene), PhotonSea(scene, shipped_pencil("coastal"))
     poses = poses_between((4.0, 8.0), 40, np.random.default_rng(1))
     assert (truth.light(poses).max(axis=(1, 2)) < 15).any()

@@ -7,7 +7,7 @@ import pytest
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
-from uuv_optical_array.estimation.least_squares.faults import most_faulty, trim
+from uuv_optical_array.estimation.least_squares.faults import most_faulty
 from uuv_optical_array.estimation.least_squares.frame_kinds import frame_kinds
 from uuv_optical_array.estimation.least_squares.problem import MOST_STEPS, refine, start_at
 from uuv_optical_array.forward.model import ForwardModel
@@ -107,14 +107,6 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
         costs[pair] = refine(trial, start_at(trial, pose), MOST_STEPS).cost
     best = min(costs, key=costs.__getitem__)
     assert estimator.estimate(image).left_out == tuple(divmod(place, 5) for place in best)
-
-
-def test_the_largest_squares_have_no_weight():
-    rng = np.random.default_rng(2)
-    squares, weights = rng.random(25), np.ones(25)
-    assert trim(squares, 3, weights)
-    assert set(np.flatnonzero(weights == 0)) == set(np.argsort(squares)[-3:])
-    assert not trim(squares, 3, weights)
 
 
 def test_the_brightest_readings_do_not_make_the_others_dim(estimator):

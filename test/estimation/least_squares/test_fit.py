@@ -5,6 +5,7 @@ import pytest
 from differences import assert_close, differentiate
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
+from scenes import make_scene
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import chi2
@@ -26,7 +27,6 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -69,13 +69,7 @@ EFFECTS = {
 
 
 def model_of(effects="electronics", counts=900.0, shape="curved"):
-    values = load_scene("reference").settings()
-    values["lamp"]["reference_counts"] = counts
-    values["array"]["shape"] = shape
-    if shape == "planar":
-        del values["array"]["radius_m"]
-    values["effects"] = EFFECTS[effects]
-    return ForwardModel(scene_from_settings(values, "fit"))
+    return ForwardModel(make_scene(shape, effects=EFFECTS[effects], reference_counts=counts))
 
 
 class Fit:

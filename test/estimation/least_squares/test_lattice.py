@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
+from scenes import changed
 from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
@@ -29,7 +30,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 )
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = pytest.mark.filterwarnings("error")
 PRIOR = PosePrior(
@@ -79,16 +80,10 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     np.testing.assert_array_equal(lattice.ats[0][[PITCH, YAW]], start[[PITCH, YAW]])
 
 
-def model_with(group, **changes):
-    values = load_scene("reference").settings()
-    values[group].update(changes)
-    return ForwardModel(scene_from_settings(values, "changed"))
-
-
 MODELS = {
     "reference": ForwardModel(load_scene("reference")),
-    "weakly curved": model_with("array", radius_m=1.0),
-    "bright": model_with("lamp", reference_counts=2e4),
+    "weakly curved": ForwardModel(changed("reference", array={"radius_m": 1.0})),
+    "bright": ForwardModel(changed("reference", lamp={"reference_counts": 2e4})),
 }
 POSES = st.tuples(st.floats(-7.5, -4), *[st.floats(-0.4, 0.4)] * 2, *[st.floats(-0.3, 0.3)] * 2)
 

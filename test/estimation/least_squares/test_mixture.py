@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import coarse_settings
+from scenes import coarse
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
@@ -12,7 +12,6 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import is_doubtful, 
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 
 def result(pose, std, outcome=FITTED):
@@ -47,8 +46,7 @@ def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
 
 @pytest.fixture(scope="module")
 def table():
-    values = coarse_settings(load_scene("reference"))
-    return build_table(scene_from_settings(values, "sea"))
+    return build_table(coarse("reference"))
 
 
 def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import coarse_settings
+from scenes import changed, coarse
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
@@ -19,7 +19,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature_table import build_table, grid_axes
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -51,13 +51,8 @@ def chains(log_density, starts, steps, seed):
     return np.concatenate(kept)
 
 
-def scene(changes=(), effects=(), array=()):
-    values = coarse_settings(load_scene("reference"), 7)
-    values["table"].update(changes)
-    values["effects"].update(effects)
-    values["array"].update(array)
-    values["array"] = {key: value for key, value in values["array"].items() if value is not None}
-    return scene_from_settings(values, "posterior")
+def scene(table=(), array=()):
+    return changed(coarse("reference", 7), table=dict(table), array=dict(array))
 
 
 def chain_moments(estimator, readings, roll, steps):
@@ -144,10 +139,8 @@ def test_the_frame_near_grazing_is_one():
 
 def test_what_no_image_tells_keeps_the_priors_deviation_and_is_named():
     """A beam so wide that it has no shape says nothing of where the array floats in it."""
-    values = scene().settings()
-    values["lamp"]["beam_sigma_deg"] = 90.0
-    values["table"].update(y_m=[-0.2, 0.2, 7], z_m=[-0.2, 0.2, 7])
-    sea = scene_from_settings(values, "flood light")
+    narrow = {"y_m": [-0.2, 0.2, 7], "z_m": [-0.2, 0.2, 7]}
+    sea = changed(scene(narrow), lamp={"beam_sigma_deg": 90.0})
     estimator = Estimator(build_table(sea)).wait()
     pose = np.array([-6.0, 0.1, 0.1, 0.05, 0.05])
     image = ForwardModel(sea).expose(pose, np.random.default_rng(21))

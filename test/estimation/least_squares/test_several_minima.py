@@ -2,24 +2,24 @@
 
 import numpy as np
 import pytest
-from scenes import coarse_settings
+from scenes import changed, coarse
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
 
 
 @pytest.fixture(scope="module")
 def table():
     """Return that of a weakly curved array in a narrow beam: its posteriors are bent valleys."""
-    values = coarse_settings(load_scene("reference"), 7)
-    values["array"].update(detectors_per_side=7, radius_m=0.6)
-    values["lamp"].update(beam_sigma_deg=5.0, reference_counts=3600.0)
-    values["effects"]["saturation"]["level_counts"] = 4095.0
-    values["effects"]["adc"]["bits"] = 12
-    return build_table(scene_from_settings(values, "weakly curved"))
+    scene = changed(
+        coarse("reference", 7),
+        array={"detectors_per_side": 7, "radius_m": 0.6},
+        lamp={"beam_sigma_deg": 5.0, "reference_counts": 3600.0},
+        effects={"saturation": {"level_counts": 4095.0}, "adc": {"bits": 12}},
+    )
+    return build_table(scene)
 
 
 def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many(table):

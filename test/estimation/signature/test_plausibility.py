@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scenes import changed
 from scipy.stats import skew
 
 from uuv_optical_array.core.errors import NoPose
@@ -21,18 +22,13 @@ from uuv_optical_array.estimation.signature.plausibility import (
 )
 from uuv_optical_array.estimation.signature_table import SignatureTable
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 FULL = 1023.0
 
 
 def scene_of(side=5, **effects):
-    values = load_scene("reference").settings()
-    values["array"]["detectors_per_side"] = side
-    values["effects"].update(effects)
-    for name in [name for name, value in effects.items() if value is None]:
-        del values["effects"][name]
-    return scene_from_settings(values, "plausible")
+    return changed("reference", array={"detectors_per_side": side}, effects=effects)
 
 
 SCENES = {side: scene_of(side) for side in (2, 3, 4, 5, 8)}

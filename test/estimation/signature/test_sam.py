@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import changed
 
 from uuv_optical_array.estimation.signature import spectral_angle as sam
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
@@ -16,7 +17,7 @@ from uuv_optical_array.estimation.signature.spectral_angle import (
     unit_vectors,
 )
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 pytestmark = [
     pytest.mark.filterwarnings("error"),
@@ -235,10 +236,8 @@ def test_single_precision_rows_are_matched_in_double_precision():
 
 def test_plain_sam_cannot_tell_4_m_from_8_m_when_aligned_and_the_lift_can():
     lifted_scene = load_scene("reference")
-    values = lifted_scene.settings()
     ones = dict.fromkeys(("peak_weight", "position_weight", "skewness_weight"), 1.0)
-    values["signature"] = {**ones, "lift": 0.0}
-    plain_scene = scene_from_settings(values, "plain")
+    plain_scene = changed(lifted_scene, signature={**ones, "lift": 0.0})
     images = ForwardModel(plain_scene).expected([[-4.0, 0, 0, 0, 0], [-8.0, 0, 0, 0, 0]])
     near, far = key_parameters(images, plain_scene.full_scale_counts, "subdetector")
     assert near[0] > 5 * far[0]

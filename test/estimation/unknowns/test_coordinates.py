@@ -112,16 +112,6 @@ def test_the_coordinates_are_where_the_lamp_stands_and_how_dim_it_is(frame, pose
     np.testing.assert_allclose(coordinates, expected, rtol=1e-9, atol=1e-9)
 
 
-@given(frame=frames, pose=poses, roll=rolls)
-@reproducible
-def test_the_volume_of_the_coordinates_is_the_determinant_of_their_derivative(frame, pose, roll):
-    assume(facing(frame, pose, roll) > 0.05)
-    coordinates = from_pose(frame, np.array(pose), roll)
-    derivative = differentiate(lambda at: lamp_and_pose(frame, at, roll)[1], coordinates)
-    _, _, log_volume = to_lamp(frame, coordinates, roll)
-    assert log_volume == pytest.approx(np.linalg.slogdet(derivative)[1], abs=1e-4)
-
-
 @pytest.mark.parametrize("turn", [(0.1, -0.05), (-0.08, 0.12)])
 def test_the_lookalikes_of_a_planar_array_look_alike(turn):
     """Turned as far in pitch and yaw without them, the image is a quite different one."""

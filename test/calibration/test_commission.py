@@ -22,10 +22,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.shared.messages import (
-    features_from_message,
-    image_to_message,
-)
+from uuv_optical_array.nodes.shared.messages import features_from_message, image_to_message
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
 WIRED = [int(place) for place in np.random.default_rng(9).permutation(25)]

@@ -14,13 +14,7 @@ from uuv_optical_array.calibration.fit import (
 )
 from uuv_optical_array.calibration.identifiability import undetermined
 from uuv_optical_array.calibration.likelihood import CalibrationLikelihood, Unknowns
-from uuv_optical_array.calibration.parameters import (
-    BACKGROUND,
-    POWER,
-    SIGMA,
-    K,
-    Layout,
-)
+from uuv_optical_array.calibration.parameters import BACKGROUND, POWER, SIGMA, K, Layout
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 

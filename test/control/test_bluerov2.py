@@ -120,9 +120,7 @@ def test_idle_in_still_water_it_stays_and_rolled_it_rights_itself():
     )
 )
 @settings(max_examples=15)
-def test_any_commands_in_a_rough_sea_leave_it_finite_and_slow(
-    commands,
-):
+def test_any_commands_in_a_rough_sea_leave_it_finite_and_slow(commands):
     waves = WaveSettings(wave_height_m=3.0, wave_period_s=6.0, depth_m=2.0)
     vehicle = BlueRov2(np.zeros(3), sea=Sea((0.5, 0.5, -0.2), waves))
     for *command, dt in commands:

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from followers import TrackedLaw, relative
 
-from uuv_optical_array.control.fleet import (
-    CHAINED_ERROR_M,
-    MIN_SEPARATION_M,
-    STATION_ERROR_M,
-    vee,
-)
+from uuv_optical_array.control.fleet import CHAINED_ERROR_M, MIN_SEPARATION_M, STATION_ERROR_M, vee
 from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.vehicles import Vehicle, leader_twist, start_behind
 

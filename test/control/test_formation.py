@@ -180,9 +180,7 @@ angle = st.floats(-1.5, 1.5)
         max_size=40,
     )
 )
-def test_speed_and_acceleration_stay_within_their_limits(
-    frames,
-):
+def test_speed_and_acceleration_stay_within_their_limits(frames):
     # A minimum distance is kept however hard that brakes.
     settings = FormationSettings((-6.0, 0.0, 0.0), 0.0, gate_probability=1.0)
     controller, now, before = FormationController(settings), 0.0, np.zeros(6)
@@ -200,9 +198,7 @@ def test_speed_and_acceleration_stay_within_their_limits(
 
 
 @pytest.mark.parametrize("station_m", [(-6.0, 0.0, 0.0), (-3.0, 1.5, -0.7)])
-def test_each_command_is_that_of_the_law_written_a_second_time(
-    station_m,
-):
+def test_each_command_is_that_of_the_law_written_a_second_time(station_m):
     # No two alike that could stand for each other.
     s = FormationSettings(
         station_m=station_m,
@@ -270,10 +266,7 @@ def test_a_new_station_keeps_what_is_known_of_the_leader():
 
 
 def test_a_pose_of_the_near_future_is_taken_for_the_present():
-    ahead, present = (
-        FormationController(SETTINGS),
-        FormationController(SETTINGS),
-    )
+    ahead, present = FormationController(SETTINGS), FormationController(SETTINGS)
     ahead.update(0.3, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED, STILL)
     present.update(0.0, off_station([-1.0, 0.2, 0, 0, 0]), PUBLISHED, STILL)
     for now in (0.0, 0.05):

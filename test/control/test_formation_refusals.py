@@ -34,9 +34,7 @@ number = st.one_of(
 )
 @settings(max_examples=60)
 @pytest.mark.filterwarnings("error")
-def test_no_numbers_whatever_make_a_command_that_is_none(
-    frames,
-):
+def test_no_numbers_whatever_make_a_command_that_is_none(frames):
     controller, now = FormationController(SETTINGS), 0.0
     controller.update(now, STATION, PUBLISHED, STILL)
     for step, pose, scale, rate in frames:
@@ -56,9 +54,7 @@ def test_no_numbers_whatever_make_a_command_that_is_none(
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e7])
-def test_what_is_not_finite_or_too_large_is_refused_by_name(
-    value,
-):
+def test_what_is_not_finite_or_too_large_is_refused_by_name(value):
     (controller, now), (without, _) = under_way(), under_way()
     for entry, name in enumerate(("stamp", "x", "y", "z", "pitch", "yaw")):
         row = np.array([now + 0.1, *STATION])

@@ -27,14 +27,7 @@ def at_rest(*, roll=0.0, pitch=0.0, yaw=0.0, velocity=None):
     return np.concatenate([np.zeros(3), attitude, np.zeros(6) if velocity is None else velocity])
 
 
-def run(
-    body,
-    state,
-    seconds,
-    thrust=None,
-    water=still,
-    step_s=0.02,
-):
+def run(body, state, seconds, thrust=None, water=still, step_s=0.02):
     """Return the states on the way, a row a step."""
     states = [state]
     for step in range(round(seconds / step_s)):
@@ -145,11 +138,7 @@ def test_general_motion_in_waves_agrees_with_matrices_angles_and_another_integra
         force = thrust - coriolis(rigid, velocity) @ velocity - coriolis(added, through) @ through
         force = force - damping @ through - g + added @ flow_change + pressure
         p, q, r = velocity[3:]
-        spin = [
-            p + (q * sr + r * cr) * sp / cp,
-            q * cr - r * sr,
-            (q * sr + r * cr) / cp,
-        ]
+        spin = [p + (q * sr + r * cr) * sp / cp, q * cr - r * sr, (q * sr + r * cr) / cp]
         turned = np.linalg.solve(rigid + added, force)
         return np.concatenate([to_world @ velocity[:3], spin, turned])
 

@@ -29,9 +29,7 @@ def stops(now):
 
 
 @pytest.mark.parametrize("twist", [stops, leader_twist, steady([0, 0, 0], [0, 0, 0])])
-def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(
-    twist,
-):
+def test_a_range_biased_by_what_it_says_does_not_bring_the_follower_too_near(twist):
     s = FormationSettings(station_m=(-3.2, 0.0, 0.0), min_distance_m=2.5)
     # The station as it is measured lies within the minimum.
     errors, _ = follow(40, biased(1.0), twist, settings=s)
@@ -58,9 +56,7 @@ def along(x):
 
 
 @pytest.mark.parametrize("lit_s", [4.0, 7.0, 10.0, 13.0])
-def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(
-    lit_s,
-):
+def test_light_that_goes_out_on_the_way_to_a_leader_at_rest_leaves_the_distance(lit_s):
     s = FormationSettings(station_m=(-3.5, 0.0, 0.0), min_distance_m=3.0, stop_time_s=6.0)
     controller = FormationController(s)
     x, speed = -12.0, 0.0
@@ -94,9 +90,7 @@ def test_a_vehicle_that_brakes_no_harder_than_it_may_stops_in_time():
 
 
 @pytest.mark.parametrize("leader_comes", [0.0, 0.1, 0.3])
-def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(
-    leader_comes,
-):
+def test_the_speed_of_a_leader_that_comes_nearer_is_part_of_the_approach(leader_comes):
     # At 4 m, 2 m outside of the minimum, where light that is lost leaves 1 s + 3 s / 2 of way.
     settings = FormationSettings(station_m=(-0.5, 0.0, 0.0), min_distance_m=2.0)
     controller, own = FormationController(settings), 0.0

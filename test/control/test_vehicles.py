@@ -135,9 +135,7 @@ def test_leader_path_is_smooth_bounded_and_periodic():
 
 
 @pytest.mark.parametrize("offset", [(-0.5, -0.2, 0.0), (0.0, 0.3, -0.1)])
-def test_follower_starts_behind_the_leader_parallel_and_at_rest(
-    offset,
-):
+def test_follower_starts_behind_the_leader_parallel_and_at_rest(offset):
     leader = Vehicle([3.0, -2.0, -5.0], pitch=0.1, yaw=2.0)
     follower = start_behind(leader, (-6.0, 1.0, 0.5), offset)
     pose, roll = relative_pose(

@@ -11,11 +11,7 @@ import pytest
 from scipy.special import erfcx, log_ndtr
 
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.numerics.elementwise import (
-    unowned,
-    workspace,
-    zeros,
-)
+from uuv_optical_array.core.numerics.elementwise import unowned, workspace, zeros
 
 numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)

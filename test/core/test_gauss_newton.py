@@ -8,10 +8,7 @@ from scipy.optimize import least_squares
 
 from uuv_optical_array.core.numerics.gauss_newton import DAMPING, FREE, GIVE_UP, minimiser
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_arithmetic"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 
 
 class State(NamedTuple):

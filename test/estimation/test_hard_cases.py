@@ -13,18 +13,11 @@ from uuv_optical_array.core.geometry import DOF_NAMES, rotation_matrix
 from uuv_optical_array.estimation.estimator import METHODS, Estimate, Estimator, NoPose
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
-from uuv_optical_array.estimation.signature_table import (
-    SignatureTable,
-    build_table,
-    grid_axes,
-)
+from uuv_optical_array.estimation.signature_table import SignatureTable, build_table, grid_axes
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_arithmetic"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 
 NUMBERS = (3, 4, 5, 21)  # the least, an even one, the usual, many
 ARRAYS = [(shape, number) for shape in ("curved", "planar") for number in NUMBERS]

@@ -22,6 +22,8 @@ DIODE = {
     "temperature_c": 10.0,
     "amps_per_count": 1e-12,
 }
+JERLOV = {"water": "coastal_1c", "wavelength_nm": 532}
+CLEAR = {"water": "eren2016_clear", "wavelength_nm": 450}
 
 
 def model_with(chosen=None, **effects):
@@ -135,62 +137,41 @@ def test_hardly_any_scattering_leaves_absorption_alone():
     np.testing.assert_allclose(clear.light(AHEAD), absorbing.light(AHEAD), rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("chosen", "words"),
-    [
-        ({"attenuatoin": {"k_per_m": 0.1}}, ["effects.attenuatoin", "did you mean attenuation?"]),
-        ({"fog": {}}, ["effects.fog: unknown key", "attenuation, sea, lamp_flicker, lamp_drift"]),
-        ({"adc": {"bit": 10}}, ["effects.adc.bit", "did you mean bits?"]),
-        ({"adc": None}, ["effects.adc: empty; give its settings, or {} for defaults"]),
-        ({"adc": {"bits": 10.0}}, ["effects.adc.bits: 10.0 is not a whole number", "1 to 16"]),
-        ({"forward_scatter": {"window_m": 0}}, ["window_m: 0 is out of bounds", "0.001 to 10 m"]),
-        (["adc"], ["effects: ['adc'] is not a mapping"]),
-        ({"responsivity": {"gains": [[1.0] * 3] * 3}}, ["3 x 3 gains, but the array has 5 x 5"]),
-        ({"responsivity": {"gains": [[1.0] * 5] * 4}}, ["no square grid"]),
-        (
-            {"responsivity": {"gains": [[1.0] * 4 + [-1.0]] * 5}},
-            ["gains[0][4]: -1.0 is out of bounds"],
-        ),
-        (
-            {"responsivity": {"gains": [[1.0] * 5] * 5, "seed": 1, "spread": 0.1}},
-            ["gains: given beside spread"],
-        ),
-        ({"responsivity": {"spread": 0.1}}, ["seed: missing; give spread and seed, or else gains"]),
-        ({"attenuation": {}}, ["attenuation.k_per_m: missing", "or else water and wavelength_nm"]),
-        (
-            {"attenuation": {"k_per_m": 0.1, "water": "coastal_1c", "wavelength_nm": 532}},
-            ["attenuation.water: given beside k_per_m"],
-        ),
-        (
-            {"attenuation": {"water": "coastal_2c", "wavelength_nm": 532}},
-            ["attenuation.water: 'coastal_2c' is unknown", "coastal_3c"],
-        ),
-        (
-            {"attenuation": {"water": "coastal_1c", "wavelength_nm": 390}},
-            ["wavelength_nm: 390 is out of bounds", "400 to 700 nm"],
-        ),
-        (
-            {"attenuation": {"water": "eren2016_clear", "wavelength_nm": 450}},
-            ["attenuation.wavelength_nm: 450, but eren2016_clear is known from 500 to 550 nm"],
-        ),
-        ({"ambient": {"level_counts": 5, "k_per_m": 0.1}}, ["ambient.k_per_m: belongs to surface"]),
-        ({"ambient": {"surface_counts": 1e9, "depth_m": 1, "k_per_m": 0}}, ["at most 1e6"]),
-        (
-            {"photodiode": {**DIODE, "part": "BPW21"}},
-            ["'BPW21' is unknown", "SM05PD1A or SM05PD2A or BPW34"],
-        ),
-        (
-            {"photodiode": {**DIODE, "watts_per_m2_per_count": 1.0}},
-            ["photodiode.watts_per_m2_per_count: given beside amps_per_count"],
-        ),
-        ({"detector_faults": {"dead": [[5, 0]]}}, ["no detector [5, 0]", "from 0 to 4"]),
-        ({"detector_faults": {"dead": [[1]]}}, ["dead[0]: [1] is no place", "[row, column]"]),
-    ],
-)
-def test_what_is_impossible_is_refused_in_one_line(chosen, words):
+# An effect, its settings, and what the line must say.
+IMPOSSIBLE = [
+    ("attenuatoin", {"k_per_m": 0.1}, "effects.attenuatoin", "did you mean attenuation?"),
+    ("fog", {}, "effects.fog: unknown key", "attenuation, sea, lamp_flicker, lamp_drift"),
+    ("adc", {"bit": 10}, "effects.adc.bit", "did you mean bits?"),
+    ("adc", None, "effects.adc: empty; give its settings, or {} for defaults"),
+    ("adc", {"bits": 10.0}, "effects.adc.bits: 10.0 is not a whole number", "1 to 16"),
+    ("forward_scatter", {"window_m": 0}, "window_m: 0 is out of bounds", "0.001 to 10 m"),
+    ("responsivity", {"gains": [[1.0] * 3] * 3}, "3 x 3 gains, but the array has 5 x 5"),
+    ("responsivity", {"gains": [[1.0] * 5] * 4}, "no square grid"),
+    ("responsivity", {"gains": [[1.0] * 4 + [-1.0]] * 5}, "gains[0][4]: -1.0 is out of bounds"),
+    ("responsivity", {"gains": [[1.0]], "seed": 1, "spread": 0.1}, "gains: given beside spread"),
+    ("responsivity", {"spread": 0.1}, "seed: missing; give spread and seed, or else gains"),
+    ("attenuation", {}, "attenuation.k_per_m: missing", "or else water and wavelength_nm"),
+    ("attenuation", {"k_per_m": 0.1, **JERLOV}, "attenuation.water: given beside k_per_m"),
+    ("attenuation", {**JERLOV, "water": "coastal_2c"}, "water: 'coastal_2c' is unknown", "3c"),
+    ("attenuation", {**JERLOV, "wavelength_nm": 390}, "wavelength_nm: 390 is out", "to 700 nm"),
+    ("attenuation", CLEAR, "wavelength_nm: 450, but eren2016_clear is known from 500 to 550"),
+    ("ambient", {"level_counts": 5, "k_per_m": 0.1}, "ambient.k_per_m: belongs to surface"),
+    ("ambient", {"surface_counts": 1e9, "depth_m": 1, "k_per_m": 0}, "at most 1e6"),
+    ("photodiode", {**DIODE, "part": "BPW21"}, "part: 'BPW21' is unknown", "SM05PD1A or"),
+    ("photodiode", {**DIODE, "watts_per_m2_per_count": 1.0}, "m2_per_count: given beside amps"),
+    ("detector_faults", {"dead": [[5, 0]]}, "no detector [5, 0]", "from 0 to 4"),
+    ("detector_faults", {"dead": [[1]]}, "dead[0]: [1] is no place", "[row, column]"),
+]
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE, ids=lambda case: f"{case[0]}: {case[2]}")
+def test_what_is_impossible_is_refused_in_one_line(case):
+    name, values, *words = case
     with pytest.raises(ValueError, match="effects") as caught:
-        model_with(chosen)
+        model_with({name: values})
     message = str(caught.value)
     assert "\n" not in message
     for word in words:
         assert word in message
+    with pytest.raises(ValueError, match=r"effects: \['adc'\] is not a mapping"):
+        model_with(["adc"])

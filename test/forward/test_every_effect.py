@@ -136,8 +136,7 @@ def dims_on_the_way(name):
 
 @pytest.mark.parametrize("name", filter(dims_on_the_way, EFFECTS))
 @given(
-    data=st.data(),
-    ray=st.tuples(st.floats(0.5, 20), st.floats(1e-4, 0.5), st.floats(0.1, 0.99)),
+    data=st.data(), ray=st.tuples(st.floats(0.5, 20), st.floats(1e-4, 0.5), st.floats(0.1, 0.99))
 )
 @reproducible
 def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ray):

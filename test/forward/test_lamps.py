@@ -23,9 +23,7 @@ MODEL = ForwardModel(SCENE)
 PEDESTAL = SCENE.effects["demodulation"]["pedestal_counts"]
 reproducible = settings(max_examples=15, deadline=None)
 poses = st.tuples(
-    st.floats(-8, -3),
-    *[st.floats(-0.9, 0.9)] * 2,
-    *[st.floats(-0.35, 0.35)] * 2,
+    st.floats(-8, -3), *[st.floats(-0.9, 0.9)] * 2, *[st.floats(-0.35, 0.35)] * 2
 ).map(np.array)
 rolls = st.floats(-0.5, 0.5)
 

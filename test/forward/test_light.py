@@ -12,14 +12,7 @@ from hypothesis import strategies as st
 
 from uuv_optical_array.core.geometry import lamp_in_body
 from uuv_optical_array.core.numerics.elementwise import workspace
-from uuv_optical_array.forward.light import (
-    HALF_SQUARE,
-    MIN_RANGE_M,
-    RANGE,
-    RAY_ROWS,
-    off_axis,
-    ray,
-)
+from uuv_optical_array.forward.light import HALF_SQUARE, MIN_RANGE_M, RANGE, RAY_ROWS, off_axis, ray
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.optics import trace
 from uuv_optical_array.forward.scene import scene_from_settings

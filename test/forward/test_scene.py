@@ -134,10 +134,7 @@ def test_a_scene_file_is_read_by_its_path_and_named_after_its_stem(tmp_path):
 
 
 def test_what_a_scene_leaves_out_takes_the_documented_default():
-    values = {
-        "lamp": FULL["lamp"],
-        "array": {"shape": "planar", "detectors_per_side": 21},
-    }
+    values = {"lamp": FULL["lamp"], "array": {"shape": "planar", "detectors_per_side": 21}}
     scene = valid(values)
     assert scene.table == load_scene("follow").table
     assert (scene.array.width_m, scene.array.bow_m) == (0.4, 0.4), "Eren et al. (2016)"

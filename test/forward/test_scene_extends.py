@@ -43,8 +43,7 @@ def test_the_same_settings_are_one_scene_however_they_are_written(write):
     write("base.yaml", FULL)
     changes = {"sensor_noise": None, "window": {}}
     file = write(
-        "sea.yaml",
-        {"extends": "base.yaml", "effects": changes, "table": {"x_m": [-9.0, -4.0, 6]}},
+        "sea.yaml", {"extends": "base.yaml", "effects": changes, "table": {"x_m": [-9.0, -4.0, 6]}}
     )
     assert load_scene(file).fingerprint == scene_from_settings(whole, "whole").fingerprint
 

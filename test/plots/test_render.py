@@ -41,6 +41,7 @@ def test_render_draws_the_picture_and_says_what_the_scene_holds(capsys, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["harbour.png"]
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
     model, peaks = ForwardModel(load_scene("night_plume")), []
     for time_s in (0.0, 30.0):
@@ -52,6 +53,7 @@ def test_the_sheet_of_a_plume_is_that_of_its_time(capsys, tmp_path):
     assert np.abs(peaks[1] - peaks[0]).max() > 50
 
 
+@pytest.mark.usefixtures("sketched")
 def test_images_of_several_lamps_are_drawn_below_one_another(capsys, tmp_path):
     run("--scene", "leading_lights", "--output", tmp_path / "lights.png")
     model, aligned = ForwardModel(load_scene("leading_lights")), [-4.0, 0, 0, 0, 0]

@@ -274,10 +274,7 @@ def demodulated(scene, light):
     """Variance of a reading by sums over 1,000 samples of a period, beside a plain mean's."""
     ways = {
         "square": (lambda t: 2.0 * (t < 0.5), lambda t: math.pi / 2 * math.sin(2 * math.pi * t)),
-        "sine": (
-            lambda t: 1 + math.sin(2 * math.pi * t),
-            lambda t: 2 * math.sin(2 * math.pi * t),
-        ),
+        "sine": (lambda t: 1 + math.sin(2 * math.pi * t), lambda t: 2 * math.sin(2 * math.pi * t)),
         "slots": (lambda t: 2.0 * (t < 0.5), lambda t: 1.0 if t < 0.5 else -1.0),
     }
     settings, effects = scene["effects"]["demodulation"], scene["effects"]

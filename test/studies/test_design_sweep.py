@@ -17,13 +17,7 @@ from uuv_optical_array.forward.lamps import lamps_in_numbers, ring_of_lamps
 from uuv_optical_array.forward.light import beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.design_sweep import (
-    Design,
-    Sweep,
-    designed,
-    sweep_of,
-    with_gain,
-)
+from uuv_optical_array.studies.design_sweep import Design, Sweep, designed, sweep_of, with_gain
 
 POWERS = ("flux", "flux_in_range", "counts")
 

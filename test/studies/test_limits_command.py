@@ -126,10 +126,7 @@ def test_another_shape_keeps_the_rest_of_the_scene():
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (
-            ["--pose", -2000, 0, 0, 0, 0],
-            "--pose X: -2000.0 is out of bounds; it must be",
-        ),
+        (["--pose", -2000, 0, 0, 0, 0], "--pose X: -2000.0 is out of bounds; it must be"),
         (["--pose", -6, 0, 0, 95, 0], "--pose PITCH_DEG: 95.0 is out of bounds"),
         (["--pose", -6, "nan", 0, 0, 0], "--pose Y: nan is out of bounds"),
         (["--pose", -6], "--pose: expected 5 arguments"),

@@ -15,10 +15,7 @@ from uuv_optical_array.estimation.information.likelihood import (
 )
 from uuv_optical_array.forward.optics import MIN_VARIANCE, ReadingNoise
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_arithmetic"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_arithmetic")]
 
 ADC, FREE = (0.0, 1023.0), (-np.inf, np.inf)
 

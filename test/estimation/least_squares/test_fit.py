@@ -28,10 +28,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose, to_lamp
 from uuv_optical_array.forward.model import ForwardModel
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_but_for_zeros"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_but_for_zeros")]
 # A failing place tells as much as a simpler one, which takes minutes to find.
 reproducible = settings(max_examples=15, phases=(Phase.explicit, Phase.generate))
 

@@ -21,10 +21,7 @@ from uuv_optical_array.estimation.signature.features import (
 )
 from uuv_optical_array.forward.scene import SignatureSettings
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_but_for_zeros"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_but_for_zeros")]
 
 FULL_SCALE = 1023.0
 PEAKS = ("detector", "subdetector")

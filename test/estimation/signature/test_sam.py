@@ -19,10 +19,7 @@ from uuv_optical_array.estimation.signature.spectral_angle import (
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.usefixtures("strict_but_for_zeros"),
-]
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("strict_but_for_zeros")]
 
 
 def exact_angle(u, v):

@@ -355,9 +355,9 @@ class Lab:
         return self.call(SetParameters, service, parameters=[change]).results[0]
 
 
-@pytest.fixture
-def sketched(monkeypatch):
-    """Pictures are blank, where nobody looks at what they show: to render one takes seconds."""
+@contextlib.contextmanager
+def sketching():
+    """Let pictures be blank, where nobody looks at what they show: to render one takes seconds."""
     from matplotlib.figure import Figure
 
     render = Figure.savefig
@@ -365,7 +365,15 @@ def sketched(monkeypatch):
     def blank(figure, *words, **options):
         render(Figure(figure.get_size_inches()), *words, **options)
 
-    monkeypatch.setattr(Figure, "savefig", blank)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", blank)
+        yield
+
+
+@pytest.fixture
+def sketched():
+    with sketching():
+        yield
 
 
 @pytest.fixture

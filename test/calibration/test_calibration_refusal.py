@@ -91,7 +91,9 @@ def test_a_drive_that_stands_still_leaves_the_gains_as_they_were():
         assert np.isnan(found.gain_std).all()
         assert found.misfit < limit
         text = " ".join(found.notes)
+        # A corner of the array, by hand: 0.2 m aside and 0.2 m up, at 4.6 m less 0.15 m of bulge.
         assert "lamp.beam_sigma_deg is not known: record poses up to 16 deg" in text
+        assert "here the farthest lit detector was 3.6 deg" in text
         assert "the gains are not known" in text
     assert found.misfit > 1.2
     assert "detectors are off by the same in all images" in text

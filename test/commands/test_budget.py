@@ -125,6 +125,7 @@ def test_the_keys_that_are_printed_make_the_scene_that_is_told(tmp_path, capsys)
     assert_picture(picture)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_eyes_see_each_of_several_lamps_by_itself(capsys, tmp_path):
     told = {}
     for scene in ("follow", "leading_lights"):
@@ -135,6 +136,7 @@ def test_the_eyes_see_each_of_several_lamps_by_itself(capsys, tmp_path):
     assert told["leading_lights"].startswith("3 lamps: 0.5 W in a beam of 8 deg")
 
 
+@pytest.mark.usefixtures("sketched")
 def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):
     run("budget", "--reach", 4.5, "--output", tmp_path / "budget.png")
     watts = float(capsys.readouterr().out.split()[1])
@@ -146,6 +148,7 @@ def test_the_watts_for_a_reach_are_the_least(tmp_path, capsys):
     assert "no lamp reaches so far" in line
 
 
+@pytest.mark.usefixtures("sketched")
 def test_more_counts_than_a_scene_takes_are_refused(tmp_path):
     line = run("budget", "--feedback-ohm", 1e9, "--output", tmp_path / "budget.png", code=1)
     assert "would read 2e+07 counts" in line

@@ -16,15 +16,12 @@ from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
 from uuv_optical_array.forward.effects import EFFECTS, Effect
 from uuv_optical_array.forward.effects.forms import Noise
-from uuv_optical_array.forward.effects.water import hanning_blur
-from uuv_optical_array.forward.light import LampSettings
 from uuv_optical_array.forward.model import ForwardModel
 
 ARRAY = build_array(ArraySettings("planar", 5))
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
 
 NOISES = ("sensor_noise", "shot_noise", "photodiode")
-LAMP = LampSettings(8.0, 900.0, 4.0)
 
 
 def make_model(**chosen):
@@ -48,16 +45,6 @@ def test_the_window_of_the_paper_is_scipys_hann_of_11_samples_mirrored_at_the_bo
     found = images.reshape(3, side**2).copy()
     sandwich(effects.water.forward_scatter(array, window_m=0.2).matrix, found)
     np.testing.assert_allclose(found.reshape(images.shape), expected, rtol=1e-12)
-
-
-@given(side=st.integers(2, 40), spacing=st.floats(0.01, 1), window=st.floats(0.001, 10))
-def test_mirrored_borders_keep_all_light_on_the_array(side, spacing, window):
-    blur = hanning_blur(side, spacing, window)
-    assert (blur >= 0).all()
-    np.testing.assert_allclose(blur.sum(axis=0), 1, rtol=1e-12)
-    np.testing.assert_allclose(blur.sum(axis=1), 1, rtol=1e-12)
-    if window <= 2 * spacing:
-        np.testing.assert_array_equal(blur, np.eye(side))
 
 
 def test_sensor_noise_has_the_stated_mean_and_variance():

@@ -222,6 +222,7 @@ def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
         assert max(np.divide(rms, list(found["as it is"].values()))) <= 1
 
 
+@pytest.mark.usefixtures("sketched")
 def test_lamps_of_one_power_are_compared_in_three_seas(capsys, tmp_path):
     picture = tmp_path / "lamps.png"
     run("--scene", "leading_lights", "--lamps", picture, "--poses", 24, "--json")

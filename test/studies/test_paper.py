@@ -10,6 +10,7 @@ from pathlib import Path
 import command_line
 import numpy as np
 import pytest
+from conftest import sketching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.text import Text
@@ -232,7 +233,7 @@ def whole(tmp_path_factory):
     """The JSON of a whole run, as plain values."""
     picture = tmp_path_factory.mktemp("whole") / "p.png"
     out, error = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+    with sketching(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         run("--json", "--output", picture)
     assert "point" in error.getvalue()
     assert "curve" in error.getvalue()

@@ -34,9 +34,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.messages import Refused
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import Refused, StampOrder, image_to_message
+from uuv_optical_array.nodes.shared.messages import StampOrder, image_to_message
 from uuv_optical_array.nodes.shared.node import publish, run
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters
 

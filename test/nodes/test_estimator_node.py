@@ -17,13 +17,14 @@ from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import Header
 from tables import write_table
 
+from uuv_optical_array.core.messages import Refused
 from uuv_optical_array.estimation.estimator import Estimator, EstimatorSettings
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import FeatureSettings, key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
-from uuv_optical_array.nodes.shared.messages import Refused, image_to_message, imu_roll
+from uuv_optical_array.nodes.shared.messages import image_to_message, imu_roll
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 HERE = np.array([-6.0, 0.1, 0.1, 0.02, 0.03])

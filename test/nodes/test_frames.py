@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.messages import twist_from_message
 from uuv_optical_array.nodes import estimator_node, simulator_node, vehicles_node
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -21,7 +22,6 @@ from uuv_optical_array.nodes.shared.messages import (
     odometry_to_message,
     pose_from_message,
     pose_to_message,
-    twist_from_message,
     twist_to_message,
 )
 

@@ -15,11 +15,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.messages import Refused
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.nodes.formation_node import FormationNode
 from uuv_optical_array.nodes.shared.messages import (
-    Refused,
     StampOrder,
     features_to_message,
     not_finite,

@@ -10,11 +10,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.geometry import covariance_6x6
+from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.nodes.shared.messages import (
     image_to_message,
     odometry_to_message,
     pose_to_message,
-    stamp_ns,
 )
 from uuv_optical_array.nodes.view_node import WAITING
 

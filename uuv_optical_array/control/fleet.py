@@ -9,13 +9,8 @@ A station swings sideways by its distance to the leader times the leader's turn 
 of a chain is as far behind as the law's fastest sway can follow, so there is no third.
 """
 
-import math
 from dataclasses import dataclass
-from itertools import combinations
 
-import numpy as np
-
-from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Place
 
 MIN_SEPARATION_M = 1.0  # between the centres of two vehicles, each some half a metre long
@@ -77,32 +72,4 @@ def vee(followers: int, chain: bool = True) -> list[Follower]:
         fleet.append(Follower(number, station, max(number - 2, 0)))
     if not chain:
         fleet[2:] = [Follower(follower.number, TAIL_M) for follower in fleet[2:]]
-    check_separation(fleet)
     return fleet
-
-
-def check_separation(fleet: list[Follower]) -> None:
-    """Raise ValueError where two stations of a fleet are too near to each other.
-
-    Each follower comes after the one ahead of it.
-    """
-    errors: dict[int, dict[int, float]] = {0: {}}
-    places: dict[int, Array] = {0: np.zeros(3)}
-    for follower in fleet:
-        own = CHAINED_ERROR_M if follower.ahead else STATION_ERROR_M
-        errors[follower.number] = {**errors[follower.ahead], follower.number: own}
-        places[follower.number] = places[follower.ahead] + follower.station_m
-    for one, other in combinations(places, 2):
-        # What two have in common moves both alike.
-        between = dict(errors[one].items() ^ errors[other].items())
-        needed = MIN_SEPARATION_M + sum(between.values())
-        distance = math.dist(places[one], places[other])
-        if distance < needed:
-            raise ValueError(
-                f"fleet: the stations of {_name(one)} and {_name(other)} are {distance:.2f} m "
-                f"apart; place them at least {needed:g} m apart"
-            )
-
-
-def _name(number: int) -> str:
-    return f"follower_{number}" if number else "the leader"

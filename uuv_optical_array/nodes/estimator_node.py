@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,16 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, covariance_6x6
-from uuv_optical_array.core.messages import FOLLOWER_FRAME, ROLL_STD_RAD
+from uuv_optical_array.core.messages import (
+    FOLLOWER_FRAME,
+    ROLL_STD_RAD,
+    Refused,
+    image_from_message,
+    signs,
+    stamp_ns,
+    twist_from_message,
+)
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.estimator import Estimate, Estimator, EstimatorSettings, Method
 from uuv_optical_array.estimation.large_table import load_table
@@ -26,24 +34,9 @@ from uuv_optical_array.estimation.tracking.scene_changes import scene_changes
 from uuv_optical_array.estimation.tracking.settings import TrackerSettings
 from uuv_optical_array.estimation.tracking.track import Track, relative_odometry
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene
-from uuv_optical_array.nodes.shared import markers
+from uuv_optical_array.forward.scene import Scene, load_scene
+from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    StampOrder,
-    body_beside,
-    features_from_message,
-    image_from_message,
-    imu_roll,
-    inverse_to_message,
-    odometry_to_message,
-    pose_to_message,
-    signs,
-    stamp_ns,
-    twist_from_message,
-    write_pose,
-)
 from uuv_optical_array.nodes.shared.node import (
     LASTING,
     Afterwards,
@@ -57,14 +50,11 @@ from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, par
 PARAMETERS = {
     **shared("scene", "frame_prefix", "base_frame", "beacon_position_m", "publish_tf"),
     "table": Parameter(
-        "",
-        Quantity("folder of the signature table; empty: built in memory when it is needed"),
+        "", Quantity("folder of the signature table; empty: built in memory when it is needed")
     ),
     **parameters_of(EstimatorSettings),
     "use_image": Parameter(
-        True,
-        Quantity("whether array/image is read, by which the sam methods check a match"),
-        True,
+        True, Quantity("whether array/image is read, by which the sam methods check a match"), True
     ),
     "use_imu": Parameter(False, Quantity("whether the follower's roll is read from imu"), True),
     "max_imu_age_s": Parameter(
@@ -115,35 +105,36 @@ class EstimatorNode(Node):
         super().__init__("estimator_node", **options)
         self.hand_over = hand_over
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.beacon_frame, self.base_frame, self.child_frame = map(
+        self.below_base = self.parameters["tf_parent"] == "base"
+        self.beacon_frame, self.base_frame, child_frame = map(
             self.parameters.frame, ("beacon_frame", "base_frame", "tf_child_frame")
         )
+        self.child_frame = messages.body_beside(self.beacon_frame, child_frame)
         self.check(self.parameters["method"])
         self.scene = load_scene(self.parameters["scene"])
         self.model = ForwardModel(self.scene)
         self.extent = np.transpose([(axis[0], axis[-1]) for axis in grid_axes(self.scene.table)])
-        self.order = StampOrder()
+        self.order = messages.StampOrder()
         self.afterwards = Afterwards(self)
         self.diagnostics = Diagnostics(self)
         self.waiting: dict[int, dict[str, Any]] = {}
         self.state_of_fit = ""
         self.roll_ns, self.roll_rad = 0, 0.0
-        self.table: SignatureTable | None = None
-        self.pipeline: Pipeline | None = None  # none while there is no table that it could search
+        self.source: Scene | SignatureTable = self.scene  # of the next estimator
+        self.pipeline: Pipeline | None = None  # none while its table cannot be read
         self.poses = publish(self, PoseWithCovarianceStamped, "relative_pose")
         self.tracks = publish(self, Odometry, "relative_odometry")
         self.leaders = publish(self, PoseStamped, "leader_pose")
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
         self.place_beacon()
-        below_base = self.parameters["tf_parent"] == "base"
-        own = self.base_frame if below_base else body_beside(self.beacon_frame, self.child_frame)
         beam = markers.beam(self.scene, self.beacon_frame, -self.extent[0][0])
-        body = markers.body(self.scene, own)
+        body = markers.body(self.scene, self.base_frame if self.below_base else self.child_frame)
         shapes = markers.Shapes(self, publish(self, MarkerArray, "markers", LASTING))
         shapes.show(beam + body)
         if hand_over is None:
             with_image = self.parameters["use_image"]
-            subscribe(self, PointCloud2, "array/features", self.on_features, newest=with_image)
+            take = self.on_features if with_image else self.unpack
+            subscribe(self, PointCloud2, "array/features", take, newest=with_image)
             if with_image:
                 subscribe(self, Image, "array/image", self.on_image)
         if self.parameters["use_imu"]:
@@ -158,15 +149,14 @@ class EstimatorNode(Node):
 
     def check(self, method: str) -> None:
         """Raise ValueError for a method that lacks its input, and for axes that do not agree."""
-        beacon = self.beacon_frame
-        bodies = {"tf_child_frame": body_beside(beacon, self.child_frame)}
-        if self.parameters["tf_parent"] == "base":
+        bodies = {"tf_child_frame": self.child_frame}
+        if self.below_base:
             bodies["base_frame"] = self.base_frame
         for name, frame in bodies.items():
-            if (signs(frame) != signs(beacon)).any():
+            if (signs(frame) != signs(self.beacon_frame)).any():
                 raise ValueError(
-                    f"{name}: {frame} has not the axes of beacon_frame {beacon}; let both names "
-                    "end in _ned or _frd, or neither"
+                    f"{name}: {frame} has not the axes of beacon_frame {self.beacon_frame}; let "
+                    "both names end in _ned or _frd, or neither"
                 )
         if method == FIT and not self.parameters["use_image"]:
             raise ValueError(
@@ -181,48 +171,44 @@ class EstimatorNode(Node):
             return
         pose, position = Pose(), np.array(self.parameters["beacon_position_m"])
         turned = (signs(parent) != signs(child)).any()
-        if self.parameters["tf_parent"] == "base":
+        if self.below_base:
             parent, child, position = child, parent, -position
-        write_pose(pose, signs(parent)[:3] * position, 0.0, 0.0, math.pi if turned else 0.0)
+        roll = math.pi if turned else 0.0
+        messages.write_pose(pose, signs(parent)[:3] * position, 0.0, 0.0, roll)
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=parent)
         transform_publisher(self, self.parameters["publish_tf"], fixed=True)(header, child, pose)
 
     def on_change(self, changes: dict[str, Any]) -> None:
         """Take over parameters; a ValueError leaves everything as it was."""
         self.check(changes.get("method", self.parameters["method"]))
-        tracking = None
+        tracking, source, estimator = None, self.source, None
         if changes.get("tracking", self.parameters["tracking"]):
             tracking = self.parameters.settings(TrackerSettings, changes)
-        table, pipeline = self.table, self.pipeline
-        if path := changes.get("table"):
-            table = load_table(path, self.scene)
-        elif path is not None:
-            table = None
-        elif pipeline is None:
-            return  # its table could not be read
-        if pipeline is None or changes.keys() & OF_ESTIMATOR:
+        if "table" in changes:
+            folder = changes["table"]
+            source = load_table(folder, self.scene) if folder else self.scene
+        elif self.pipeline is None:
+            return
+        if changes.keys() & OF_ESTIMATOR:
             settings = self.parameters.settings(EstimatorSettings, changes)
-            estimator = Estimator(table or self.scene, **asdict(settings))
+            estimator = Estimator(source, **asdict(settings))
             if settings.method != FIT:
-                table = estimator.table  # the next one need not build it again
+                source = estimator.table  # the next one need not build it again
         # Nothing is refused from here on.
         self.afterwards.finish()
-        self.table = table
-        if pipeline is None:
-            # The feature node has decided what is too dim.
-            self.pipeline = Pipeline(estimator, tracking, min_peak_counts=0.0)
-            self.diagnostics.fail("")
-        elif changes.keys() & OF_ESTIMATOR:
-            pipeline.estimator = estimator
-        if pipeline is not None and changes.keys() & OF_TRACKER:
-            pipeline.track_with(tracking)
+        self.source = source
+        if estimator is not None:
+            if self.pipeline is None:
+                # The feature node has decided what is too dim.
+                self.pipeline = Pipeline(estimator, tracking, min_peak_counts=0.0)
+                self.diagnostics.fail("")
+            self.pipeline.estimator = estimator
+        if self.pipeline is not None and changes.keys() & OF_TRACKER:
+            self.pipeline.track_with(tracking)
 
     def on_features(self, message: PointCloud2) -> None:
-        """Keep the key parameters for their image, or match them by themselves."""
-        if self.parameters["use_image"]:
-            self.join(message.header, features=message)
-        else:
-            self.unpack(message, None)
+        """Keep key parameters for their image."""
+        self.join(message.header, features=message)
 
     def on_image(self, message: Image) -> None:
         """Keep an image for its key parameters."""
@@ -235,44 +221,33 @@ class EstimatorNode(Node):
         pair.update(message)
         if len(pair) == 2:
             self.unpack(**self.waiting.pop(stamp))
-        elif len(self.waiting) > WAITING and "features" in self.waiting.pop(
-            next(iter(self.waiting))
-        ):
-            self.diagnostics.refuse("no image: array/image has none with the features' stamp")
+        elif len(self.waiting) > WAITING:
+            left = self.waiting.pop(next(iter(self.waiting)))
+            if "features" in left:
+                self.diagnostics.refuse("no image: array/image has none with the features' stamp")
 
-    def unpack(self, features: PointCloud2, image: Image | None) -> None:
+    def unpack(self, features: PointCloud2, image: Image | None = None) -> None:
         """Answer key parameters and their image where they belong together."""
-        try:
-            parameters, counts = features_from_message(features), None
+        with self.diagnostics.refusing():
+            parameters, counts = messages.features_from_message(features), None
             if parameters is not None and image is not None:
                 counts = image_from_message(image, self.scene.array, self.scene.lamp_count)
                 # They are worked out a second time to refuse two exposures under one stamp.
                 check_image(parameters, counts, self.scene)
-        except (NoPose, ValueError) as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        self.answer(features.header, parameters, counts)
-
-    def on_frame(self, header: Header, parameters: Array | None, image: Array) -> None:
-        """Answer an image and its key parameters, of the feature node of the same process."""
-        self.answer(header, parameters, image if self.parameters["use_image"] else None)
+            self.on_frame(features.header, parameters, counts)
 
     def on_imu(self, message: Imu) -> None:
         """Keep the follower's roll."""
-        try:
-            self.roll_rad = imu_roll(message)
+        with self.diagnostics.refusing("imu"):
+            self.roll_rad = messages.imu_roll(message)
             self.roll_ns = stamp_ns(message.header)
-        except Refused as reason:
-            self.diagnostics.refuse(f"imu, {reason}")
 
     def on_command(self, message: TwistStamped) -> None:
         """Tell the tracker how the follower moves by itself."""
-        try:
+        with self.diagnostics.refusing("cmd_vel"):
             command = twist_from_message(message)
             if self.pipeline is not None:
                 self.pipeline.command(stamp_ns(message.header), *command)
-        except (Refused, ValueError) as reason:
-            self.diagnostics.refuse(f"cmd_vel, {reason}")
 
     def roll_at(self, header: Header) -> float:
         """Return the follower's roll when an image was taken, rad."""
@@ -288,58 +263,47 @@ class EstimatorNode(Node):
             )
         return self.roll_rad
 
-    def answer(self, header: Header, parameters: Array | None, image: Array | None) -> None:
+    def on_frame(self, header: Header, parameters: Array | None, image: Array | None) -> None:
         """Publish the pose of one image, or say why there is none.
 
-        The key parameters are ``None`` where there is no light, the image where a match does
-        without.
+        The key parameters are ``None`` where there is no light.
         """
         self.afterwards.finish()
-        pipeline = self.pipeline
-        try:
-            if pipeline is None:
+        with self.diagnostics.refusing():
+            if self.pipeline is None:
                 raise Refused("no table: see the error")
             if parameters is None:
                 raise Refused("no light: the feature node found none to match")
+            if not self.parameters["use_image"]:
+                image = None
             roll = self.roll_at(header)
-            estimate = pipeline.estimate(stamp_ns(header), image, parameters, roll)
+            estimate = self.pipeline.estimate(stamp_ns(header), image, parameters, roll)
             self.order.check(header)
-        except (NoPose, ValueError) as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
-        roll_std, shown = self.parameters["roll_std_rad"], estimate.turn
-        roll += estimate.roll
-        covariance = covariance_6x6(
-            estimate.pose, estimate.covariance, roll_std if shown is None else shown
-        )
-        pose = pose_to_message(estimate.pose, covariance, header, roll)
-        if self.poses.publish(pose):
-            self.afterwards(lambda: self.follow_up(estimate, pose, roll, pipeline))
+            roll += estimate.roll
+            std = self.parameters["roll_std_rad"] if estimate.turn is None else estimate.turn
+            covariance = covariance_6x6(estimate.pose, estimate.covariance, std)
+            header = Header(stamp=header.stamp, frame_id=self.beacon_frame)
+            pose = messages.pose_to_message(estimate.pose, covariance, header, roll)
+            if self.poses.publish(pose):
+                follow_up = partial(self.follow_up, self.pipeline, estimate, pose, roll)
+                self.afterwards(follow_up)
 
     def follow_up(
-        self,
-        estimate: Estimate,
-        pose: PoseWithCovarianceStamped,
-        roll: float,
-        pipeline: Pipeline,
+        self, pipeline: Pipeline, estimate: Estimate, pose: PoseWithCovarianceStamped, roll: float
     ) -> None:
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
         self.diagnostics.warn(estimate.fault or mismatch)
         self.log_state_of_fit(pipeline.estimator)
-        below_base = self.parameters["tf_parent"] == "base"
-        if self.leaders.heard or below_base:
+        if self.leaders.heard or self.below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)
-            best = estimate.pose if track is None else track.pose
-            leader = inverse_to_message(best, own, roll)
+            leader = messages.inverse_to_message((track or estimate).pose, own, roll)
             self.leaders.publish(leader)
-            if below_base:
+            if self.below_base:
                 self.send_transform(own, header.frame_id, leader.pose)
-        if not below_base:
-            child = body_beside(header.frame_id, self.child_frame)
-            self.send_transform(header, child, pose.pose.pose)
+        if not self.below_base:
+            self.send_transform(header, self.child_frame, pose.pose.pose)
         if track is not None:
             self.publish_track(track, header, roll)
         self.diagnostics.answer(
@@ -355,8 +319,9 @@ class EstimatorNode(Node):
     def publish_track(self, track: Track, header: Header, roll: float) -> None:
         """Publish pose and twist of the track."""
         odometry = relative_odometry(track, roll, self.parameters["roll_std_rad"])
-        pose = pose_to_message(odometry.pose, odometry.covariance, header, roll)
-        message = odometry_to_message(pose, self.child_frame, odometry.twist, odometry.spread)
+        pose = messages.pose_to_message(odometry.pose, odometry.covariance, header, roll)
+        twist = odometry.twist, odometry.spread
+        message = messages.odometry_to_message(pose, self.child_frame, *twist)
         self.tracks.publish(message)
         if self.hand_over is not None:
             self.hand_over(message)
@@ -364,15 +329,19 @@ class EstimatorNode(Node):
     def figures(
         self, estimator: Estimator, estimate: Estimate, track: Track | None
     ) -> dict[str, str]:
-        """Return what the diagnostics show of an answer."""
+        """Return what the diagnostics show of an answer, and of what its track knows."""
         method = estimator.settings.method
-        return {
-            "table_margin": self.margin(estimate.pose),
-            "method": method,
-            **({"fit": estimator.state_of_fit} if method == FIT else {}),
-            **figures(estimate),
-            **({} if track is None else self.learnt(estimator, track)),
-        }
+        shown = {"table_margin": self.margin(estimate.pose), "method": method}
+        if method == FIT:
+            shown["fit"] = estimator.state_of_fit
+        shown |= figures(estimate)
+        if track is not None:
+            shown["own_motion"] = track.own_motion
+            for name, known in track.constants.items():
+                shown[f"learnt_{name}"] = f"{known.mean:+.3g} +- {known.std:.2g}"
+            for change in scene_changes(self.model, estimator.constants, track.constants):
+                shown[f"scene_{change.key}"] = change.text
+        return shown
 
     def margin(self, pose: Array) -> str:
         """Say how far inside of the table a pose is: 1 in its middle, 0 at its edge, < 0 beyond."""
@@ -380,18 +349,6 @@ class EstimatorNode(Node):
         span = np.where(high > low, high - low, np.inf)  # an axis of one value has no edge
         inside = 1 - np.abs(2 * pose - low - high) / span
         return f"{inside.min():.2f} ({DOF_NAMES[inside.argmin()]})"
-
-    def learnt(self, estimator: Estimator, track: Track) -> dict[str, str]:
-        """Return what the diagnostics show of what a track knows, and what to do about it."""
-        changes = scene_changes(self.model, estimator.constants, track.constants)
-        return {
-            "own_motion": track.own_motion,
-            **{
-                f"learnt_{name}": f"{known.mean:+.3g} +- {known.std:.2g}"
-                for name, known in track.constants.items()
-            },
-            **{f"scene_{change.key}": change.text for change in changes},
-        }
 
 
 def figures(estimate: Estimate) -> dict[str, str]:
@@ -411,6 +368,4 @@ def figures(estimate: Estimate) -> dict[str, str]:
     return shown
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(EstimatorNode, args)
+main = partial(run, EstimatorNode)

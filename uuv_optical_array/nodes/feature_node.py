@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import image_from_message, stamp_ns
 from uuv_optical_array.estimation.signature.features import (
     FeatureSettings,
     no_pattern,
@@ -17,21 +18,12 @@ from uuv_optical_array.estimation.signature.features import (
 )
 from uuv_optical_array.estimation.signature.plausibility import check_full_scale
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    StampOrder,
-    features_to_message,
-    image_from_message,
-    stamp_ns,
-)
 from uuv_optical_array.nodes.shared.node import Afterwards, publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameters, parameters_of, shared
 
-PARAMETERS = {
-    **shared("scene"),
-    **parameters_of(FeatureSettings),
-}
+PARAMETERS = {**shared("scene"), **parameters_of(FeatureSettings)}
 
 
 class FeatureNode(Node):
@@ -42,14 +34,12 @@ class FeatureNode(Node):
     """
 
     def __init__(
-        self,
-        hand_over: Callable[[Header, Array | None, Array], None] | None = None,
-        **options: Any,
+        self, hand_over: Callable[[Header, Array | None, Array], None] | None = None, **options: Any
     ) -> None:
         super().__init__("feature_node", **options)
         self.parameters = Parameters(self, PARAMETERS)
         self.scene = load_scene(self.parameters["scene"])
-        self.order = StampOrder()
+        self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.features = publish(self, PointCloud2, "array/features")
         self.afterwards = Afterwards(self)
@@ -59,29 +49,25 @@ class FeatureNode(Node):
     def on_image(self, message: Image) -> None:
         """Publish the key parameters of one image."""
         self.afterwards.finish()
-        try:
+        with self.diagnostics.refusing():
             self.order.check(message.header, self.get_clock().now().nanoseconds)
             image = image_from_message(message, self.scene.array, self.scene.lamp_count)
             check_full_scale(image, self.scene)
-        except (NoPose, Refused) as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        refusal = no_pattern(image, self.parameters["min_peak_counts"] + self.scene.black_counts)
-        if refusal:
-            self.diagnostics.refuse(refusal)
-            parameters = None
-        else:
-            parameters = scene_parameters(image, self.scene)
-        if self.hand_over is None:
-            self.publish_result(message.header, parameters, image)
-        else:
-            self.hand_over(message.header, parameters, image)
-            self.afterwards(lambda: self.publish_result(message.header, parameters, image))
+            least = self.parameters["min_peak_counts"] + self.scene.black_counts
+            if no_light := no_pattern(image, least):
+                self.diagnostics.refuse(no_light)
+            parameters = None if no_light else scene_parameters(image, self.scene)
+            rest = partial(self.publish_result, message.header, parameters, image)
+            if self.hand_over is None:
+                rest()
+            else:
+                self.hand_over(message.header, parameters, image)
+                self.afterwards(rest)
 
     def publish_result(self, header: Header, parameters: Array | None, image: Array) -> None:
         """Publish the key parameters of an image, or that it has none."""
         if self.features.heard:
-            self.features.publish(features_to_message(parameters, header))
+            self.features.publish(messages.features_to_message(parameters, header))
         if parameters is not None:
             self.diagnostics.answer(stamp_ns(header), lambda: self.figures(image))
 
@@ -95,6 +81,4 @@ class FeatureNode(Node):
         }
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(FeatureNode, args)
+main = partial(run, FeatureNode)

@@ -4,10 +4,12 @@ Each has its name, parameters, topics and diagnostics as it has in a process of 
 one thread, so that while a frame is worked on others wait, of which the newest comes next.
 """
 
+from functools import partial
+
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
-from uuv_optical_array.nodes.shared.node import run_together
+from uuv_optical_array.nodes.shared.node import run
 
 
 def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
@@ -17,6 +19,4 @@ def follower() -> tuple[FeatureNode, EstimatorNode, FormationNode]:
     return FeatureNode(hand_over=estimator.on_frame), estimator, formation
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the nodes."""
-    run_together(follower, args)
+main = partial(run, follower)

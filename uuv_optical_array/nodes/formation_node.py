@@ -1,6 +1,7 @@
 """From the track of the follower to the velocity command that keeps station behind the leader."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,19 +13,11 @@ from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
 from uuv_optical_array.control.formation import FormationController, FormationSettings
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import Array, covariance_5x5
+from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.core.settings import Quantity
-from uuv_optical_array.nodes.shared import markers
+from uuv_optical_array.nodes.shared import markers, messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    covariance_from_message,
-    pose_from_message,
-    rate_from_message,
-    stamp_ns,
-    twist_to_message,
-)
 from uuv_optical_array.nodes.shared.node import LASTING, publish, run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
@@ -103,16 +96,14 @@ class FormationNode(Node):
 
     def on_track(self, message: Odometry) -> None:
         """Tell the controller where the follower is, and how it moves."""
-        try:
-            pose = pose_from_message(message)
-            covariance = covariance_5x5(pose, covariance_from_message(message))
-            rate = rate_from_message(message)
-            self.controller.update(stamp_ns(message.header) * 1e-9, pose, covariance, rate)
-        except (Refused, NoPose, ValueError) as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        self.diagnostics.answer(stamp_ns(message.header), lambda: {"range_m": f"{-pose[0]:.2f}"})
-        self.show_station(message.header.frame_id)
+        stamp = stamp_ns(message.header)
+        with self.diagnostics.refusing():
+            pose = messages.pose_from_message(message)
+            covariance = covariance_5x5(pose, messages.covariance_from_message(message))
+            rate = messages.rate_from_message(message)
+            self.controller.update(stamp * 1e-9, pose, covariance, rate)
+            self.diagnostics.answer(stamp, lambda: {"range_m": f"{-pose[0]:.2f}"})
+            self.show_station(message.header.frame_id)
 
     def show_station(self, frame: str) -> None:
         """Show the station in the frame of the lamp, where it is not there yet."""
@@ -131,10 +122,8 @@ class FormationNode(Node):
     def send(self, linear: Array, angular: Array) -> None:
         """Publish a command, m/s and rad/s."""
         now, frame = self.get_clock().now().to_msg(), self.parameters.frame("base_frame")
-        message = twist_to_message(linear, angular, Header(stamp=now, frame_id=frame))
+        message = messages.twist_to_message(linear, angular, Header(stamp=now, frame_id=frame))
         self.commands.publish(message)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(FormationNode, args)
+main = partial(run, FormationNode)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,13 @@ from std_msgs.msg import Header
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, relative_pose
-from uuv_optical_array.core.messages import as_wired
+from uuv_optical_array.core.messages import Refused, as_wired, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import LAMP_POWER, power_offsets
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    StampOrder,
-    image_to_message,
-    odometry_pose,
-    stamp_ns,
-)
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
 
@@ -70,7 +65,7 @@ class SimulatorNode(Node):
         self.leader = Trajectory(self.parameters["max_gap_s"])
         self.leader_frame, self.axes = "", self.parameters["odometry_axes"]
         self.waiting: deque[Odometry] = deque()
-        self.order = StampOrder()
+        self.order = messages.StampOrder()
         self.diagnostics = Diagnostics(self)
         self.images = publish(self, Image, "array/image")
         self.place = transform_publisher(self, self.parameters["publish_tf"], fixed=True)
@@ -84,47 +79,41 @@ class SimulatorNode(Node):
 
     def on_leader(self, message: Odometry) -> None:
         """Record the leader's pose and serve the follower poses that waited for it."""
-        try:
+        with self.diagnostics.refusing("leader/odometry"):
             self.leader.add(stamp_ns(message.header), *odometry_pose(message, self.axes))
-        except Refused as reason:
-            self.diagnostics.refuse(f"leader/odometry, {reason}")
-            return
-        self.leader_frame = message.header.frame_id
+            self.leader_frame = message.header.frame_id
         self.serve()
 
     def on_follower(self, message: Odometry) -> None:
         """Queue the follower's pose."""
-        try:
+        # Where the clock was set back, poses of the old time would wait for ever.
+        now = stamp_ns(message.header)
+        self.waiting = deque(old for old in self.waiting if stamp_ns(old.header) <= now)
+        with self.diagnostics.refusing("follower/odometry"):
             self.order.check(message.header)
             odometry_pose(message, self.axes)
-        except Refused as reason:
-            self.diagnostics.refuse(f"follower/odometry, {reason}")
-            # Where the clock was set back, poses of the old time would wait for ever.
-            now = stamp_ns(message.header)
-            self.waiting = deque(old for old in self.waiting if stamp_ns(old.header) <= now)
-            return
-        self.waiting.append(message)
+            self.waiting.append(message)
         self.serve()
 
     def serve(self) -> None:
         """Publish an image for every waiting pose whose instant the leader's record has reached."""
         while self.waiting:
             try:
-                self.expose(self.waiting[0])
+                with self.diagnostics.refusing():
+                    self.expose(self.waiting[0])
             except TooEarly:
                 if len(self.waiting) <= WAITING:
                     return
                 self.diagnostics.refuse(
                     f"no leader: leader/odometry is more than {WAITING} poses behind"
                 )
-            except Refused as reason:
-                self.diagnostics.refuse(str(reason))
             self.waiting.popleft()
 
     def expose(self, follower: Odometry) -> None:
         """Publish the image at one pose of the follower."""
+        stamp = stamp_ns(follower.header)
         try:
-            leader_position, leader_rotation = self.leader.at(stamp_ns(follower.header))
+            leader_position, leader_rotation = self.leader.at(stamp)
         except LookupError as reason:
             raise Refused(f"no leader pose at the follower's stamp: {reason}") from None
         if follower.header.frame_id != self.leader_frame:
@@ -136,19 +125,17 @@ class SimulatorNode(Node):
         position, quaternion = odometry_pose(follower, self.axes)
         rotation = Rotation.from_quat(quaternion).as_matrix()
         pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
-        moment = stamp_ns(follower.header) * 1e-9
-        image = self.model.expose(pose, self.rng, roll, self.powers, moment)
+        image = self.model.expose(pose, self.rng, roll, self.powers, stamp * 1e-9)
         place, slash, _ = follower.child_frame_id.rpartition("/")
         frame = self.parameters.frame("array_frame") or f"{place}{slash}array"
         header = Header(stamp=follower.header.stamp, frame_id=frame)
         self.place_array(follower, frame)
-        self.images.publish(image_to_message(as_wired(image, self.scene.array.wiring), header))
+        wired = as_wired(image, self.scene.array.wiring)
+        self.images.publish(messages.image_to_message(wired, header))
         if self.hand_over is not None:
             self.hand_over(header, pose)
-        self.diagnostics.answer(
-            stamp_ns(header),
-            lambda: {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"},
-        )
+        shown = {"peak_counts": f"{image.max():g}", "range_m": f"{-pose[0]:.2f}"}
+        self.diagnostics.answer(stamp, lambda: shown)
 
     def place_array(self, follower: Odometry, frame: str) -> None:
         """Tell once where the array is on the follower: at its bow."""
@@ -160,6 +147,4 @@ class SimulatorNode(Node):
             self.place(header, frame, bow)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(SimulatorNode, args)
+main = partial(run, SimulatorNode)

@@ -22,16 +22,11 @@ from uuv_optical_array.control.formation import FormationSettings
 from uuv_optical_array.control.sea import Sea, WaveSettings
 from uuv_optical_array.control.vehicles import Vehicle, lead, start_behind
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import odometry_pose, twist_from_message
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.attitude import roll_pitch_yaw
 from uuv_optical_array.nodes.shared.diagnostics import UNKNOWN, Diagnostics, publishers
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    odometry_pose,
-    twist_from_message,
-    write_pose,
-    write_twist,
-)
 from uuv_optical_array.nodes.shared.node import publish, run, subscribe, transform_publisher
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, parameters_of, shared
 
@@ -77,7 +72,7 @@ class VehiclesNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("vehicles_node", **options)
         self.parameters = Parameters(self, PARAMETERS, self.on_change)
-        self.sea = self.sea_of({})
+        self.on_change({})
         self.model = MODELS[self.parameters["vehicle_model"]]
         self.vehicles: dict[str, Vehicle] = {}
         self.path_s: float | None = None  # time on the leader's path, once all are commanded
@@ -92,45 +87,32 @@ class VehiclesNode(Node):
             if role in (name, "both")
         }
         self.send_transform = transform_publisher(self, self.parameters["publish_tf"])
-        count = self.parameters["followers"]
-        self.awaited = (
-            {f"follower_{n + 1}/cmd_vel" for n in range(count)} if role == "leader" else {"cmd_vel"}
-        )
+        # The commands that the leader waits for; and of those that came, who compiles the fit.
+        self.awaited: dict[str, str] = {}
         self.fits: dict[str, str] = {}  # what each estimator says of its fit
-        self.compilers: dict[str, str] = {}  # those that compile it, by the commands beside them
-        if role != "follower":
-            self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 100)
         if role == "leader":
-            for n in range(1, count + 1):
+            for n in range(1, self.parameters["followers"] + 1):
+                self.awaited[f"follower_{n}/cmd_vel"] = ""
                 heard = partial(self.on_command, f"follower_{n}/cmd_vel")
                 subscribe(self, TwistStamped, f"follower_{n}/cmd_vel", heard)
         else:
+            self.awaited["cmd_vel"] = ""
             subscribe(self, TwistStamped, "cmd_vel", partial(self.on_command, "cmd_vel"))
         if role == "follower":
             self.diagnostics.warn("follower waits: no leader/odometry has come yet")
             subscribe(self, Odometry, "leader/odometry", self.on_leader)
         else:
+            self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 100)
             self.warn_of_waiting()
             self.vehicles["leader"] = self.model(np.zeros(3))
         if role == "both":
             self.place_follower(self.vehicles["leader"])
         self.timer = self.create_timer(1.0 / self.parameters["rate_hz"], self.on_timer)
 
-    def sea_of(self, changes: dict[str, Any]) -> Sea:
-        """Return the sea of the parameters with changes to them."""
-        current = changes.get("current_m_per_s", self.parameters["current_m_per_s"])
-        return Sea(current, self.parameters.settings(WaveSettings, changes))
-
     def on_change(self, changes: dict[str, Any]) -> None:
-        """Take over a parameter that was set while the node runs."""
-        self.sea = self.sea_of(changes)
-        self.apply_sea()
-
-    def apply_sea(self) -> None:
-        """Let the sea act on the vehicles, once the leader has set off."""
-        if self.path_s is not None:
-            for vehicle in self.vehicles.values():
-                vehicle.sea = self.sea
+        """Take over the sea of the parameters with changes to them."""
+        current = changes.get("current_m_per_s", self.parameters["current_m_per_s"])
+        self.sea = Sea(current, self.parameters.settings(WaveSettings, changes))
 
     def place_follower(self, leader: Vehicle) -> None:
         """Start the follower near its station."""
@@ -138,10 +120,10 @@ class VehiclesNode(Node):
 
     def warn_of_waiting(self) -> None:
         """Report which commands the leader waits for, and whose fit."""
-        silent = ", ".join(sorted(self.awaited - self.compilers.keys()))
-        names = ", ".join(sorted(self.compilers.values()))
+        silent = ", ".join(topic for topic, compiler in self.awaited.items() if not compiler)
+        compilers = ", ".join(filter(None, self.awaited.values()))
         reasons = [f"no {silent} has come yet"] if silent else []
-        reasons += [f"{names} compiling the fit, once on a machine"] if names else []
+        reasons += [f"{compilers} compiling the fit, once on a machine"] if compilers else []
         self.diagnostics.warn(f"leader waits: {' and '.join(reasons)}" if reasons else "")
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -151,47 +133,38 @@ class VehiclesNode(Node):
             if "method" in values:
                 self.fits[f"/{status.name}"] = values.get("fit", "")
 
-    def compiling(self, topic: str) -> str:
+    def compiler(self, topic: str) -> str:
         """Name the estimator beside who commands, where its fit may change yet."""
         name = f"{self.resolve_topic_name(topic).rpartition('/')[0]}/estimator_node"
-        if not {name, UNKNOWN} & set(publishers(self, "/diagnostics")):
-            return ""
-        return name if self.fits.get(name, "being compiled").endswith("being compiled") else ""
+        there = {name, UNKNOWN} & {*publishers(self, "/diagnostics")}
+        changes = self.fits.get(name, "being compiled").endswith("being compiled")
+        return name if there and changes else ""
 
     def on_leader(self, message: Odometry) -> None:
         """Place a follower without a leader of its own behind the one whose odometry comes."""
         if "follower" in self.vehicles:
             return
-        try:
+        with self.diagnostics.refusing("leader/odometry"):
             position, quaternion = odometry_pose(message)
-        except Refused as reason:
-            self.diagnostics.refuse(f"leader/odometry, {reason}")
-            return
-        _, pitch, yaw = roll_pitch_yaw(quaternion)
-        self.place_follower(self.model(position, pitch, yaw))
-        self.diagnostics.warn("")
+            _, pitch, yaw = roll_pitch_yaw(quaternion)
+            self.place_follower(self.model(position, pitch, yaw))
+            self.diagnostics.warn("")
 
     def on_command(self, topic: str, message: TwistStamped) -> None:
         """Take a command; the leader sets off once every follower has had one."""
-        try:
+        with self.diagnostics.refusing("cmd_vel"):
             self.command = twist_from_message(message)
-        except Refused as reason:
-            self.diagnostics.refuse(f"cmd_vel, {reason}")
-            return
-        self.commanded = self.get_clock().now()
-        if self.vehicles and self.path_s is None and topic in self.awaited:
-            self.compilers.pop(topic, None)
-            if "leader" in self.vehicles and (estimator := self.compiling(topic)):
-                self.compilers[topic] = estimator
-            else:
-                self.awaited.remove(topic)
-            self.warn_of_waiting()
-            if not self.awaited:
-                self.path_s = 0.0
-                for vehicle in self.vehicles.values():
-                    vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
-                self.apply_sea()
-        self.diagnostics.answer()
+            self.commanded = self.get_clock().now()
+            if self.vehicles and topic in self.awaited:
+                self.awaited[topic] = self.compiler(topic) if "leader" in self.vehicles else ""
+                if not self.awaited[topic]:
+                    del self.awaited[topic]
+                self.warn_of_waiting()
+                if not self.awaited:
+                    self.path_s = 0.0
+                    for vehicle in self.vehicles.values():
+                        vehicle.t_s = 0.0  # one clock of the sea, however long the leader waited
+            self.diagnostics.answer()
 
     def on_timer(self) -> None:
         """Move the vehicles to the present and publish their odometry."""
@@ -203,6 +176,9 @@ class VehiclesNode(Node):
         self.moved = now
         if (now - self.commanded).nanoseconds * 1e-9 > self.parameters["command_timeout_s"]:
             self.command = np.zeros(3), np.zeros(3)
+        if self.path_s is not None:  # until then the sea is still
+            for vehicle in self.vehicles.values():
+                vehicle.sea = self.sea
         if "leader" in self.vehicles and self.path_s is not None:
             self.path_s = lead(self.vehicles["leader"], self.path_s, step_s)
         if "follower" in self.vehicles:
@@ -212,16 +188,15 @@ class VehiclesNode(Node):
 
     def publish_odometry(self, name: str, vehicle: Vehicle, now: Time) -> None:
         """Publish one vehicle's pose and velocity."""
-        prefix = self.parameters["frame_prefix"]
-        message = Odometry(child_frame_id=f"{prefix}{name}/base_link")
+        child_frame = f"{self.parameters['frame_prefix']}{name}/base_link"
+        message = Odometry(child_frame_id=child_frame)
         message.header.stamp = now.to_msg()
         message.header.frame_id = self.parameters.frame("world_frame")
-        write_pose(message.pose.pose, vehicle.position, vehicle.pitch, vehicle.yaw, vehicle.roll)
-        write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
+        attitude = vehicle.pitch, vehicle.yaw, vehicle.roll
+        messages.write_pose(message.pose.pose, vehicle.position, *attitude)
+        messages.write_twist(message.twist.twist, vehicle.linear, vehicle.angular)
         self.odometry[name].publish(message)
         self.send_transform(message.header, message.child_frame_id, message.pose.pose)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(VehiclesNode, args)
+main = partial(run, VehiclesNode)

@@ -1,6 +1,8 @@
 """The live view of ROS topics: what the other nodes publish, on a page in the browser."""
 
 from collections import deque
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,17 +13,11 @@ from sensor_msgs.msg import Image
 
 from uuv_optical_array.control.trajectory import TooEarly, Trajectory
 from uuv_optical_array.core.geometry import Array, covariance_5x5, relative_pose
+from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.nodes.shared import messages
 from uuv_optical_array.nodes.shared.diagnostics import Diagnostics
-from uuv_optical_array.nodes.shared.messages import (
-    Refused,
-    covariance_from_message,
-    image_from_message,
-    odometry_pose,
-    pose_from_message,
-    stamp_ns,
-)
 from uuv_optical_array.nodes.shared.node import run, subscribe
 from uuv_optical_array.nodes.shared.parameters import Parameter, Parameters, shared
 from uuv_optical_array.view import LOOPBACK, PORT
@@ -71,12 +67,9 @@ class ViewNode(Node):
 
     def on_vehicle(self, name: str, message: Odometry) -> None:
         """Record where a vehicle is."""
-        try:
+        with self.diagnostics.refusing(f"{name}/odometry"):
             pose = odometry_pose(message, self.parameters["odometry_axes"])
-        except Refused as reason:
-            self.diagnostics.refuse(f"{name}/odometry, {reason}")
-            return
-        self.trajectories[name].add(stamp_ns(message.header), *pose)
+            self.trajectories[name].add(stamp_ns(message.header), *pose)
 
     def on_track(self, message: Odometry) -> None:
         """Keep a track, and show the images that waited for it."""
@@ -87,13 +80,9 @@ class ViewNode(Node):
 
     def on_image(self, message: Image) -> None:
         """Let an image wait, and show those before it that need not wait longer."""
-        stamp = stamp_ns(message.header)
-        try:
+        with self.diagnostics.refusing():
             image = image_from_message(message, self.scene.array, self.scene.lamp_count)
-        except Refused as reason:
-            self.diagnostics.refuse(str(reason))
-            return
-        self.waiting.append((stamp, image))
+            self.waiting.append((stamp_ns(message.header), image))
         self.serve()
 
     def serve(self) -> None:
@@ -112,26 +101,21 @@ class ViewNode(Node):
         if self.shown_ns and stamp - self.shown_ns < 1e9 / self.parameters["max_rate_hz"] - 1e6:
             return
         self.first_ns, self.shown_ns = self.first_ns or stamp, stamp
-        pose = covariance = leader = true_pose = None
         note = "no pose of this image: see the diagnostics of estimator_node"
-        track = self.tracks.get(stamp)
-        if track is not None:
-            try:
-                pose = pose_from_message(track)
-                covariance = covariance_5x5(pose, covariance_from_message(track))
-                note = ""
-            except (Refused, ValueError) as reason:
-                self.diagnostics.refuse(f"relative_odometry, {reason}")
-                pose = None
-        try:
+        sight = Sight((stamp - self.first_ns) * 1e-9, image, note=note)
+        if track := self.tracks.get(stamp):
+            with self.diagnostics.refusing("relative_odometry"):
+                pose = messages.pose_from_message(track)
+                covariance = covariance_5x5(pose, messages.covariance_from_message(track))
+                sight = replace(sight, pose=pose, covariance=covariance, note="")
+        with suppress(TooEarly, LookupError):  # hardware knows no truth
             place, attitude = self.trajectories["leader"].at(stamp)
             leader = place + attitude @ np.array(self.parameters["beacon_position_m"]), attitude
+            sight = replace(sight, leader=leader)
             true_pose, _ = relative_pose(*leader, *self.trajectories["follower"].at(stamp))
-        except (TooEarly, LookupError):
-            pass  # hardware knows no truth
-        seconds = (stamp - self.first_ns) * 1e-9
+            sight = replace(sight, true_pose=true_pose)
         assert self.page is not None
-        self.page.show(Sight(seconds, image, true_pose, pose, covariance, note, leader))
+        self.page.show(sight)
         self.diagnostics.answer(stamp, lambda: {"peak_counts": f"{image.max():g}"})
 
     def destroy_node(self) -> None:
@@ -141,6 +125,4 @@ class ViewNode(Node):
         super().destroy_node()
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run(ViewNode, args)
+main = partial(run, ViewNode)

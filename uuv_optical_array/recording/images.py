@@ -1,8 +1,10 @@
 """Images of a recorded bag with their true poses from its odometries, and the commands."""
 
+from bisect import insort
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -63,7 +65,7 @@ class Recording:
 
 @dataclass
 class _Stream:
-    """The valid messages of one topic with their stamps."""
+    """The valid messages of one topic by ascending stamp, ns."""
 
     topic: str
     samples: list[tuple[int, Any]] = field(default_factory=list)
@@ -76,37 +78,32 @@ class _Stream:
                 f"{self.topic}: stamps go back from {self.samples[-1][0] * 1e-9:.3f} to "
                 f"{stamp * 1e-9:.3f} s: the clock was set back; record each run in a bag of its own"
             )
-        self.samples.append((stamp, value))
+        insort(self.samples, (stamp, value), key=itemgetter(0))
         self.frames.add(header.frame_id)
 
-    def by_stamp(self) -> list[tuple[int, Any]]:
-        return sorted(self.samples, key=lambda sample: sample[0])
-
     def span(self) -> str:
-        stamps = [stamp for stamp, _ in self.by_stamp()]
-        if not stamps:
+        if not self.samples:
             return f"{self.topic} none"
-        return f"{self.topic} {stamps[0] * 1e-9:.3f} to {stamps[-1] * 1e-9:.3f} s"
+        first, last = self.samples[0][0] * 1e-9, self.samples[-1][0] * 1e-9
+        return f"{self.topic} {first:.3f} to {last:.3f} s"
 
+    def poses(self, max_gap_s: float) -> Callable[[int], tuple[Array, Array]]:
+        """Return what gives position and rotation at a stamp; `Refused` where not known."""
+        trajectory = Trajectory(max_gap_s, length=None)
+        for stamp, pose in self.samples:
+            trajectory.add(stamp, *pose)
 
-class _Poses:
-    """The poses of a vehicle."""
+        def at(stamp: int) -> tuple[Array, Array]:
+            try:
+                return trajectory.at(stamp)
+            except TooEarly:
+                late = "it is later than every pose on record"
+                reason = late if self.samples else "there is none"
+            except LookupError as error:
+                reason = str(error).partition(" of ")[0]  # without the length of a gap
+            raise Refused(f"no {self.topic} at its stamp: {reason}")
 
-    def __init__(self, stream: _Stream, max_gap_s: float) -> None:
-        self._topic, self._trajectory = stream.topic, Trajectory(max_gap_s, length=None)
-        self._late = "it is later than every pose on record" if stream.samples else "there is none"
-        for stamp, pose in stream.by_stamp():
-            self._trajectory.add(stamp, *pose)
-
-    def at(self, stamp: int) -> tuple[Array, Array]:
-        """Return position and rotation; `Refused` where they are not known."""
-        try:
-            return self._trajectory.at(stamp)
-        except TooEarly:
-            reason = self._late
-        except LookupError as error:
-            reason = str(error).partition(" of ")[0]  # without the length of a gap
-        raise Refused(f"no {self._topic} at its stamp: {reason}")
+        return at
 
 
 def _connections(reader: Any, name: str, msgtype: str, default: str) -> list[Any]:
@@ -192,7 +189,7 @@ def read_recording(
             streams[connection.topic].add(message.header, value)
         beacon = np.array(beacon_position_m)
         recording = _with_poses(image, leader, follower, beacon, max_gap_s, refused, poses_needed)
-    recording.commands.extend((stamp, *twist) for stamp, twist in commands.by_stamp())
+    recording.commands.extend((stamp, *twist) for stamp, twist in commands.samples)
     return recording
 
 
@@ -211,18 +208,17 @@ def _with_poses(
             f"frames differ: {leader.topic} is in {sorted(leader.frames)}, {follower.topic} in "
             f"{sorted(follower.frames)}; both must share one"
         )
-    leads, follows = _Poses(leader, max_gap_s), _Poses(follower, max_gap_s)
+    leader_at, follower_at = leader.poses(max_gap_s), follower.poses(max_gap_s)
     images, poses, rolls = [], [], []
     stamps: list[int] = []
-    for stamp, pixels in image.by_stamp():
+    for stamp, pixels in image.samples:
         if stamps and stamp == stamps[-1]:
             refused[f"{image.topic}: duplicate stamp"] += 1
             continue
         try:
-            leader_position, leader_rotation = leads.at(stamp)
-            position, rotation = follows.at(stamp)
+            leader_position, leader_rotation = leader_at(stamp)
             beacon = leader_position + leader_rotation @ beacon_position_m
-            pose, roll = relative_pose(beacon, leader_rotation, position, rotation)
+            pose, roll = relative_pose(beacon, leader_rotation, *follower_at(stamp))
         except Refused as reason:
             if poses_needed:
                 refused[f"{image.topic}: {reason}"] += 1

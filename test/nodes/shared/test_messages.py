@@ -14,19 +14,21 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from uuv_optical_array.core.messages import (
+    Refused,
+    image_from_message,
+    odometry_pose,
+    stamp_ns,
+    twist_from_message,
+)
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.shared.messages import (
-    Refused,
     covariance_from_message,
     features_from_message,
     features_to_message,
-    image_from_message,
     image_to_message,
-    odometry_pose,
     pose_from_message,
     pose_to_message,
-    stamp_ns,
-    twist_from_message,
     twist_to_message,
 )
 

@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import UInt8
 
-from uuv_optical_array.nodes.shared.node import run_together, spin, start, subscribe
+from uuv_optical_array.nodes.shared.node import run, spin, start, subscribe
 
 
 @pytest.fixture
@@ -130,11 +130,11 @@ def test_a_node_that_ros_does_not_make_names_the_enclave_where_ros_is_secured(mo
         raise RuntimeError("failed to create service")  # as rclpy does
 
     with pytest.raises(RuntimeError, match=r"^failed to create service$"):
-        run_together(refused)
+        run(refused)
 
     def refused_for_security():
         monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
         refused()
 
     with pytest.raises(SystemExit, match=r"^failed to create service: the enclave has to allow"):
-        run_together(refused_for_security)
+        run(refused_for_security)

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.control.fleet import Follower
 from uuv_optical_array.control.follow_record import FollowRecord
 from uuv_optical_array.core.geometry import Array
+from uuv_optical_array.core.messages import image_from_message, odometry_pose, stamp_ns
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.estimator_node import EstimatorNode
@@ -29,12 +30,7 @@ from uuv_optical_array.nodes.shared.diagnostics import (
     publishers,
     several_publishers,
 )
-from uuv_optical_array.nodes.shared.messages import (
-    image_from_message,
-    odometry_pose,
-    pose_from_message,
-    stamp_ns,
-)
+from uuv_optical_array.nodes.shared.messages import pose_from_message
 from uuv_optical_array.nodes.shared.node import spin, start
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 from uuv_optical_array.nodes.vehicles_node import VehiclesNode

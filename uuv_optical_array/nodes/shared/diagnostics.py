@@ -2,13 +2,15 @@
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType  # type: ignore[attr-defined]
 from rclpy.node import Node
 
+from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.nodes.shared.reasons import REASONS, kind_of
 
 PERIOD_S = 1.0
@@ -47,15 +49,14 @@ class Diagnostics:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.totals = Counter(answered=0, refused=0)
-        self._kinds: Counter[str] = Counter()
-        self._answered = self._passed_over = 0
-        self._refusals: dict[str, str] = {}
+        self.totals = Counter(answered=0, refused=0)  # since the start, by the key of each count
+        self._refusals: dict[str, str] = {}  # of this period, the latest by kind
         self._values: Callable[[], Mapping[str, str]] = dict
         self._failure = self._warning = ""
         self._watched: list[str] = []
         self._heard_s = time.monotonic()
-        self._windows = deque([(self._heard_s, 0)], maxlen=WINDOW)
+        # When the last periods ended, and the totals then.
+        self._ends = deque([(self._heard_s, self.totals.copy())], maxlen=WINDOW)
         self._stamps_ns: list[int] = []
         self._ages_s: list[float] = []
         # A node that waits for /clock says so.
@@ -69,7 +70,6 @@ class Diagnostics:
 
         Figures of it are asked for only where it is the last before they are published.
         """
-        self._answered += 1
         self.totals["answered"] += 1
         self._values = values
         if stamp_ns is not None:
@@ -79,16 +79,22 @@ class Diagnostics:
 
     def pass_over(self, count: int) -> None:
         """Note messages that were not looked at because a newer one had come."""
-        self._passed_over += count
         self.totals["passed_over"] += count
 
     def refuse(self, reason: str) -> None:
         """Note a message that was not answered; the reason's kind stands before its colon."""
         kind = reason.partition(":")[0]
         self._refusals[kind] = reason
-        self._kinds[kind] += 1
-        self.totals["refused"] += 1
+        self.totals.update(["refused", f"refused: {kind}"])
         self._node.get_logger().warning(reason, throttle_duration_sec=5.0)
+
+    @contextmanager
+    def refusing(self, topic: str = "") -> Iterator[None]:
+        """Refuse the message that a block finds bad; the reason begins with the topic."""
+        try:
+            yield
+        except (NoPose, ValueError) as reason:
+            self.refuse(f"{topic}, {reason}" if topic else str(reason))
 
     def warn(self, reason: str) -> None:
         """Note what lasts and makes the answers worse; an empty text is its end."""
@@ -108,27 +114,34 @@ class Diagnostics:
 
     def publish(self) -> None:
         """Publish the last period and begin the next."""
-        values = self._rate()
+        now_s, (since_s, before), (_, last) = time.monotonic(), self._ends[0], self._ends[-1]
+        answered, passed_over = (
+            self.totals[name] - last[name] for name in ("answered", "passed_over")
+        )
         mixed = [several_publishers(self._node, topic) for topic in self._watched]
-        ours = [self._warning, *mixed, *self._refusals.values(), *self._clock()]
-        reasons = [reason for reason in (self._failure, *ours) if reason]
-        if self._answered or self._refusals:
-            self._heard_s = time.monotonic()
+        told = self._failure, self._warning, *mixed, *self._refusals.values(), self._clock()
+        reasons = list(filter(None, told))
+        if answered or self._refusals:
+            self._heard_s = now_s
         elif not reasons:
-            reasons = [f"no input: nothing came for {time.monotonic() - self._heard_s:.1f} s"]
+            reasons = [f"no input: nothing came for {now_s - self._heard_s:.1f} s"]
         level = DiagnosticStatus.WARN if reasons else DiagnosticStatus.OK
-        passed = f", {self._passed_over} passed over for newer ones" if self._passed_over else ""
-        text = "; ".join(reasons) or f"{self._answered} answered{passed}"
+        passed = f", {passed_over} passed over for newer ones" if passed_over else ""
+        text = "; ".join(reasons) or f"{answered} answered{passed}"
         if self._failure:
             level, text = DiagnosticStatus.ERROR, self._failure
-        values |= {
+        events, window_s = self.totals["answered"] - before["answered"], max(now_s - since_s, 1e-9)
+        values = {
+            # As diagnostic_updater names them.
+            "Events in window": str(events),
+            "Events since startup": str(self.totals["answered"]),
+            "Duration of window (s)": f"{window_s:.3f}",
+            "Actual frequency (Hz)": f"{events / window_s:.3f}",
             **{name: str(count) for name, count in self.totals.items()},
-            **{f"refused: {kind}": str(count) for kind, count in self._kinds.items()},
             **self._ages(),
             **self._values(),
+            **{f"cure: {kind}": REASONS[kind].cure for kind in map(kind_of, reasons) if kind},
         }
-        for kind in filter(None, map(kind_of, reasons)):
-            values[f"cure: {kind}"] = REASONS[kind].cure
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
@@ -139,35 +152,22 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-        self._answered, self._passed_over, self._refusals, self._values = 0, 0, {}, dict
+        self._ends.append((now_s, self.totals.copy()))
+        self._refusals, self._values = {}, dict
         self._stamps_ns, self._ages_s = self._stamps_ns[-1:], []
 
-    def _rate(self) -> dict[str, str]:
-        """Return the rate of answers in the last periods, as diagnostic_updater names it."""
-        now_s, total = time.monotonic(), self.totals["answered"]
-        since_s, before = self._windows[0]
-        self._windows.append((now_s, total))
-        window_s = max(now_s - since_s, 1e-9)
-        return {
-            "Events in window": str(total - before),
-            "Events since startup": str(total),
-            "Duration of window (s)": f"{window_s:.3f}",
-            "Actual frequency (Hz)": f"{(total - before) / window_s:.3f}",
-        }
-
-    def _clock(self) -> list[str]:
+    def _clock(self) -> str:
         """Say what is wrong with the stamps of the last period."""
-        said = []
         least, most = ACCEPTABLE_AGE_S
         if not self._node.get_clock().now().nanoseconds:
-            said.append("no clock: use_sim_time is true, and no /clock has come yet")
-        elif 0 in self._stamps_ns:
-            said.append("zero stamp: a message has none")
-        elif self._ages_s and max(self._ages_s) > most:
-            said.append(f"old stamps: {max(self._ages_s):.3g} s old, more than {most:g} s")
-        elif self._ages_s and min(self._ages_s) < least:
-            said.append(f"future stamps: {-min(self._ages_s):.3g} s ahead, more than {-least:g} s")
-        return said
+            return "no clock: use_sim_time is true, and no /clock has come yet"
+        if 0 in self._stamps_ns:
+            return "zero stamp: a message has none"
+        if self._ages_s and max(self._ages_s) > most:
+            return f"old stamps: {max(self._ages_s):.3g} s old, more than {most:g} s"
+        if self._ages_s and min(self._ages_s) < least:
+            return f"future stamps: {-min(self._ages_s):.3g} s ahead, more than {-least:g} s"
+        return ""
 
     def _ages(self) -> dict[str, str]:
         """Return how old stamps were when they were answered, and how evenly they came."""

@@ -9,8 +9,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from uuv_optical_array.core.geometry import Array
-from uuv_optical_array.core.messages import Readout, Refused
-from uuv_optical_array.nodes.shared.messages import StampOrder, image_from_message, stamp_ns
+from uuv_optical_array.core.messages import Readout, Refused, image_from_message, stamp_ns
+from uuv_optical_array.nodes.shared.messages import StampOrder
 from uuv_optical_array.nodes.shared.node import spin, start
 
 WAITING = 1000  # images that are kept while others are looked at

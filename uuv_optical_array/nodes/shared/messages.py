@@ -6,19 +6,12 @@ by half a turn about x, and what comes in one is turned back.
 """
 
 import math
-from array import array
-from collections.abc import Callable
-from operator import attrgetter
+import re
+from functools import cache
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import (
-    Pose,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Twist,
-    TwistStamped,
-)
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -28,16 +21,13 @@ from uuv_optical_array.core.geometry import roll_pitch_yaw as angles_of_matrix
 from uuv_optical_array.core.messages import (
     FRD,
     NED,
+    Refused,
     checked_pose,
     checked_quaternion,
     checked_twist,
+    signs,
+    stamp_ns,
 )
-from uuv_optical_array.core.messages import Refused as Refused
-from uuv_optical_array.core.messages import image_from_message as image_from_message
-from uuv_optical_array.core.messages import odometry_pose as odometry_pose
-from uuv_optical_array.core.messages import signs as signs
-from uuv_optical_array.core.messages import stamp_ns as stamp_ns
-from uuv_optical_array.core.messages import twist_from_message as twist_from_message
 from uuv_optical_array.estimation.signature.features import FEATURE_NAMES
 from uuv_optical_array.nodes.shared.attitude import quaternion_xyzw, roll_pitch_yaw
 
@@ -56,37 +46,23 @@ def not_finite(message: Any) -> str:
     """Return where in a ROS message a number is not finite; empty where all are."""
     if isinstance(message, PointCloud2):  # of `features_to_message`
         return "" if np.isfinite(np.frombuffer(message.data, dtype="<f8")).all() else "data"
-    kind = message.__class__
-    if kind not in _NUMBERS:
-        _NUMBERS[kind] = {path: attrgetter(path) for path in _places_of_numbers(message)}
-    for where, value_of in _NUMBERS[kind].items():
-        value = value_of(message)
-        if isinstance(value, float):
-            if not math.isfinite(value):
-                return where
-        elif isinstance(value, np.ndarray | array):
-            if not np.isfinite(value).all():
-                return where
-        else:
-            for part in value:
-                if inside := not_finite(part):
-                    return f"{where}.{inside}"
+    for name, inner, several in _fields(message.__class__):
+        value = getattr(message, name)
+        if inner:
+            for part in value if several else (value,):
+                if where := not_finite(part):
+                    return f"{name}.{where}"
+        elif not (np.isfinite(value).all() if several else math.isfinite(value)):
+            return name
     return ""
 
 
-_NUMBERS: dict[type, dict[str, Callable[[Any], Any]]] = {}  # of a type of message, by their place
-
-
-def _places_of_numbers(message: Any) -> list[str]:
-    """Return where a message may hold floats, or several messages that may."""
-    places = []
-    for name, kind in message.get_fields_and_field_types().items():
-        several = "<" in kind or "[" in kind
-        if "/" in kind and not several:
-            places += [f"{name}.{inside}" for inside in _places_of_numbers(getattr(message, name))]
-        elif "/" in kind or "double" in kind or "float" in kind:
-            places.append(name)
-    return places
+@cache
+def _fields(message_type: Any) -> list[tuple[str, bool, bool]]:
+    """Return the fields that may hold floats, whether they hold messages, and whether several."""
+    fields = message_type.get_fields_and_field_types().items()
+    kinds = [(name, kind) for name, kind in fields if re.search("/|double|float", kind)]
+    return [(name, "/" in kind, kind[-1] in "]>") for name, kind in kinds]
 
 
 class StampOrder:

@@ -13,12 +13,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_sensor_data,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -95,11 +90,7 @@ class Afterwards:
 
 
 def subscribe(
-    node: Any,
-    message_type: type,
-    topic: str,
-    callback: Callable[[Any], None],
-    newest: bool = False,
+    node: Any, message_type: type, topic: str, callback: Callable[[Any], None], newest: bool = False
 ) -> Subscription:
     """Create a subscription with sensor-data QoS that parameters can override.
 
@@ -218,17 +209,15 @@ def fastest_executor() -> Executor:
     return EventsExecutor()
 
 
-def run(node_type: Callable[[], Node], args: list[str] | None = None) -> None:
-    """Run a node until it is interrupted; a bad set-up ends it with one line and exit code 1."""
-    run_together(lambda: [node_type()], args)
+def run(make: Callable[[], Node | Iterable[Node]], args: list[str] | None = None) -> None:
+    """Run a node, or several in one thread, until it is interrupted.
 
-
-def run_together(make: Callable[[], Iterable[Node]], args: list[str] | None = None) -> None:
-    """Run nodes in one process and one thread, as `run` does one."""
+    A bad set-up ends it with one line and exit code 1.
+    """
     try:
         start(args)
-        executor = fastest_executor()
-        for node in make():
+        executor, made = fastest_executor(), make()
+        for node in [made] if isinstance(made, Node) else made:
             executor.add_node(node)
         spin(executor)
     except KeyboardInterrupt:  # while the node was being set up

@@ -119,14 +119,11 @@ class Parameters:
 
     def settings(self, kind: type[Settings], changes: Mapping[str, Any] | None = None) -> Settings:
         """Return a dataclass of settings that are parameters, with the values of a change."""
-        values = {name: self[name] for name in parameters_of(kind)}
-        values |= {name: value for name, value in (changes or {}).items() if name in values}
-        return kind(
-            **{
-                name: tuple(value) if isinstance(self._declared[name].default, list) else value
-                for name, value in values.items()
-            }
-        )
+        values = {name: (changes or {}).get(name, self[name]) for name in declared(kind)}
+        for name, value in values.items():
+            if isinstance(self._declared[name].default, list):
+                values[name] = tuple(value)
+        return kind(**values)
 
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
         ours = {change.name: change.value for change in changes if change.name in self._declared}

@@ -145,6 +145,18 @@ def test_followers_that_come_before_their_leader_wait_for_it(sea):
     assert [image.header.stamp for image in sea.images] == tenths
 
 
+def test_a_pose_of_the_time_before_the_clock_was_set_back_keeps_none_waiting(sea):
+    sea.lead(100.0)
+    sea.follow(100.1)
+    sea.lab.until(lambda: sea.node.waiting, "a pose to wait")
+    for seconds in (1.0, 1.1):
+        sea.follow(seconds)
+    sea.lead(1.05)
+    sea.lead(1.2)
+    sea.image(1.1)
+    assert not sea.node.waiting
+
+
 def test_a_leader_that_never_speaks_is_told_of(sea):
     for i in range(1, 52):
         sea.follow(i / 10)

@@ -66,8 +66,6 @@ class Sea:
 
         Above the still surface the water moves as at it.
         """
-        if self._speed == 0.0:
-            return self.current
         speed, cos, sin = self._orbit(position, t_s)
         return self.current + speed * np.array([cos * self._along[0], cos * self._along[1], sin])
 
@@ -77,8 +75,6 @@ class Sea:
         It is that of a body that drifts with a level current, to first order in the height of the
         waves.
         """
-        if self._speed == 0.0:
-            return np.zeros(3)
         speed, cos, sin = self._orbit(position, t_s)
         change = speed * self._omega
         return change * np.array([sin * self._along[0], sin * self._along[1], -cos])

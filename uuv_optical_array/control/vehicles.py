@@ -93,8 +93,9 @@ class Vehicle:
         self.position = self.position + (rotation @ mean[:3] + water) * dt
         self.t_s += dt
         self.yaw += yaw_rate * dt
-        self.pitch = float(np.clip(self.pitch + mean[PITCH] * dt, *_symmetric(self.limits.pitch)))
-        if abs(self.pitch) == self.limits.pitch:
+        most = self.limits.pitch
+        self.pitch = float(np.clip(self.pitch + mean[PITCH] * dt, -most, most))
+        if abs(self.pitch) == most:
             rate[PITCH] = 0.0
         self._rate = rate
 
@@ -105,14 +106,10 @@ class Vehicle:
             raise ValueError(f"command {linear!r}, {angular!r} is not two finite triples")
         if not 0 <= dt < np.inf:
             raise ValueError(f"dt: {dt!r} s is not a step forward in time")
-        change = np.clip(command, *_symmetric(self.limits.speed)) - self._rate
-        ramped: Array = self._rate + np.clip(change, *_symmetric(self.limits.acceleration, dt))
+        fastest, slew = np.array(self.limits.speed), dt * np.array(self.limits.acceleration)
+        change = np.clip(command, -fastest, fastest) - self._rate
+        ramped: Array = self._rate + np.clip(change, -slew, slew)
         return ramped
-
-
-def _symmetric(limit: ArrayLike, scale: float = 1.0) -> tuple[Array, Array]:
-    high = np.asarray(limit, dtype=float) * scale
-    return -high, high
 
 
 def _raised_cosine(t_s: float, start_s: float, duration_s: float, peak: float) -> float:

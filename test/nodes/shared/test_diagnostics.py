@@ -59,7 +59,8 @@ def test_age_and_jitter_of_stamps_are_those_of_the_nodes_clock(bench):
     assert float(values["Timestamp jitter (s)"]) == pytest.approx(0.05)  # of 0.1 s and 0.2 s
     # The next period begins with the last stamp of this one, and has nothing to say without any.
     bench.send(NOW, NOW + 300_000_000)
-    _, values = bench.report()
+    status, values = bench.report()
+    assert status.message == "2 answered"
     assert float(values["Timestamp jitter (s)"]) == pytest.approx(0.1)  # of 0.1 s and 0.3 s
     _, values = bench.report()
     assert "Latest timestamp delay:" not in values

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.core.geometry import Array, covariance_6x6
+from uuv_optical_array.core.geometry import PITCH, YAW, Array, covariance_6x6
 from uuv_optical_array.core.messages import BEACON_FRAME, FOLLOWER_FRAME, ROLL_STD_RAD
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.core.storage.formats import csv_text
@@ -56,12 +56,11 @@ def write_csv(path: Path, frames: Iterable[Answer]) -> None:
 
 def write_tum(path: Path, poses: Iterable[tuple[int, Array, float]]) -> None:
     """Write stamp, position and quaternion x y z w of each (stamp in ns, pose, roll)."""
-    with path.open("w", encoding="utf-8") as file:
-        stamps, states, rolls = zip(*poses, strict=True)
-        for stamp, *numbers in zip(
-            stamps, *_transforms(np.array(states), np.array(rolls)).T, strict=True
-        ):
-            file.write(f"{_seconds(stamp)} {' '.join(f'{value:.9f}' for value in numbers)}\n")
+    lines = []
+    for stamp, pose, roll in poses:
+        numbers = " ".join(f"{value:.9f}" for value in _transform(pose, roll))
+        lines.append(f"{_seconds(stamp)} {numbers}\n")
+    files.write_text(path, "".join(lines))
 
 
 def write_bag(path: Path, frames: Iterable[Answer]) -> None:
@@ -82,7 +81,7 @@ def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
         return types[kind.replace("/", "/msg/")](*values)
 
     def pose_message(pose: Array, covariance: Array) -> Any:
-        numbers = _transforms(pose[None], np.zeros(1))[0].tolist()
+        numbers = _transform(pose)
         position = make("geometry_msgs/Point", *numbers[:3])
         attitude = make("geometry_msgs/Quaternion", *numbers[3:])
         return make(
@@ -111,10 +110,10 @@ def _messages(types: Any, frame: Answer) -> Iterator[tuple[str, Any]]:
         )
 
 
-def _transforms(poses: Array, rolls: Array) -> Array:
-    """Return positions and quaternions x, y, z, w of poses and their rolls, shape ``(m, 7)``."""
-    attitudes = Rotation.from_euler("ZYX", np.stack([poses[:, 4], poses[:, 3], rolls], axis=1))
-    return np.concatenate([poses[:, :3], attitudes.as_quat()], axis=1)
+def _transform(pose: Array, roll: float = 0.0) -> list[float]:
+    """Return position and quaternion x, y, z, w."""
+    attitude = Rotation.from_euler("ZYX", [pose[YAW], pose[PITCH], roll])
+    return [*pose[:3].tolist(), *attitude.as_quat().tolist()]
 
 
 def _seconds(stamp_ns: int) -> str:

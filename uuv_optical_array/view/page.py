@@ -31,7 +31,7 @@ from uuv_optical_array.plots.follow import FOLLOWERS, LEADER
 from uuv_optical_array.plots.style import IMAGES
 from uuv_optical_array.view import LOOPBACK, PORT
 from uuv_optical_array.view.guard import guarded
-from uuv_optical_array.view.shapes import beams, ellipsoid, fin, hull
+from uuv_optical_array.view.shapes import beams, body, ellipsoid
 from uuv_optical_array.view.sight import Sight, Window
 
 PORTS_TRIED = 1000
@@ -113,7 +113,6 @@ class Page:
     def _draw_vehicles(self) -> None:
         sea, array = self._server.scene, build_array(self._scene.array)
         half_m = max(self._scene.array.bow_m, 0.3)
-        parts = {"hull": hull(half_m, 0.35 * half_m), "fin": fin(half_m)}
         names = "leader", "follower", "estimate", "station"
         self._frames = {name: sea.add_frame(f"/{name}", show_axes=False) for name in names}
         # The lamp is at the leader's origin, at its stern; the ellipsoid is in the follower.
@@ -122,7 +121,7 @@ class Page:
             ("follower", FOLLOWERS[0], 0.0, 0.5),
         ):
             look = {"color": _rgb(colour), "opacity": opacity, "side": "double"}
-            for part, mesh in parts.items():
+            for part, mesh in body(half_m).items():
                 at = ahead, 0.0, 0.0
                 sea.add_mesh_simple(f"/{name}/{part}", *mesh, position=at, **look)
             sea.add_label(f"/{name}/label", name, position=(0.0, 0.0, 1.6 * half_m))
@@ -156,10 +155,10 @@ class Page:
         gui.set_panel_label(title)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH_PX)
-        self._left = gui.add_panel()
-        self._left.dock_left()
-        self._left.set_width(LEFT_PX)
-        self._tab = self._left.add_tab("now")
+        left = gui.add_panel()
+        left.dock_left()
+        left.set_width(LEFT_PX)
+        self._tab = left.add_tab("now")
         by_lamp = " by each lamp" if self._scene.lamps else ""
         label = f"image of the array{by_lamp}, port on the left, up on top"
         with self._tab:

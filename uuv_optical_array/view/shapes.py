@@ -35,11 +35,16 @@ def _revolved(along: Array, radius: Array) -> Mesh:
     return vertices.reshape(-1, 3), np.moveaxis(faces, 1, -1).reshape(-1, 3)
 
 
-def hull(half_m: float, radius_m: float) -> Mesh:
-    """Return a hull that reaches `half_m` ahead and astern of ``base_link``."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 12)
+def body(half_m: float) -> dict[str, Mesh]:
+    """Return a hull that reaches `half_m` ahead and astern of ``base_link``, and a fin by its name.
+
+    The fin is upright, at the stern, and shows the roll.
+    """
+    radius_m, angle = 0.35 * half_m, np.linspace(-np.pi / 2, np.pi / 2, 12)
     along = np.sin(angle) * radius_m + np.sign(angle) * (half_m - radius_m)
-    return _revolved(along, np.cos(angle) * radius_m)
+    corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
+    fin = corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])
+    return {"hull": _revolved(along, np.cos(angle) * radius_m), "fin": fin}
 
 
 def beams(scene: Scene, length_m: float) -> list[tuple[Array, list[Mesh]]]:
@@ -52,9 +57,3 @@ def beams(scene: Scene, length_m: float) -> list[tuple[Array, list[Mesh]]]:
         cones = (_revolved(np.array([0, -length_m]), np.array([0, length_m * x])) for x in wide)
         found.append((place, [(vertices @ turn.T + place, faces) for vertices, faces in cones]))
     return found
-
-
-def fin(half_m: float) -> Mesh:
-    """Return an upright fin at the stern, which shows the roll."""
-    corners = np.array([[-1.0, 0, 0], [-0.4, 0, 0], [-0.75, 0, 0.85], [-1.0, 0, 0.85]])
-    return corners * half_m, np.array([[0, 1, 2], [0, 2, 3]])

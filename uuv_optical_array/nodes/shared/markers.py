@@ -12,7 +12,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.messages import signs
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.nodes.shared.node import FinitePublisher
-from uuv_optical_array.view.shapes import beams, fin, hull
+from uuv_optical_array.view import shapes
 
 LAMP, FOLLOWER, STATION = (1.0, 0.9, 0.5), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0)  # red, green, blue
 PERIOD_S = 1.0
@@ -42,15 +42,14 @@ def beam(scene: Scene, frame: str, length_m: float) -> list[Marker]:
     """Return each lamp's beam out to one and two of its standard deviations."""
     return [
         _surface(f"beam_{stds}_sigma", frame, *mesh, LAMP, 0.1, number)
-        for number, (_, meshes) in enumerate(beams(scene, length_m))
+        for number, (_, meshes) in enumerate(shapes.beams(scene, length_m))
         for stds, mesh in enumerate(meshes, 1)
     ]
 
 
 def body(scene: Scene, frame: str) -> list[Marker]:
     """Return a follower of the scene: a hull as long as the array is ahead, and an upright fin."""
-    half_m = max(scene.array.bow_m, 0.3)
-    parts = {"hull": hull(half_m, 0.35 * half_m), "fin": fin(half_m)}
+    parts = shapes.body(max(scene.array.bow_m, 0.3))
     return [_surface(name, frame, *mesh, FOLLOWER, 0.8) for name, mesh in parts.items()]
 
 

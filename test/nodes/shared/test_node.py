@@ -12,9 +12,11 @@ import rclpy
 from conftest import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import UInt8
 
-from uuv_optical_array.nodes.shared.node import run, spin, start, subscribe
+from uuv_optical_array.nodes.shared.node import publish, run, spin, start, subscribe
 
 
 @pytest.fixture
@@ -123,6 +125,22 @@ def test_between_two_messages_others_have_their_turn_and_the_newest_is_next(exec
     executor.shutdown()
     node.destroy_node()
     assert done == [(1, 0), 1, (6, 4), 6, (8, 1), 8]
+
+
+def test_a_quality_of_service_is_overridden_for_its_own_topic_alone(executor):
+    given = {"a.subscription.reliability": "reliable", "a.publisher.depth": 7}
+    overrides = [Parameter(f"qos_overrides./{name}", value=given[name]) for name in given]
+    node = Node("node", use_global_arguments=False, parameter_overrides=overrides)
+    node.diagnostics = SimpleNamespace(watch=lambda topic: None)
+    for topic in "ab":
+        publish(node, UInt8, topic)
+        subscribe(node, UInt8, topic, print)
+    depths = {end.topic_name: end.qos_profile.depth for end in node.publishers}
+    assert (depths["/a"], depths["/b"]) == (7, 10)
+    reliable = {end.topic_name: end.qos_profile.reliability for end in node.subscriptions}
+    assert reliable["/a"] == ReliabilityPolicy.RELIABLE
+    assert reliable["/b"] == ReliabilityPolicy.BEST_EFFORT
+    node.destroy_node()
 
 
 def test_a_node_that_ros_does_not_make_names_the_enclave_where_ros_is_secured(monkeypatch):

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable
+from copy import copy
 from types import FrameType
 from typing import Any
 
@@ -48,6 +49,7 @@ class FinitePublisher:
 
 
 USUAL = QoSProfile(depth=10)
+OVERRIDABLE = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
 LASTING = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -56,12 +58,8 @@ def publish(node: Any, message_type: type, topic: str, qos: QoSProfile = USUAL) 
 
     What is `LASTING` reaches those who listen later, too, and may have several publishers.
     """
-    publisher = node.create_publisher(
-        message_type,
-        topic,
-        qos,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
+    # A copy, as rclpy writes what parameters override into the profile.
+    publisher = node.create_publisher(message_type, topic, copy(qos), **OVERRIDABLE)
     if qos is not LASTING:
         node.diagnostics.watch(publisher.topic_name)
     return FinitePublisher(node, publisher)
@@ -123,13 +121,7 @@ def subscribe(
                 # turn between two messages.
                 node.executor.create_task(serve)
 
-    subscription = node.create_subscription(
-        message_type,
-        topic,
-        take,
-        qos,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
+    subscription = node.create_subscription(message_type, topic, take, copy(qos), **OVERRIDABLE)
     node.diagnostics.watch(subscription.topic_name)
     return subscription
 
@@ -149,8 +141,8 @@ def transform_publisher(
     except ImportError:
         node.get_logger().warning("publish_tf: tf2_msgs is not installed, so no TF is published")
         return lambda header, child_frame, pose: None
-    topic, qos = ("/tf_static", LASTING) if fixed else ("/tf", QoSProfile(depth=100))
-    publisher = FinitePublisher(node, node.create_publisher(TFMessage, topic, qos))
+    topic = ("/tf_static", LASTING) if fixed else ("/tf", QoSProfile(depth=100))
+    publisher = FinitePublisher(node, node.create_publisher(TFMessage, *topic))
 
     def send(header: Header, child_frame: str, pose: Pose) -> None:
         message = TransformStamped(header=header, child_frame_id=child_frame)

@@ -42,15 +42,12 @@ class Parameter:
             read_only=self.read_only,
             additional_constraints=" or ".join(self.choices),
         )
-        bounds = self.quantity.low, self.quantity.high
-        if isinstance(self.default, float):
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))
-            ]
-        elif isinstance(self.default, int) and not isinstance(self.default, bool):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
-            ]
+        kind, low, high = type(self.default), self.quantity.low, self.quantity.high
+        if kind is float:
+            span = FloatingPointRange(from_value=float(low), to_value=float(high))
+            descriptor.floating_point_range = [span]
+        elif kind is int:
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         return descriptor
 
     def check(self, name: str, value: Any) -> None:
@@ -95,16 +92,13 @@ class Parameters:
 
     def _warn_of_unknown(self) -> None:
         """Name the parameters that the node was given and no node of the package has."""
-        given = {name for name in self._node._parameter_overrides if "qos_overrides." not in name}
-        unknown = sorted(name for name in given if not self._node.has_parameter(name))
-        if unknown:
-            # A section `/**` has what other nodes declare.
-            known = re.findall(r"^#    (\w+):", shared_file(DEFAULTS).read_text("utf-8"), re.M)
-            for name in set(unknown) - set(known):
+        # A section `/**` has what other nodes declare.
+        known = re.findall(r"^#    (\w+):", shared_file(DEFAULTS).read_text("utf-8"), re.M)
+        for name in self._node._parameter_overrides:
+            if not (name in known or self._node.has_parameter(name) or "qos_overrides." in name):
                 near = difflib.get_close_matches(name, known, 1, 0)[0]
-                self._node.get_logger().warning(
-                    f"{name}: no node has this parameter; the nearest name is {near}"
-                )
+                text = f"{name}: no node has this parameter; the nearest name is {near}"
+                self._node.get_logger().warning(text)
 
     def __getitem__(self, name: str) -> Any:
         """Return the present value of a parameter."""

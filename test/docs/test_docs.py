@@ -36,7 +36,8 @@ def options_of_commands():
 
 @each_page
 def test_every_link_leads_to_a_file_and_a_section_that_are_there(page):
-    links = re.findall(r"\]\(([^)\s]+)\)", without_blocks(page.read_text(encoding="utf-8")))
+    text = without_blocks(page.read_text(encoding="utf-8"))
+    links = re.findall(r"(?<=\]\()[^)\s]+(?=\))|(?<=src=\")[^\"]+", text)
     for link in links:
         if re.match(r"https?://", link):
             continue

@@ -96,9 +96,7 @@ FITTING = re.compile(
     "track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
     "tracking_shades|tradeoff|view|view_sources)"
 )
-COMPILE = """from uuv_optical_array.estimation.fit_compiler import compile_fit
-from uuv_optical_array.forward.scene import load_scene
-compile_fit(load_scene("follow"))"""
+COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
 COMPILER = []
 
 
@@ -436,11 +434,11 @@ def table(scene):
 
 
 @pytest.fixture(scope="session")
-def compiled_fit(scene):
+def compiled_fit():
     """The fit compiled in this process, where Numba is installed, so that no node waits for it."""
     from uuv_optical_array.estimation import fit_compiler
 
-    fit_compiler.fit_compiler(scene).wait()
+    fit_compiler.fit_compiler().wait()
 
 
 @pytest.fixture

@@ -28,8 +28,10 @@ POSES = [[-6, 0.2, -0.1, 0.05, -0.1], [-5, -0.2, 0.1, -0.05, 0.1]]
 @pytest.fixture
 def nothing_loaded(monkeypatch):
     """Let this process look as one that finds no compiled fit."""
-    monkeypatch.setattr(fit_compiler, "_COMPILERS", [])
     monkeypatch.setattr(fit_compiler, "is_compiled", lambda: False)
+    fit_compiler.fit_compiler.cache_clear()
+    yield
+    fit_compiler.fit_compiler.cache_clear()
 
 
 @pytest.fixture
@@ -141,14 +143,10 @@ def test_the_process_fills_the_cache_from_which_others_load(scene_file):
 
 
 @NUMBA
-def test_where_nothing_can_be_kept_the_reason_has_the_cure(tmp_path, scene):
+def test_where_nothing_can_be_kept_the_reason_has_the_cure(tmp_path):
     occupied = tmp_path / "file"
     occupied.touch()
-    program = (
-        "from uuv_optical_array.estimation.fit_compiler import compile_fit; "
-        "from uuv_optical_array.forward.scene import scene_from_settings; "
-        f"compile_fit(scene_from_settings({scene.settings()!r}, 'small'))"
-    )
+    program = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
     ran = run(program, NUMBA_CACHE_DIR=str(occupied))
     assert ran.returncode == 1
     assert "NUMBA_CACHE_DIR" in ran.stderr.splitlines()[-1]
@@ -163,8 +161,7 @@ fit_compiler.is_compiled = lambda: False
 fit_compiler.CODE = (
     "import sys, threading; sys.path[:] = {{path!r}}; import {{module}} as module; "
     "letters = open({fifo!r}, 'w'); letters.write('c'); letters.flush(); "
-    "module.compile_fit = lambda scene: threading.Event().wait(); "
-    "module.fill_cache({{settings!r}})"
+    "module.compile_fit = threading.Event().wait; module.fill_cache()"
 )
 letters = open({fifo!r}, "w")
 try:

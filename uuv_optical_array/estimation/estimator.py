@@ -217,7 +217,7 @@ class Estimator:
     @cached_property
     def _compiler(self) -> FitCompiler | None:
         """What compiles the fit in the background; ``None`` where nothing is to be."""
-        return fit_compiler(self.scene) if self._asked is None else None
+        return fit_compiler() if self._asked is None else None
 
     @cached_property
     def _own_fit(self) -> ImageFit:

@@ -11,24 +11,22 @@ import os
 import subprocess
 import sys
 import threading
-from typing import Any
+from functools import cache
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
 from uuv_optical_array.estimation.unknowns.constants import constants_of
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import Scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene
 
 # It finds the same modules as this process. The environment is inherited as it is: where ROS comes
 # as wheels, LD_LIBRARY_PATH and the guard that says so only work together.
 CODE = """import sys
 sys.path[:] = {path!r}
 from {module} import fill_cache
-fill_cache({settings!r})"""
+fill_cache()"""
 LOAD_S = 5.0  # longest that an estimator waits for what is compiled already
-
-
-FIT = f"fit{compilation.DONE}"  # it is the same in every scene
+FIT, EXAMPLE = f"fit{compilation.DONE}", "reference"  # it is the same in every scene
 
 
 def is_compiled() -> bool:
@@ -37,21 +35,21 @@ def is_compiled() -> bool:
     return folder is not None and (folder / FIT).exists()
 
 
-def compile_fit(scene: Scene) -> None:
-    """Compile what ``least_squares`` runs, by a scene as an example, or load it from disk."""
+def compile_fit() -> None:
+    """Compile what ``least_squares`` runs in any scene, or load it from disk."""
     folder = compilation.cache_folder()
     if folder is None:
         raise OSError(
             "no folder to keep compiled code in that this user alone can write; set "
             "NUMBA_CACHE_DIR to one"
         )
-    model = ForwardModel(scene)
+    model = ForwardModel(load_scene(EXAMPLE))
     ImageFit(model, constants_of(model), candidates=1, max_misfit=0.5, compiled=True)
     (folder / FIT).touch()
 
 
-def fill_cache(settings: dict[str, Any]) -> None:
-    """Compile the fit of a scene in a process that ends, at the latest, with the one before it."""
+def fill_cache() -> None:
+    """Compile the fit in a process that ends, at the latest, with the one before it."""
 
     def end_with_the_other() -> None:
         os.read(sys.stdin.fileno(), 1)  # returns when the pipe's other end is gone
@@ -60,21 +58,21 @@ def fill_cache(settings: dict[str, Any]) -> None:
     threading.Thread(target=end_with_the_other, daemon=True).start()
     os.nice(5)  # frames come first
     gc.disable()  # the compiler makes many objects, and the process ends soon: a tenth of its time
-    compile_fit(scene_from_settings(settings, "scene"))
+    compile_fit()
 
 
 class FitCompiler:
-    """Compiles the fit of a scene in the background.
+    """Compiles the fit in the background.
 
-    - scene: whose fit it is. What is compiled already is loaded at once, unless that takes longer
-      than `LOAD_S`, as it does where another processor compiled it.
+    What is compiled already is loaded at once, unless that takes longer than `LOAD_S`, as it does
+    where another processor compiled it.
+
     - done: whether there is no more to wait for.
     - failure: why the compiled fit cannot be used; empty where it can, and while that is not known.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self) -> None:
         self.done, self.failure = False, ""
-        self._scene = scene
         self._process: subprocess.Popen[str] | None = None
         self._thread = threading.Thread(target=self._finish, daemon=True)
         if not compilation.installed():
@@ -94,10 +92,8 @@ class FitCompiler:
             self._thread.join()
 
     def _compiling(self) -> "subprocess.Popen[str]":
-        settings = self._scene.settings()
-        code = CODE.format(path=sys.path, module=__name__, settings=settings)
         return subprocess.Popen(
-            [sys.executable, "-c", code],
+            [sys.executable, "-c", CODE.format(path=sys.path, module=__name__)],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -121,17 +117,13 @@ class FitCompiler:
                 failure = errors.strip().rpartition("\n")[2] or f"exit code {process.returncode}"
         if not failure:
             try:
-                compile_fit(self._scene)
+                compile_fit()
             except (ValueError, OSError) as error:
                 failure = str(error)
         self.failure, self.done = failure, True
 
 
-_COMPILERS: list[FitCompiler] = []
-
-
-def fit_compiler(scene: Scene) -> FitCompiler:
-    """Return the compiler of the fit, one in a process, which takes a scene as an example."""
-    if not _COMPILERS:
-        _COMPILERS.append(FitCompiler(scene))
-    return _COMPILERS[0]
+@cache
+def fit_compiler() -> FitCompiler:
+    """Return the compiler of the fit, one in a process."""
+    return FitCompiler()

@@ -152,8 +152,7 @@ def demodulation(
     together. Daylight has to be slow beside the modulation, as waves and clouds are at some kHz.
     Several lamps need frequencies of which none is an odd multiple of another, or slots.
     """
-    black = Background(np.ones(array.side**2), pedestal_counts)
-    return Demodulation(waveform, pedestal_counts), black
+    return Demodulation(waveform), Background(np.ones(array.side**2), pedestal_counts)
 
 
 def largest_demodulated(

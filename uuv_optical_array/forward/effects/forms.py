@@ -16,9 +16,9 @@ Waveform: TypeAlias = Literal["square", "sine", "slots"]  # of a modulated lamp
 class Transmission:
     """Attenuation on the way to a detector, by the geometry of the ray.
 
-    - law: ``law(range_m, half_square, incidence, a, b, c)`` of numbers or arrays, marked by
-      `core.numerics.elementwise.law`: the factor of the light, and the slopes of its logarithm by
-      range, 1/m, half the squared off-axis angle, 1/rad^2, cosine of incidence, and `a`.
+    - law: ``law(range_m, half_square, incidence, a, b, c)``, one of `forward.optics.LAWS`: the
+      factor of the light, and the slopes of its logarithm by range, 1/m, half the squared off-axis
+      angle, 1/rad^2, cosine of incidence, and `a`.
     - settings: its ``a, b, c``.
     - nuisance: dotted name of the setting `a` where the prior may leave it uncertain; empty: none.
     """
@@ -98,14 +98,9 @@ class Saturation:
 
 @dataclass(frozen=True)
 class Demodulation:
-    """Synchronous detection of a modulated lamp: daylight is in the noise and not in the reading.
-
-    - waveform: as of `electronics.detection`.
-    - black_counts: reading of darkness, which keeps noise above zero.
-    """
+    """Synchronous detection of a modulated lamp: daylight is in the noise, not in the reading."""
 
     waveform: Waveform
-    black_counts: float
 
 
 @dataclass(frozen=True)

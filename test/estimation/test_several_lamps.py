@@ -8,8 +8,9 @@ import pytest
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rolled
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.estimation.estimator import CLEAR, Estimator
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.least_squares.image_fit import CLEAR
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL

@@ -8,14 +8,13 @@
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dposv
-from scipy.special import ndtr
 
 from uuv_optical_array.core.errors import NoPose as NoPose
 from uuv_optical_array.core.errors import expect
@@ -25,11 +24,11 @@ from uuv_optical_array.core.geometry import (
     wrapped,
 )
 from uuv_optical_array.core.settings import Quantity
+from uuv_optical_array.estimation.estimate import Estimate as Estimate
 from uuv_optical_array.estimation.fit_compiler import FitCompiler, fit_compiler
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.least_squares.frame import MOST_STARTS
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
-from uuv_optical_array.estimation.least_squares.lamps_fit import LampsFit
 from uuv_optical_array.estimation.signature.features import no_pattern, scene_parameters
 from uuv_optical_array.estimation.signature.plausibility import (
     bounds,
@@ -48,8 +47,6 @@ from uuv_optical_array.forward.scene import Scene
 
 Method = Literal["sam", "sam_interpolated", "least_squares"]
 METHODS: tuple[Method, ...] = get_args(Method)
-# Probability beyond which an image counts as one that nothing shades.
-CLEAR = 0.99
 
 
 @dataclass(frozen=True)
@@ -69,76 +66,6 @@ class EstimatorSettings:
     max_misfit: Annotated[
         float, Quantity("probability that a valid image is refused as a misfit", "", 0, 0.5)
     ] = 1e-5
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A pose and how far it can be trusted.
-
-    Parameters
-    ----------
-    pose
-        ``(x, y, z, pitch, yaw)`` of the follower in ``beacon``, m and rad, shape ``(5,)``.
-    covariance
-        Of `pose`, m^2, m rad and rad^2, shape ``(5, 5)``, positive definite; the roll is taken
-        as given.
-    angle_rad
-        Spectral angle to the nearest signature that was looked at, in [0, pi]: of all rows of the
-        table, or of those that ``least_squares`` starts from.
-    runner_up_pose
-        The second choice: the second nearest entry, or the next minimum of the fit; ``None``
-        where every start of the fit led to one.
-    runner_up_angle_rad
-        Spectral angle to the second nearest signature.
-    misfit
-        Probability that a valid image leaves larger residuals, in [0, 1]; nan unless the image was
-        fitted.
-    runner_up_misfit
-        The same of the runner-up.
-    unobservable
-        Degrees of freedom of which the image says next to nothing.
-    readings
-        The likelihood of the image near its best fit, where it was told what is expected;
-        ``None`` where that is far from Gaussian, or something may shade the image.
-    stretch
-        Factor, >= 1, of the covariance and so of the readings' variances, by the residuals.
-    clear
-        Probability that the image is lit as the scene says: by no shade, nor else unevenly.
-    left_out
-        Rows and columns, from 0, of detectors whose readings were left out as faulty: dead, stuck,
-        dirty or in a glint.
-    roll
-        By several lamps, how much more the follower rolls than was given, rad.
-    turn
-        By several lamps, the covariance of the follower's roll with the pose, and its variance,
-        shape ``(6,)``; ``None`` by one, which does not show the roll.
-    dark_lamp
-        Which of several lamps was left out, as it is off or hidden; ``None``: none was.
-    """
-
-    pose: Array
-    covariance: Array
-    angle_rad: float
-    runner_up_pose: Array | None
-    runner_up_angle_rad: float
-    misfit: float = field(default=float("nan"))
-    runner_up_misfit: float = field(default=float("nan"))
-    unobservable: tuple[str, ...] = ()
-    readings: LinearisedReadings | None = None
-    stretch: float = 1.0
-    clear: float = 1.0
-    left_out: tuple[tuple[int, int], ...] = ()
-    roll: float = 0.0
-    turn: Array | None = None
-    dark_lamp: int | None = None
-
-    @property
-    def fault(self) -> str:
-        """Which lamp or detectors were left out, in words; empty where none was."""
-        if self.dark_lamp is not None:
-            return f"dark lamp: lamps[{self.dark_lamp}] is off or hidden"
-        places = ", ".join(f"row {row} column {column}" for row, column in self.left_out)
-        return f"faulty detector: {places} (from 0, top and port) left out" if places else ""
 
 
 class Estimator:
@@ -223,8 +150,7 @@ class Estimator:
     def _own_fit(self) -> ImageFit:
         """The fit: made at once by its method, by the others at the first image."""
         s, compiled = self.settings, bool(self._asked)
-        fit = LampsFit if self.scene.lamps else ImageFit
-        return fit(self._model, self.constants, s.candidates, s.max_misfit, compiled)
+        return ImageFit(self._model, self.constants, s.candidates, s.max_misfit, compiled)
 
     @property
     def _fit(self) -> ImageFit:
@@ -312,7 +238,7 @@ class Estimator:
             if not readings.max() > 0:
                 raise NoPose(f"no light: the brightest detector reads {readings.max():g}")
             if fits:
-                return self._least_squares(None, readings, roll, expected)
+                return self._fit(readings, None, roll, expected)
             image = readings.reshape(self._model.image_shape)
             parameters = scene_parameters(image, self.scene)
         # A copy, as compiled code is made anew for every layout of the memory.
@@ -324,7 +250,7 @@ class Estimator:
             raise NoPose(f"no light: the peak is {parameters[0]:g} of full scale")
         check_parameters(parameters, self._bounds)
         if fits:
-            return self._least_squares(parameters[:, None], self._readings(image), roll, expected)
+            return self._fit(self._readings(image), parameters[:, None], roll, expected)
         match, rows, poses = self._match(self.table.vectors(parameters), roll)
         if image is None:
             return match
@@ -394,55 +320,19 @@ class Estimator:
             candidates=1,
             gaussian=True,
         )
-        fitted, clear, *_ = self._fit(readings, parameters, roll, expected, near)
+        fitted = self._fit(readings, parameters, roll, expected, near)
         off = wrapped(match.pose - fitted.pose)
         # The cell of the grid and the spread of the neighbours, wider where the match is farther
         # off, and what the noise and the unknowns of the scene leave.
         _, weighed_off, _ = dposv(match.covariance + fitted.covariance, off)
         excess = float(off @ weighed_off) / 5
         covariance = max(excess, 1.0) * match.covariance + fitted.covariance
-        return Estimate(
-            match.pose,
-            0.5 * (covariance + covariance.T),
-            match.angle_rad,
-            match.runner_up_pose,
-            match.runner_up_angle_rad,
-            float(ndtr(-fitted.score)),
-            float(ndtr(-fitted.runner_up_score)),
-            clear=clear,
-        )
-
-    def _least_squares(
-        self,
-        parameters: Array | None,
-        readings: Array,
-        roll: float,
-        expected: Expected | None,
-    ) -> Estimate:
-        fit = self._fit
-        found = fit(readings, parameters, roll, expected)
-        fitted, clear, near, left_out, rolls, turn = found
-        runner_up = None if np.isnan(fitted.runner_up_score) else fitted.runner_up
-        detectors, dark = self._side**2, None
-        # A faulty detector is left out of the images of all lamps, a dark lamp with all detectors.
-        if self.scene.lamps and len(left_out) and left_out[-1] - left_out[0] < detectors:
-            dark, left_out = int(left_out[0]) // detectors, left_out[:0]
-        return Estimate(
-            fitted.pose,
-            fitted.covariance,
-            fitted.angle,
-            runner_up,
-            fitted.runner_up_angle,
-            float(ndtr(-fitted.score)),
-            float(ndtr(-fitted.runner_up_score)),
-            fit.unobservable(fitted.covariance),
-            near if clear > CLEAR else None,
-            fitted.stretch,
-            clear,
-            tuple(divmod(it, self._side) for it in left_out.tolist() if it < detectors),
-            rolls,
-            turn,
-            dark,
+        return replace(
+            match,
+            covariance=0.5 * (covariance + covariance.T),
+            misfit=fitted.misfit,
+            runner_up_misfit=fitted.runner_up_misfit,
+            clear=fitted.clear,
         )
 
     def lineariser(
@@ -463,5 +353,5 @@ class Estimator:
         weights[:, [self._side * row + column for row, column in estimate.left_out]] = 0.0
         if estimate.dark_lamp is not None:
             weights[estimate.dark_lamp] = 0.0
-        left_out = np.flatnonzero(weights == 0)
-        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, left_out)
+        flat = weights.ravel()
+        return lambda at: self._fit.near(readings, at, roll, estimate.stretch, flat)

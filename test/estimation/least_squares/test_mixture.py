@@ -18,7 +18,7 @@ def result(pose, std, outcome=FITTED):
     nothing, covariance = np.full(5, np.nan), np.diag(np.full(5, std**2))
     pose = np.array(pose, dtype=float)
     return FrameResult(
-        outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0.0, 0.0, 0.0
+        outcome, pose, covariance, 0.0, nothing, np.nan, 0.1, 0.1, 1.0, pose, 0.0, 0.0
     )
 
 

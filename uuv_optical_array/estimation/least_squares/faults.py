@@ -52,12 +52,9 @@ def most_faulty(problem: Problem) -> int:
 
 
 def log_odds(problem: Problem, light: Any) -> Any:
-    """Return by how much a fault is more probable than light that the reading hits exactly.
-
-    It is a lamp's share, as a detector is faulty in the images of all.
-    """
-    full, faulty = min(problem.noise.high, 2 * problem.readings.max() + 1), FAULTY
-    faulty **= 1 / lamps_of(problem)
+    """Return by how much a fault is more probable than light that the reading hits exactly."""
+    full = min(problem.noise.high, 2 * problem.readings.max() + 1)
+    faulty = FAULTY ** (1 / lamps_of(problem))  # a detector is so in the images of all lamps
     return np.log(faulty / full * np.sqrt(2 * np.pi * reading_variance(light, problem.noise)))
 
 
@@ -67,11 +64,7 @@ def grows(noise: ReadingNoise) -> bool:
 
 
 def trim(squares: Array, count: int, weights: Array) -> bool:
-    """Give the detectors of the largest squares no weight; returns whether that changes anything.
-
-    - squares: of d detectors, shape ``(d,)``.
-    - weights: of the readings of each lamp, one after the other, shape ``(L d,)``.
-    """
+    """Give the detectors of the largest squares no weight; returns whether that changes any."""
     before, detectors = weights.copy(), len(squares)
     weights.fill(1.0)
     for _ in range(count):
@@ -101,8 +94,7 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
 
     - problem: with readings and weights of its own, which are written.
     - poses, roots: where fits may start, as `frame.Guide` has them.
-    - count: how many detectors may be faulty, > 0.
-    - returned: whether there is such a detector.
+    - returned: whether there is such a detector, of at most `count`, > 0.
     """
     weights, readings, noise = problem.weights, problem.readings, problem.noise
     lamps, sight = lamps_of(problem), np.sqrt(np.maximum(readings, 0.0))
@@ -171,10 +163,7 @@ def leave_out(problem: Problem, poses: Array, roots: Array, count: int) -> bool:
 
 
 def log_evidence(problem: Problem) -> float:
-    """Return the logarithm of the probability of the readings that are left out, as faults.
-
-    As `FrameResult.log_evidence` has it, without the constants of the readings.
-    """
+    """Return the logarithm of the probability of the readings that are left out, as faults."""
     out = problem.weights == 0
     odds = log_odds(problem, problem.readings[out])
     if grows(problem.noise):

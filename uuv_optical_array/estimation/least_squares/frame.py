@@ -96,7 +96,6 @@ class FrameResult(NamedTuple):
     - strict_score: of the best, not lenient.
     - stretch: that of the best, which the covariance has.
     - best: pose and nuisances of the best minimum, shape ``(p,)``.
-    - nodes: how many attitudes the posterior was integrated by.
     - log_evidence: logarithm of the integral of likelihood and prior, without the constants of the
       readings and of the pose's prior.
     - runner_up: pose of the next minimum; nan where there is none.
@@ -115,7 +114,6 @@ class FrameResult(NamedTuple):
     runner_up_angle: float
     stretch: float
     best: Array
-    nodes: int
     log_evidence: float
     strict_score: float
     wider: bool = False
@@ -323,13 +321,15 @@ def estimate_frame(
     nothing: Any = np.full(5, np.nan)
     covariance: Any = np.full((5, 5), np.nan)
     at = np.full(5 + len(problem.nuisance_mean), np.nan)
-    outcome, pose, nodes, evidence = NO_START, nothing, 0, -np.inf
+    outcome, pose, evidence = NO_START, nothing, -np.inf
     best, angle, second_angle = NO_FIT, np.nan, np.nan
     runner_up, runner_up_score, wider = nothing, np.nan, False
     if most_faulty == 0 or leave_out(problem, guide.poses, guide.roots, most_faulty):
         if np.isnan(parameters[0, 0]):
-            column = problem.readings.reshape(-1, 1)
             side, full_scale = guide.side, guide.full_scale_counts
+            column = np.zeros((side * side, 1))  # the images of all lamps together
+            for i in range(len(problem.readings)):
+                column[i % (side * side), 0] += problem.readings[i]
             write_parameters(column, side, full_scale, guide.subdetector, parameters)
         unit = guide.weights.copy()
         for i in range(5):
@@ -342,10 +342,9 @@ def estimate_frame(
             outcome = MISFIT
             if best.lenient_score <= guide.max_score:
                 outcome = FITTED
-                # By several lamps the posterior is nearly Gaussian.
-                linear = guide.gaussian or problem.optics.lamps.shape[1] > 1
-                moments = laplace(minima[0]) if linear else whole_posterior(problem, minima)
-                pose, nodes, evidence = moments.mean, moments.nodes, moments.log_weight
+                gaussian = guide.gaussian
+                moments = laplace(minima[0]) if gaussian else whole_posterior(problem, minima)
+                pose, evidence = moments.mean, moments.log_weight
                 covariance = best.stretch * moments.covariance
                 wider = cover(minima, pose, covariance)
                 if not np.isfinite(evidence) or not cholesky(covariance.copy()):
@@ -364,7 +363,6 @@ def estimate_frame(
         second_angle,
         best.stretch,
         at,
-        nodes,
         evidence,
         best.score,
         wider,

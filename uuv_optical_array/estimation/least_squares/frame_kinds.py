@@ -1,7 +1,5 @@
 """Kinds of frame that an image may be, such as clear or shaded, weighed by their evidence."""
 
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,12 +11,28 @@ from uuv_optical_array.estimation.least_squares.frame import FITTED, FrameResult
 from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem, problem_of
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.prior import POWER, SHADE_DOUBT, FrameLight
+from uuv_optical_array.forward.prior import (
+    BEAM_SIGMA,
+    OWN_POWER,
+    POWER,
+    ROLL,
+    SHADE_DOUBT,
+    SHADES,
+    FrameLight,
+    of_lamp,
+)
+from uuv_optical_array.forward.scene import Scene
 
 # An image is hardly a clear one where a fifth of them at most leave larger residuals, or where the
 # one before makes it this probable.
 DOUBTFUL, SUSPECTED = 0.84, 0.05
 LEAST = 1e-6  # probability of a kind, whatever the images before said
+# Standard deviations of what is rarely wrong where several lamps can tell: each mode of a shade, in
+# the logarithm of the light; the roll, rad, as without an IMU; the beam's width, deg; power, in its
+# logarithm, and axis of one lamp. Our choice, for the unforeseen, and the share of each kind.
+SHADED, ROLLED, WIDER_DEG = 0.1, 0.3, 2.0
+OTHER_LAMP = {OWN_POWER: 0.3, "pitch_deg": 2.0, "yaw_deg": 2.0}
+RARE = FrameLight(1e-3)
 
 
 class FrameKind(NamedTuple):
@@ -32,6 +46,7 @@ class FrameKind(NamedTuple):
     - places: those of the fitted constants among the nuisances, shape ``(k,)``.
     - added: what this kind adds to the covariance of the constants, shape ``(r, r)``.
     - doubt: factor of the pose's covariance, >= 1, for what the kind does not describe.
+    - clear: whether it is lit as the scene says, also with faulty detectors or a dark lamp.
     - rare: whether an image is taken for such a frame only where it is hardly a clear one.
     """
 
@@ -41,6 +56,7 @@ class FrameKind(NamedTuple):
     places: NDArray[np.intp]
     added: Array
     doubt: float
+    clear: bool
     rare: bool
 
     def knowing(self, expected: Expected | None) -> Problem:
@@ -65,21 +81,31 @@ class FrameKind(NamedTuple):
         return np.concatenate([nuisances[self.places], expected.mean[len(self.places) :]])
 
 
-def frame_kinds(
-    model: ForwardModel,
-    prior: PosePrior,
-    others: Sequence[tuple[FrameLight, Mapping[str, float]]] = (),
-) -> list[FrameKind]:
-    """Return the kinds of frame that the prior of a model's scene names, clear frames first.
+def wider_by_several(scene: Scene) -> list[dict[str, float]]:
+    """Return what is less known in each rare kind of frame of several lamps that no prior names."""
+    lamps = [
+        {of_lamp(i, setting): std for setting, std in OTHER_LAMP.items()}
+        for i in range(len(scene.lamps))
+    ]
+    stds = scene.nuisance_std()
+    wider = [{ROLL: ROLLED}, {BEAM_SIGMA: WIDER_DEG}, *lamps]
+    kinds = [
+        {key: std for key, std in each.items() if 0 < stds.get(key, 0.0) < std} for each in wider
+    ]
+    return [dict.fromkeys(SHADES, SHADED), *filter(None, kinds)] if scene.lamps else []
+
+
+def frame_kinds(model: ForwardModel, prior: PosePrior) -> list[FrameKind]:
+    """Return the kinds of frame of a model's scene, clear frames first.
 
     - model: the scene's forward model.
     - prior: of the pose, and of the scene's unknown constants.
-    - others: rare kinds beside them, by their light and standard deviations that are larger.
     """
     known, constants = model.scene.prior, model.scene.constants_std()
     kinds: list[FrameKind] = []
     lights = known.lights(model.scene.daylight_scale_counts)
-    for light, wider in [*((light, {}) for light in lights), *others]:
+    rare_kinds = [(RARE, wider) for wider in wider_by_several(model.scene)]
+    for light, wider in [*((light, {}) for light in lights), *rare_kinds]:
         stds = {**model.scene.nuisance_std(), **known.std_in(light), **wider}
         names = list(stds)
         given = [name for name in constants if name not in stds]
@@ -93,8 +119,9 @@ def frame_kinds(
         added = np.square(list(stds.values()))
         added[places] -= np.square([prior.nuisance_std.get(name, 0.0) for name in fitted])
         problem = problem._replace(nuisance_mean=mean, noise=noise)
-        doubt, rare = SHADE_DOUBT if light.cloud else 1.0, bool(kinds) and not light.cloud
-        of = problem, tuple(names), light.share, places, np.diag(added), doubt, rare
+        doubt, clear = SHADE_DOUBT if light.cloud else 1.0, not kinds
+        rare = not (clear or light.cloud)
+        of = problem, tuple(names), light.share, places, np.diag(added), doubt, clear, rare
         kinds.append(FrameKind(*of))
     return kinds
 
@@ -111,23 +138,9 @@ def expecting(kinds: list[FrameKind], expected: Expected | None) -> list[FrameKi
 
 
 def is_doubtful(clear: FrameResult, share: float) -> bool:
-    """Say whether an image may be of a rare kind, by the fit as a clear one and the rare share.
-
-    What no clear frame explains at all stays without a pose.
-    """
+    """Say whether an image may be of a rare kind, by the fit as a clear one and the rare share."""
+    # What no clear frame explains at all stays without a pose.
     return clear.outcome == FITTED and (clear.strict_score > DOUBTFUL or share > SUSPECTED)
-
-
-def weighed(
-    kinds: list[FrameKind], problems: list[Problem], frames: list[FrameResult]
-) -> tuple[FrameResult, Array]:
-    """Return the mixture of what the first kinds make of an image, as `mixture` does."""
-    evidence, widened = [], []
-    for kind, problem, frame in zip(kinds, problems, frames, strict=False):
-        volume = np.linalg.slogdet(problem.nuisance_precision)[1] / 2
-        evidence.append(math.log(kind.share) + volume + frame.log_evidence)
-        widened.append(frame._replace(covariance=kind.doubt * frame.covariance))
-    return mixture(widened, np.array(evidence))
 
 
 def mixture(frames: list[FrameResult], evidence: Array) -> tuple[FrameResult, Array]:

@@ -1,17 +1,22 @@
-"""An image fitted: its posterior of the pose, over what else the scene leaves unknown."""
+"""An image fitted: its posterior of the pose, over what else the scene leaves unknown.
 
-from collections.abc import Callable, Sequence
+What may be behind an image is tried first as a clear frame, then as one of each other kind that is
+likely by then, and without faulty detectors; what fits is weighed by its evidence.
+"""
+
+import math
+from collections.abc import Callable
 from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import ndtr, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES, Array, X, turned_about_beam, wrapped
 from uuv_optical_array.core.numerics import compilation
+from uuv_optical_array.estimation.estimate import Estimate
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings, Lineariser
 from uuv_optical_array.estimation.least_squares.faults import log_evidence, most_faulty
 from uuv_optical_array.estimation.least_squares.frame import (
@@ -28,9 +33,10 @@ from uuv_optical_array.estimation.least_squares.frame_kinds import (
     expecting,
     frame_kinds,
     is_doubtful,
-    weighed,
+    mixture,
 )
-from uuv_optical_array.estimation.least_squares.problem import PosePrior, Problem
+from uuv_optical_array.estimation.least_squares.linear_model import LinearModel, LinearModels
+from uuv_optical_array.estimation.least_squares.problem import UNUSUAL, PosePrior, Problem
 from uuv_optical_array.estimation.signature import features
 from uuv_optical_array.estimation.signature.features import lifted, scene_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import unit_vectors
@@ -54,37 +60,57 @@ NEAR_STARTS, NEAREST = 4096, 0.2
 BY_SIGNATURE = 1536  # of all these are looked up by their signature, too, and the others by image
 # Score from which detectors may be faulty: of one valid image of two hundred.
 DOUBTED = 2.576
-MENDED = 2.054  # score up to which the others have to fit: that of one image of fifty
+# Score up to which the others have to fit: that of one image of fifty, or of a thousand by several
+# lamps, whose readings are enough to tell.
+MENDED, MENDED_BY_SEVERAL = 2.054, UNUSUAL
 # Probability, by a fit that is linear about its minimum, from which no other kind is integrated.
 MOSTLY_CLEAR = 0.8
+CLEAR = 0.99  # probability beyond which an image counts as one that nothing shades
+# By several lamps all but clear frames are so many times as frequent in the moments of the pose, as
+# a shade may look like another pose, and the shares are a choice.
+OFTEN = 3.0
+# Probability that a lamp is off or hidden, and chance of noise from which one that shows nothing
+# may be.
+LAMP_OFF, LIKELY_DARK = 1e-3, 1e-3
+FIRST_STARTS = 12  # of several lamps, before other explanations than a lost fit are tried
 
 
-class Fitted(NamedTuple):
-    """What the fit makes of an image.
+class Image(NamedTuple):
+    """An image and what is known of it, as `ImageFit` is given them."""
 
-    - result: pose, covariance, angles and scores, of all kinds of light that may be behind the
-      image.
-    - clear: probability that the image is lit as the scene says.
-    - readings: the likelihood of the image near its best fit as a clear one, where the fit was told
-      what is expected and the posterior was integrated and is nearly Gaussian; ``None`` otherwise.
-    - left_out: places of the readings that are probably those of faulty detectors.
-    - roll, turn: by several lamps, how much more the follower rolls than was given, rad; its
-      covariance with the pose, and its variance, shape ``(6,)``.
-    """
+    readings: Array
+    parameters: Array
+    roll: float
+    expected: Expected | None
 
-    result: FrameResult
-    clear: float
-    readings: LinearisedReadings | None
-    left_out: NDArray[np.intp]
-    roll: float = 0.0
-    turn: Array | None = None
+    def problem(self, kind: FrameKind) -> Problem:
+        """Return the posterior of the image as a frame of a kind."""
+        return kind.knowing(self.expected)._replace(readings=self.readings, roll=self.roll)
 
 
-def nearly_gaussian(frame: FrameResult) -> bool:
-    """Say whether the posterior of a frame is nearly Gaussian, and its image as good as linear."""
-    off, covariance = wrapped(frame.best[:5] - frame.pose), frame.covariance / frame.stretch
-    known = covariance[X, X] < (FAR * frame.pose[X]) ** 2
-    return bool(known and not frame.wider and off @ np.linalg.solve(covariance, off) < BENT**2)
+class Hypothesis(NamedTuple):
+    """A kind of frame that may be behind an image, and its fit; by several lamps a linear model."""
+
+    kind: FrameKind
+    problem: Problem
+    frame: FrameResult
+    linear: LinearModel | None
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of image and kind, without constants."""
+        volume = np.linalg.slogdet(self.problem.nuisance_precision)[1] / 2
+        return float(math.log(self.kind.share) + volume + self.frame.log_evidence)
+
+    @property
+    def nearly_gaussian(self) -> bool:
+        """Whether the posterior is nearly Gaussian, and the image as good as linear."""
+        frame = self.frame
+        covariance = frame.covariance[:5, :5] / frame.stretch
+        if frame.wider or not covariance[X, X] < (FAR * frame.pose[X]) ** 2:
+            return False
+        off = wrapped(frame.best[:5] - frame.pose[:5])
+        return bool(self.linear or off @ np.linalg.solve(covariance, off) < BENT**2)
 
 
 class ImageFit:
@@ -95,10 +121,7 @@ class ImageFit:
     - candidates, max_misfit, compiled: as of `Estimator`.
     - compiled: whether it runs as Numba compiles it.
     - guide: where fits start from and how far they go, unless they are told otherwise.
-    - most_mended: score up to which what is left of an image has to fit.
     """
-
-    most_mended = MENDED
 
     def __init__(
         self,
@@ -111,6 +134,7 @@ class ImageFit:
         scene = model.scene
         self._model, self._constants = model, constants
         self._max_misfit = max_misfit
+        self._most_mended = MENDED_BY_SEVERAL if scene.lamps else MENDED
         axes = grid_axes(scene.table)
         middle = np.array([(axis[0] + axis[-1]) / 2 for axis in axes])
         half = np.array([(axis[-1] - axis[0]) / 2 for axis in axes])
@@ -146,13 +170,16 @@ class ImageFit:
         model, constants = self._model, self._constants
         kinds = frame_kinds(model, self._prior)
         lineariser = Lineariser(model, constants.names, compiled)
+        models = None
+        if model.scene.lamps:
+            models = LinearModels(model, kinds, constants.names, self._pose_precision, compiled)
         frame: Callable[..., FrameResult] = estimate_frame
         if compiled:
             features.prepare(model.array.side)
             joint_coordinates.prepare(constants)
             example = kinds[0].problem, self.guide, np.ones((5, 1)), 0
             frame = compilation.prepare(estimate_frame, *example)
-        self._kinds, self._linearise, self._frame = kinds, lineariser, frame
+        self._kinds, self._linearise, self._frame, self._models = kinds, lineariser, frame, models
         self.compiled = compiled
 
     def _starts(self, axes: list[Array]) -> tuple[Array, Array]:
@@ -178,7 +205,7 @@ class ImageFit:
         roll: float = 0.0,
         expected: Expected | None = None,
         guide: Guide | None = None,
-    ) -> Fitted:
+    ) -> Estimate:
         """Fit an image.
 
         - readings: counts, shape ``(m,)``.
@@ -186,59 +213,120 @@ class ImageFit:
           image.
         - roll: of the follower, rad.
         - expected: as of `Estimator.estimate`.
-        - guide: ``None``: that of all images.
+        - guide: ``None``: that of all images, some of whose detectors may be faulty.
         - NoPose: for an image that no pose of the scene explains.
         """
-        match, guide = guide is not None, guide or self.guide
         if parameters is None:
             parameters = np.full((5, 1), np.nan)  # the frame's: it writes into it
-        kinds = expecting(self._kinds, expected)
-        problems: list[Problem] = []
-        frames: list[FrameResult] = []
-        for kind in kinds:
-            if kind.rare and not is_doubtful(frames[0], kind.share):
+        image, kinds = Image(readings, parameters, roll, expected), expecting(self._kinds, expected)
+        trials = [guide or self.guide]
+        if self._models and guide is None:
+            trials.insert(0, self.guide._replace(most=FIRST_STARTS))
+        found: list[Hypothesis] = []
+        for trial in trials:
+            faults = guide is None and trial is trials[0]
+            found = self._hypotheses(image, kinds, trial, faults)
+            if any(each.frame.outcome == FITTED for each in found):
                 break
-            problems.append(kind.knowing(expected)._replace(readings=readings, roll=roll))
-            if kind.rare and not guide.gaussian:
-                # The integral takes several times as long as a clear one, and few images need it.
-                there = self._from(frames[0].best[:5], roll)
-                frames.append(self._frame(problems[-1], there, parameters, 0))
-                _, shares = weighed(kinds, problems, frames)
-                if shares[0] > MOSTLY_CLEAR:
-                    break
-                frames.pop()
-            frames.append(self._frame(problems[-1], guide, parameters, 0))
-        kinds, problems = kinds[: len(frames)], problems[: len(frames)]
-        faults = None if match else self._faults(kinds[0], problems[0], frames[0])
-        if faults:
-            kinds, problems, frames = (
-                [*kinds, faults[0]],
-                [*problems, faults[1]],
-                [*frames, faults[2]],
-            )
-        result, shares = frames[0], np.ones(1)
-        if len(frames) > 1:
-            result, shares = weighed(kinds, problems, frames)
-        # A frame with faulty detectors is lit as the scene says, too.
-        main = len(frames) - 1 if faults and shares[-1] > shares[0] else 0
-        clear = float(shares[0] + (shares[-1] if faults else 0.0))
-        self._check(result)
-        fitted, best = len(kinds[0].places), frames[main].best
-        left_out = np.flatnonzero(problems[main].weights == 0)
-        if expected is None or (match and len(expected.mean) == fitted):
-            return Fitted(result, clear, None, left_out)
-        at = np.concatenate([best[:5], kinds[0].constants(best[5:], expected)])
-        near = self.near(readings, at, roll, result.stretch, left_out)
-        if len(expected.mean) > fitted and clear > 0:
-            # What the clear fit was given is not known exactly.
-            precision = block_diag(self._pose_precision, problems[main].nuisance_precision)
-            slopes = near.pose_slopes(precision, self._constants.gain_std)
-            spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
-            covariance = result.covariance + 0.5 * (spread + spread.T)
-            result = result._replace(covariance=covariance)
-        # A reading at full scale says only how little the light is at least, which is not linear.
-        linear = nearly_gaussian(frames[main]) and readings.max() < self._model.noise.high
-        return Fitted(result, clear, near if linear else None, left_out)
+        return self._together(image, found, match=guide is not None)
+
+    def _hypotheses(
+        self, image: Image, kinds: list[FrameKind], guide: Guide, faults: bool
+    ) -> list[Hypothesis]:
+        """Return what may be behind an image, detectors with faults too, first that it is clear."""
+        models, problem = self._models, image.problem(kinds[0])
+        dark = self._without_dark_lamp(image, kinds[0], problem, guide) if models else None
+        # Where a lamp is dark, no start with all of them may lead anywhere.
+        start = self._from(dark.frame.best[:5], image.roll) if dark else guide
+        clear = self._hypothesis(kinds[0], problem, start, image.parameters)
+        found = [clear, dark] if dark else [clear]
+        if models and clear.linear:
+            if clear.frame.outcome == NO_START or (dark and clear.frame.outcome == MISFIT):
+                return found
+            likely = models.likely(clear.linear, problem, kinds)
+        else:
+            likely = [not kind.rare or is_doubtful(clear.frame, kind.share) for kind in kinds[1:]]
+        found += [self._other(image, kind, clear, guide) for kind in compress(kinds[1:], likely)]
+        faulty = self._faulty(found) if faults else None
+        return [*found, faulty] if faulty else found
+
+    def _hypothesis(
+        self,
+        kind: FrameKind,
+        problem: Problem,
+        guide: Guide,
+        parameters: Array,
+        most_faulty: int = 0,
+    ) -> Hypothesis:
+        """Fit an image as a frame of a kind."""
+        frame = self._frame(problem, guide, parameters, most_faulty)
+        linear = None
+        if self._models:
+            frame, linear = self._models.about(kind, problem, frame)
+        frame = frame._replace(covariance=kind.doubt * frame.covariance)
+        return Hypothesis(kind, problem, frame, linear)
+
+    def _other(self, image: Image, kind: FrameKind, clear: Hypothesis, guide: Guide) -> Hypothesis:
+        """Fit an image as a frame of another kind than a clear one."""
+        problem, parameters = image.problem(kind), image.parameters
+        if self._models or (kind.rare and not guide.gaussian):
+            there = self._from(clear.frame.best[:5], image.roll)
+            found = self._hypothesis(kind, problem, there, parameters)
+            if self._models:
+                lost = found.frame._replace(outcome=MISFIT)
+                return found if self._fits(found) else found._replace(frame=lost)
+            # The integral takes several times as long as a clear one, and few images need it.
+            evidence = np.array([clear.log_evidence, found.log_evidence])
+            _, shares = mixture([clear.frame, found.frame], evidence)
+            if shares[0] > MOSTLY_CLEAR:
+                return found
+        return self._hypothesis(kind, problem, guide, parameters)
+
+    def _without_dark_lamp(
+        self, image: Image, kind: FrameKind, problem: Problem, guide: Guide
+    ) -> Hypothesis | None:
+        """Return a clear frame without a lamp that shows nothing, as if it were off or hidden."""
+        noise = problem.noise
+        images = image.readings.reshape(self._model.scene.lamp_count, -1)
+        squares = (np.square(images - noise.black) / noise.variance).sum(axis=1)
+        dark = int(squares.argmin())
+        likely = int((chdtrc(images.shape[1], squares) >= LIKELY_DARK).sum())
+        if likely > 1:  # they may be off, or the follower may be where only the others shine
+            raise NoPose(f"no fit: {likely} of {len(squares)} lamps show nothing")
+        if not likely:
+            return None
+        weights = np.ones_like(images)
+        weights[dark] = 0.0
+        problem = problem._replace(weights=weights.ravel())
+        found = self._hypothesis(kind, problem, guide, image.parameters)
+        return self._mended(found, math.log(LAMP_OFF) - 0.5 * squares[dark])
+
+    def _faulty(self, found: list[Hypothesis]) -> Hypothesis | None:
+        """Return a frame with faulty detectors, where that explains what one without does not."""
+        explained = [
+            each.frame.outcome == FITTED and each.frame.strict_score < DOUBTED for each in found
+        ]
+        # By one lamp a shade may well look like faults.
+        if any(explained if self._models else explained[:1]):
+            return None
+        kind, problem = found[0].kind, found[0].problem
+        count = most_faulty(problem)
+        if not count:
+            return None
+        readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
+        problem = problem._replace(readings=readings, weights=weights)
+        faulty = self._hypothesis(kind, problem, self.guide, np.full((5, 1), np.nan), count)
+        return self._mended(faulty, log_evidence(problem))
+
+    def _mended(self, found: Hypothesis, log_chance: float) -> Hypothesis | None:
+        """Return what is left of a frame where that fits, with its chance in the kind's share."""
+        share = found.kind.share * np.exp(log_chance)
+        return found._replace(kind=found.kind._replace(share=share)) if self._fits(found) else None
+
+    def _fits(self, found: Hypothesis) -> bool:
+        """Say whether a frame that is hardly a clear one fits as if it were."""
+        frame = found.frame
+        return frame.outcome == FITTED and frame.strict_score <= self._most_mended
 
     def _from(self, pose: Array, roll: float) -> Guide:
         """Return the guide of a fit from the pose of a follower of this roll, by Laplace."""
@@ -247,46 +335,63 @@ class ImageFit:
         units = np.ascontiguousarray(self.guide.units[:, :2])  # else Numba compiles once more
         return self.guide._replace(poses=poses, units=units, gaussian=True)
 
-    def _faults(
-        self, kind: FrameKind, problem: Problem, frame: FrameResult
-    ) -> tuple[FrameKind, Problem, FrameResult] | None:
-        """Return a frame with faulty detectors, where that explains what one without does not."""
-        if frame.outcome == FITTED and frame.strict_score < DOUBTED:
-            return None
-        count = most_faulty(problem)
-        if not count:
-            return None
-        readings, weights = problem.readings.copy(), np.ones(len(problem.readings))
-        problem = problem._replace(readings=readings, weights=weights)
-        frame = self._frame(problem, self.guide, np.full((5, 1), np.nan), count)
-        return self._mended(kind, problem, frame, log_evidence(problem))
-
-    def _mended(
-        self, kind: FrameKind, problem: Problem, frame: FrameResult, log_chance: float
-    ) -> tuple[FrameKind, Problem, FrameResult] | None:
-        """Return what is left of a frame where that fits, with its chance in the kind's share."""
-        if frame.outcome != FITTED or frame.strict_score > self.most_mended:
-            return None
-        return kind._replace(share=kind.share * np.exp(log_chance)), problem, frame
+    def _together(self, image: Image, found: list[Hypothesis], match: bool) -> Estimate:
+        """Return the mixture of hypotheses; `NoPose` where none fits."""
+        result, shares, often = found[0].frame, np.ones(len(found)), OFTEN if self._models else 1.0
+        if len(found) > 1:
+            logs = [h.log_evidence + (0.0 if h.kind.clear else math.log(often)) for h in found]
+            result, shares[:] = mixture([h.frame for h in found], np.array(logs))
+        self._check(result)
+        # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
+        clears = [i for i, each in enumerate(found) if each.kind.clear]
+        main, clear = found[max(clears, key=lambda i: shares[i])], float(shares[clears].sum())
+        clear = clear / (clear + (1 - clear) / often)
+        (pose, rolls), near = np.split(result.pose, [5]), None
+        covariance: Array = result.covariance[:5, :5]
+        fitted, best, expected = len(main.kind.places), main.frame.best, image.expected
+        if main.linear:
+            near = main.linear.first(5 + len(self._constants.names), result.stretch)
+        elif expected and not (match and len(expected.mean) == fitted):
+            at = np.concatenate([best[:5], main.kind.constants(best[5:], expected)])
+            near = self.near(image.readings, at, image.roll, result.stretch, main.problem.weights)
+            if len(expected.mean) > fitted and clear > 0:
+                # What the clear fit was given is not known exactly.
+                precision = block_diag(self._pose_precision, main.problem.nuisance_precision)
+                slopes = near.pose_slopes(precision, self._constants.gain_std)
+                spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
+                covariance = covariance + 0.5 * (spread + spread.T)
+        # A reading at full scale says only how little the light is at least, which is not linear.
+        linear = main.nearly_gaussian and image.readings.max() < self._model.noise.high
+        out = main.problem.weights.reshape(self._model.scene.lamp_count, -1) == 0
+        left_out, dark = np.flatnonzero(out.all(axis=0)), np.flatnonzero(out.all(axis=1))
+        return Estimate(
+            pose,
+            covariance,
+            result.angle,
+            None if np.isnan(result.runner_up_score) else result.runner_up,
+            result.runner_up_angle,
+            float(ndtr(-result.score)),
+            float(ndtr(-result.runner_up_score)),
+            self._unobservable(covariance),
+            near if linear and clear > CLEAR else None,
+            result.stretch,
+            clear,
+            tuple(divmod(it, self._model.array.side) for it in left_out.tolist()),
+            float(rolls.sum()),
+            result.covariance[:, 5] if len(rolls) else None,
+            int(dark[0]) if len(dark) else None,
+        )
 
     def near(
-        self,
-        readings: Array,
-        at: Array,
-        roll: float,
-        stretch: float,
-        left_out: Sequence[int] | NDArray[np.intp] = (),
+        self, readings: Array, at: Array, roll: float, stretch: float, weights: Array
     ) -> LinearisedReadings:
-        """Return the likelihood of an image near a place, of pose and constants.
+        """Return the likelihood of an image near pose and constants, as far as weights are not 0.
 
-        - readings, roll: as they were fitted.
-        - at: pose and offsets of the constants, shape ``(5 + q,)``.
-        - stretch: of the fit, as its result has it.
-        - left_out: places of readings that say nothing.
+        Its variances are larger by the factor `stretch`, which the fit had.
         """
         near = self._linearise(readings, at, roll)
         variances = stretch * near.variances
-        variances[np.array(left_out, dtype=int)] = np.inf
+        variances[weights == 0] = np.inf
         return near._replace(variances=variances)
 
     def _check(self, result: FrameResult) -> None:
@@ -301,7 +406,7 @@ class ImageFit:
         if result.outcome != FITTED:
             raise NoPose("no fit: the image leaves the pose without a covariance")
 
-    def unobservable(self, covariance: Array) -> tuple[str, ...]:
+    def _unobservable(self, covariance: Array) -> tuple[str, ...]:
         """Name the degrees of freedom of which a covariance leaves next to all of the prior."""
         known = covariance.diagonal() <= self._unobservable_variance
         return () if known.all() else tuple(compress(DOF_NAMES, ~known))

@@ -13,8 +13,8 @@ and its variance to half a percent.
 
 Where the posterior is nearly a Gaussian of the attitude, too, nine nodes of Gauss and Hermite's
 rule tell so, and integrate it with a third of the nodes (M. Abramowitz and I. Stegun, *Handbook of
-Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole needs no node and
-serves to compare hypotheses; as a covariance it is overconfident, most in bright light.
+Mathematical Functions*, 1964, 25.4.46). Laplace's approximation of the whole serves to compare
+hypotheses; as a covariance it is overconfident by one lamp, most in bright light.
 """
 
 import math
@@ -35,6 +35,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
     Problem,
     State,
     evaluate,
+    propose,
 )
 from uuv_optical_array.estimation.unknowns.coordinates import to_lamp
 
@@ -124,26 +125,15 @@ def write_node(problem: Problem, start: Array, lattice: Lattice, node: int) -> N
 
 def rest_of_the_way(problem: Problem, state: State, damping: float) -> Array:
     """Return where a damped step towards the conditional mean leads, shape ``(p,)``."""
-    parts = state.parts
-    size = parts.shape[1]
-    factor, there = zeros(size, size, damping), np.zeros(size)
-    for i in range(size):
-        if i in (PITCH, YAW):
-            factor[i, i] = 1.0
-            continue
-        there[i] = parts[GRADIENT, i] + (parts[VOLUME_SLOPES, i] if i < 5 else 0.0)
-        for j in range(i):
-            if j not in (PITCH, YAW):
-                factor[i, j] = parts[INFORMATION + i, j]
-        factor[i, i] = parts[INFORMATION + i, i] * (1 + damping)
-    if cholesky(factor):
-        solve_lower(factor, there)
-        solve_upper(factor, there)
-    excess = 1.0
-    for i in range(size):
-        excess = max(excess, abs(there[i]) / problem.reach[i])
-    for i in range(size):
-        there[i] = parts[AT, i] + there[i] / excess
+    parts = state.parts.copy()
+    for i in range(5):
+        parts[GRADIENT, i] += parts[VOLUME_SLOPES, i]
+    for i in (PITCH, YAW):
+        parts[GRADIENT, i] = 0.0
+        for j in range(parts.shape[1]):
+            parts[INFORMATION + i, j] = parts[INFORMATION + j, i] = 0.0
+        parts[INFORMATION + i, i] = 1.0
+    there, _ = propose(problem, State(state.cost, state.log_volume, parts), damping)
     return there
 
 
@@ -161,7 +151,6 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     size = parts.shape[1]
     rest = size - 2
     factor, vectors = zeros(size, size, state.cost), zeros(3, size, state.cost)
-    spread = zeros(5, rest, state.cost)
     pull, column = vectors[0, :rest], vectors[1, :rest]
     for i in range(size):
         k = ordered(i, rest)
@@ -205,20 +194,25 @@ def integrate_rest(problem: Problem, state: State, lattice: Lattice, node: int) 
     for i in range(rest):
         lattice.ats[node, ordered(i, rest)] += pull[i] / excess
     _, pose, _ = to_lamp(problem.frame, lattice.ats[node], problem.roll)
-    # Of the pose: its slopes by where the lamp is and how bright, times the root of their
-    # covariance.
     for i in range(5):
         lattice.poses[node, i] = pose[i]
-        for k in range(3):
+    # At an attitude the pose follows where the lamp is and how bright.
+    write_covariance(parts, factor, rest, lattice.covariances[node])
+    return decrement
+
+
+def write_covariance(parts: Array, factor: Array, count: int, covariance: Array) -> None:
+    """Write the covariance of the pose by the factor of its information, of all or all else."""
+    spread = zeros(5, count, parts[AT, 0])
+    for i in range(5):
+        for k in range(5 + count - parts.shape[1]):
             spread[i, k] = parts[POSE_SLOPES + i, k]
         solve_lower(factor, spread[i])
         for j in range(i + 1):
             shared = 0.0
-            for k in range(rest):
+            for k in range(count):
                 shared += spread[i, k] * spread[j, k]
-            lattice.covariances[node, i, j] = shared
-            lattice.covariances[node, j, i] = shared
-    return decrement
+            covariance[i, j] = covariance[j, i] = shared
 
 
 def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
@@ -240,9 +234,7 @@ def basis_of(curvature: Array, round_shape: bool) -> tuple[Array, float]:
 def fill(problem: Problem, basis: Array, lattice: Lattice) -> tuple[PosteriorMoments, Array]:
     """Sum the posterior over a lattice, outwards from its first node.
 
-    - problem: the posterior.
     - basis: steps of the lattice in pitch and yaw, by columns, rad, shape ``(2, 2)``.
-    - lattice: its first node, and room for the others.
     - returned moments: per cell of the lattice.
     - returned coarseness: the largest square of each step in standard deviations there, where it
       counts, shape ``(2,)``; negative where there were more nodes than the map has room for.
@@ -389,11 +381,7 @@ def new_lattice(size: int) -> Lattice:
 
 
 def is_covered(parts: Array, lattice: Lattice) -> bool:
-    """Say whether a minimum, by the parts of its state, belongs to what a lattice covers.
-
-    That is within `NEAR` standard deviations of a node, of the attitude there and of all else about
-    its conditional mean.
-    """
+    """Say whether a minimum is within `NEAR` standard deviations of a node of a lattice."""
     size, largest = parts.shape[1], lattice.logs.max()
     off = np.empty(size)
     for node in range(len(lattice.logs)):
@@ -418,7 +406,7 @@ def laplace(state: State) -> PosteriorMoments:
     """Return the moments of a posterior by Laplace's approximation about a minimum."""
     parts = state.parts
     size = parts.shape[1]
-    factor, spread = zeros(size, size, state.cost), zeros(5, size, state.cost)
+    factor = zeros(size, size, state.cost)
     covariance = np.full((5, 5), np.nan)
     for i in range(size):
         for j in range(i + 1):
@@ -429,25 +417,14 @@ def laplace(state: State) -> PosteriorMoments:
     log_weight = state.log_volume - state.cost + LOG_2PI
     for i in range(size):
         log_weight -= np.log(factor[i, i])
-    for i in range(5):
-        for k in range(5):
-            spread[i, k] = parts[POSE_SLOPES + i, k]
-        solve_lower(factor, spread[i])
-        for j in range(i + 1):
-            shared = 0.0
-            for k in range(size):
-                shared += spread[i, k] * spread[j, k]
-            covariance[i, j] = covariance[j, i] = shared
+    write_covariance(parts, factor, size, covariance)
     return PosteriorMoments(log_weight, parts[POSE, :5].copy(), covariance, 0)
 
 
 def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMoments:
-    """Integrate the posterior that is connected with a minimum.
+    """Integrate the posterior that is connected with a minimum of the cost, over a new lattice.
 
-    - problem: the posterior.
-    - minimum: coordinates and nuisances of a minimum of the cost, shape ``(p,)``.
-    - lattice: a new one; result, over all that is not negligible.
-    - returned: with a weight of -inf where the image leaves no finite posterior.
+    The weight is -inf where the image leaves no finite posterior.
     """
     lattice = unowned(lattice)
     write_node(problem, minimum, lattice, MINIMUM)
@@ -464,21 +441,17 @@ def integrate(problem: Problem, minimum: Array, lattice: Lattice) -> PosteriorMo
             )
     moments, coarseness = fill(problem, basis, lattice)
     for _ in range(FINER):
-        if coarseness[0] < 0:
-            # Too many nodes: a coarser lattice is less exact, and none is no answer.
-            for k in range(2):
-                basis[0, k] *= 1.5
-                basis[1, k] *= 1.5
-                log_cell += np.log(1.5)
-        elif max(coarseness[0], coarseness[1]) > COARSE * COARSE:
-            for k in range(2):
-                if coarseness[k] > COARSE * COARSE:
-                    shorter = max(SPACING / np.sqrt(coarseness[k]), 1 / 3)
-                    basis[0, k] *= shorter
-                    basis[1, k] *= shorter
-                    log_cell += np.log(shorter)
-        else:
+        # Of too many nodes: a coarser lattice is less exact, and none is no answer.
+        overflow = coarseness[0] < 0
+        if not (overflow or max(coarseness[0], coarseness[1]) > COARSE * COARSE):
             break
+        for k in range(2):
+            longer = 1.5 if overflow else 1.0
+            if coarseness[k] > COARSE * COARSE:
+                longer = max(SPACING / np.sqrt(coarseness[k]), 1 / 3)
+            basis[0, k] *= longer
+            basis[1, k] *= longer
+            log_cell += np.log(longer)
         moments, coarseness = fill(problem, basis, lattice)
     log_weight = moments.log_weight + log_cell if moments.nodes >= LEAST_NODES else -np.inf
     return PosteriorMoments(log_weight, moments.mean, moments.covariance, moments.nodes)

@@ -30,6 +30,7 @@ from uuv_optical_array.studies.approach import (
     expose,
     simulate,
 )
+from uuv_optical_array.studies.shared.results import until_interrupted
 
 WIDTH = 10.23  # 1 % of 1023 counts
 
@@ -236,8 +237,9 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
     tank_file, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(approach, "simulate", lambda *_: planted(2))
-    assert [name for name, _ in all_cases(None, Choices(), 2, 1)] == list(CASES)
-    assert [name for name, _ in all_cases(None, Choices(), 3, 1)] == ["dive"]
+    for runs, names in ((2, list(CASES)), (3, ["dive"])):
+        cases, whole = until_interrupted(all_cases(None, Choices(), runs, 1))
+        assert ([name for name, _ in cases], whole) == (names, runs == 2)
     run("--scene", tank_file, "--runs", 3, "--output", tmp_path / "cut.png", code=130)
     text = capsys.readouterr().out
     assert text.endswith("interrupted: only complete runs count\n")

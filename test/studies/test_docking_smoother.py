@@ -12,7 +12,6 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies.docking_smoother import (
     STATE,
-    DockingSettings,
     Motion,
     PathProblem,
     bound,
@@ -25,7 +24,7 @@ from uuv_optical_array.studies.docking_smoother import (
 )
 
 STEP_S = 0.2
-SETTINGS = DockingSettings(speed_walk_m_per_s=0.03, slip_m=0.02, turn_walk_deg_per_s=3.0)
+SETTINGS = {"speed_walk_m_per_s": 0.03, "slip_m": 0.02, "turn_walk_deg_per_s": 3.0}
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +64,10 @@ def step(state):
 
 def noise_of_motion():
     """Process noise by what the settings mean, one number at a time."""
-    walk, noise = np.radians(SETTINGS.turn_walk_deg_per_s) ** 2, np.zeros((STATE, STATE))
+    walk, noise = np.radians(SETTINGS["turn_walk_deg_per_s"]) ** 2, np.zeros((STATE, STATE))
     for axis in range(3):
-        noise[axis, axis] = SETTINGS.slip_m**2 * STEP_S
-    noise[5, 5] = SETTINGS.speed_walk_m_per_s**2 * STEP_S
+        noise[axis, axis] = SETTINGS["slip_m"] ** 2 * STEP_S
+    noise[5, 5] = SETTINGS["speed_walk_m_per_s"] ** 2 * STEP_S
     for angle, rate in ((3, 6), (4, 7)):
         noise[angle, angle] = walk * STEP_S**3 / 3
         noise[angle, rate] = noise[rate, angle] = walk * STEP_S**2 / 2
@@ -77,11 +76,11 @@ def noise_of_motion():
 
 
 def first_prior(model):
-    turn = np.radians(SETTINGS.turn_std_deg_per_s)
+    turn = np.radians(5.0)
     stds = model.scene.prior.nuisance_std().values()
     mean = np.zeros(STATE + len(stds))
     mean[0] = -6.0
-    return mean, np.array([10, 5, 5, 2, 2, SETTINGS.speed_std_m_per_s, turn, turn, *stds])
+    return mean, np.array([10, 5, 5, 2, 2, 1.0, turn, turn, *stds])
 
 
 def path_of(poses, offset=0.0):
@@ -102,7 +101,7 @@ def test_motion_is_that_of_the_heading_and_its_derivatives_are_right():
 def test_bound_is_the_inverse_of_the_dense_information(model):
     """All frames' states in one information matrix, inverted whole, for each number of frames."""
     path = straight(6)
-    found = bound(Motion(model, STEP_S, SETTINGS), path)
+    found = bound(Motion(model, STEP_S, **SETTINGS), path)
     noise = np.linalg.inv(noise_of_motion())
     states = np.zeros((6, STATE))
     states[:, :5], states[:, 5] = path, 0.5
@@ -141,7 +140,7 @@ def test_the_path_is_the_most_probable_one(model):
     path = straight(4)
     off = offsets(model, 1, rng)
     images = exposed(model, path, off, rng)
-    motion = Motion(model, STEP_S, SETTINGS)
+    motion = Motion(model, STEP_S, **SETTINGS)
     poses, _, (found,) = smoothed(motion, images, path[None, 0])
     mean, std = first_prior(model)
     precision = np.linalg.inv(noise_of_motion())
@@ -193,7 +192,7 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
     rng = np.random.default_rng(6)
     path = straight(5)
     images = exposed(model, path, offsets(model, 3, rng), rng).reshape(3, 5, 25)
-    problem = PathProblem(Motion(model, STEP_S, SETTINGS), images)
+    problem = PathProblem(Motion(model, STEP_S, **SETTINGS), images)
     at = path_of(path)[:, None] + 0.02 * rng.standard_normal((5 * STATE + 2, 3))
     trial, decrement = propose(problem, evaluate(problem, at), np.full(3, damping))
     ahead, behind = (evaluate(problem, at + share * (trial - at)).cost for share in (1e-5, -1e-5))
@@ -204,7 +203,7 @@ def test_a_step_promises_half_of_the_slope_of_the_cost_along_it(model, damping):
 def test_damping_shortens_a_step_down_to_the_steepest_descent_of_each_number(model):
     path = straight(3)
     images = model.expected(path).reshape(1, 3, 25)
-    problem = PathProblem(Motion(model, STEP_S, SETTINGS), images)
+    problem = PathProblem(Motion(model, STEP_S, **SETTINGS), images)
     at = path_of(path + 0.02, 0.01)[:, None]
     state = evaluate(problem, at)
     steps = [propose(problem, state, np.array([damping]))[0] - at for damping in (0.0, 1.0, 1e6)]
@@ -218,7 +217,7 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
     rng = np.random.default_rng(4)
     path, runs = straight(12), 150
     images = exposed(model, path, offsets(model, runs, rng), rng)
-    motion = Motion(model, STEP_S, SETTINGS)
+    motion = Motion(model, STEP_S, **SETTINGS)
     poses, covariances, _ = smoothed(motion, images, path[0] + rng.normal(0, 0.02, (runs, 5)))
     errors = poses[:, -1] - path[-1]
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / bound(motion, path)[-1]
@@ -232,7 +231,7 @@ def test_errors_are_those_of_the_bound_and_the_covariance_is_honest(model):
 def test_approaches_together_are_as_one_by_one(model):
     rng, path = np.random.default_rng(5), straight(5)
     images = exposed(model, path, offsets(model, 3, rng), rng)
-    motion, guess = Motion(model, STEP_S, DockingSettings()), np.broadcast_to(path[0], (3, 5))
+    motion, guess = Motion(model, STEP_S), np.broadcast_to(path[0], (3, 5))
     together = smoothed(motion, images, guess)
     for run in range(3):
         alone = smoothed(motion, images[run : run + 1], guess[:1])
@@ -246,8 +245,8 @@ def test_a_known_sea_has_no_settings_to_estimate(model):
         prior=dataclasses.replace(model.scene.prior, lamp_power_std=0.0, k_std_per_m=0.0),
     )
     path = straight(6)
-    motion = Motion(ForwardModel(known), STEP_S, SETTINGS)
-    assert (bound(motion, path) < bound(Motion(model, STEP_S, SETTINGS), path)).all()
+    motion = Motion(ForwardModel(known), STEP_S, **SETTINGS)
+    assert (bound(motion, path) < bound(Motion(model, STEP_S, **SETTINGS), path)).all()
     poses, _, _ = smoothed(motion, ForwardModel(known).expected(path)[None], path[None, 0])
     np.testing.assert_allclose(poses[0, -1], path[-1], atol=5e-3)
 
@@ -256,7 +255,7 @@ def test_a_known_sea_has_no_settings_to_estimate(model):
 def test_dark_and_saturated_images_leave_a_finite_pose_and_covariance(model, counts):
     path = straight(3)
     images = np.concatenate([model.expected(path[:1]), np.full((3, 5, 5), counts)])[None]
-    motion = Motion(model, STEP_S, DockingSettings())
+    motion = Motion(model, STEP_S)
     poses, covariances, _ = smoothed(motion, images, path[:1])
     assert np.isfinite(poses).all()
     assert (np.linalg.eigvalsh(covariances[0]) > 0).all()

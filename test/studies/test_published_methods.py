@@ -22,7 +22,6 @@ from uuv_optical_array.studies.shared.published import (
     RANGES_M,
     LookUp,
     MomentCalibration,
-    Weights,
     calibrate,
     dead_reckoned,
     image_moments,
@@ -250,7 +249,7 @@ def test_look_up_finds_its_own_rows(table):
 def test_look_up_minimises_the_papers_cost_among_poses_with_that_peak(table):
     """Every row compared, no index, arccos for the angle."""
     model, rng = ForwardModel(table.scene), np.random.default_rng(3)
-    weights = Weights(0.7, 1.3, 5.0)
+    weights = (0.7, 1.3, 5.0)
     lookup = LookUp(table, weights)
 
     def features(image):

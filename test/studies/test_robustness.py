@@ -210,7 +210,9 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(table, frames, kinds):
         with pytest.raises(KeyboardInterrupt):
             until_interrupted(measured)
         return
-    assert [row["frames"] for row in until_interrupted(measured)] == kinds
+    rows, complete = until_interrupted(measured)
+    assert [row["frames"] for row in rows] == kinds
+    assert complete == (len(kinds) == 2 and kinds[-1] == 12)
 
 
 @pytest.mark.parametrize(

@@ -37,16 +37,20 @@ def add_scene_file(parser: Any, default: str) -> None:
 
 
 def finish(
-    args: argparse.Namespace, result: Mapping[str, Any], text: str, interrupted: str = ""
+    args: argparse.Namespace,
+    result: Mapping[str, Any],
+    text: str,
+    complete: bool = True,
+    missing: str = "",
 ) -> int:
     """Print a result, as JSON where the options say so, and return the exit code.
 
-    `interrupted` says, for the text, what is missing after Ctrl-C; empty: nothing is.
+    Where Ctrl-C left it incomplete, the text says what is missing.
     """
     print(json_text(result) if args.json else text)
-    if interrupted and not args.json:
-        print(f"interrupted: {interrupted}")
-    return INTERRUPTED if interrupted else 0
+    if not complete and not args.json:
+        print(f"interrupted: {missing}")
+    return 0 if complete else INTERRUPTED
 
 
 @checking_options()

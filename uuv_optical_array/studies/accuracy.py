@@ -28,9 +28,8 @@ from uuv_optical_array.studies.design_sweep import Design
 from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
-    answer_of,
     by_column,
-    frame_errors,
+    errors_of,
     range_across_angle,
 )
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -38,15 +37,12 @@ from uuv_optical_array.studies.shared.results import until_interrupted
 DESCRIPTION = """\
 Estimate random poses of a scene, 4 to 8 m behind the lamp, +-0.9 m and +-20 deg, whose image peaks
 above 20 counts, and compare the errors with the Cramer-Rao bound of one image and with the
-covariances of the estimates. --known measures what it costs to know less of the sea: seas are drawn
-from each of the priors exactly, calibrated and as_bought, and a picture shows the errors; a table
-says how much better the bound is where one more setting of the prior is known. --lamps compares
-one to four lamps of the same total power, placed and tilted as the scene's are, in three seas: one
-that is known, one that is drawn from the prior, and that one behind a cloud, which shades every
-image unevenly by 20 %; the estimator then holds half of the images for shaded. --moving takes each
-image at a random time, so that flicker, drift and clouds act, which no estimator knows.
---drawn draws what the scene's prior leaves uncertain, such as the lamp's power, for each image.
-docs/results/accuracy.md explains every figure."""
+covariances of the estimates. --known draws seas from each of the priors exactly, calibrated and
+as_bought, and a table says how much better the bound is where one more setting of the prior is
+known. --lamps places and tilts one to four lamps as the scene's are, in a known sea, in one that is
+drawn from the prior, and in that one behind a cloud, which shades every image unevenly by 20 %; the
+estimator then holds half of the images for shaded. docs/results/accuracy.md explains every
+figure."""
 
 EPILOG = """\
 examples:
@@ -86,14 +82,12 @@ def measure(
     The bound is that of the scene `truth`; ``None``: the believed one. Ctrl-C ends it with the
     frames it has. A ValueError says that no frame got a pose.
     """
-    scene = estimator.scene
-    model, answers = ForwardModel(truth or scene), {"estimator": answer_of(estimator)}
-    bounds = _bounds(model, poses)
-    frames = frame_errors(answers, model, poses, images, progress)["estimator"]
+    model = ForwardModel(truth or estimator.scene)
+    bounds, frames = _bounds(model, poses), errors_of(estimator, model, poses, images, progress)
+    count = len(frames.errors)
     if not frames.posed.any():
-        count = len(frames.errors)
-        raise ValueError(f"scene {scene.name}: none of {count} frames got a pose")
-    return figures(frames, bounds[: len(frames.errors)])
+        raise ValueError(f"scene {estimator.scene.name}: none of {count} frames got a pose")
+    return figures(frames, bounds[:count])
 
 
 def figures(frames: FrameErrors, bounds: Array) -> dict[str, Any]:
@@ -131,7 +125,7 @@ def _by_dof(values: Array) -> dict[str, float]:
 
 def _bounds(model: ForwardModel, poses: Array) -> Array:
     """Return the Cramer-Rao standard deviations at poses, m and rad, shape ``(n, 5)``."""
-    blocks = [poses[start : start + BLOCK_POSES] for start in range(0, len(poses), BLOCK_POSES)]
+    blocks = np.array_split(poses, range(BLOCK_POSES, len(poses), BLOCK_POSES))
     return np.concatenate([cramer_rao_bound(model, block).std for block in blocks])
 
 
@@ -166,7 +160,7 @@ def compare(
     """Yield the `figures` of each case in a sea that is drawn from its prior, with its name.
 
     A case is its name, the true scene and the believed one. Poses, ``(n, 5)`` in m and rad, and
-    noise are the same in every sea. After Ctrl-C the last one is of fewer frames.
+    noise are the same in every sea. Ctrl-C is raised after the last one, of fewer frames.
     """
     for name, truth, believed in cases:
         noise = np.random.default_rng((seed, 2))
@@ -175,7 +169,7 @@ def compare(
         result = measure(estimator, poses, images, progress, truth)
         yield {**name, **result}
         if result["poses"] < len(poses):
-            return
+            raise KeyboardInterrupt
 
 
 def by_known(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
@@ -223,8 +217,7 @@ def costs(scene: Scene, poses: Array) -> dict[str, dict[str, float]]:
         square = _bounds(ForwardModel(dataclasses.replace(scene, prior=prior)), poses) ** 2
         return _by_dof(np.sqrt(square.mean(axis=0)) * IN_DEGREES)
 
-    keys = [field.name for field in dataclasses.fields(scene.prior) if "std" in field.name]
-    uncertain = [key for key in keys if getattr(scene.prior, key) > 0]
+    uncertain = [key for key, value in vars(scene.prior).items() if "std" in key and value > 0]
     return {"as it is": bound(), **{key: bound(**{key: 0.0}) for key in uncertain}}
 
 
@@ -232,18 +225,20 @@ def _fixed(values: dict[str, float]) -> list[str]:
     return [f"{value:.4f}" for value in values.values()]
 
 
+def _table(line: str, rows: Iterable[Sequence[Any]]) -> str:
+    return "\n".join(line.format(*row).rstrip() for row in rows)
+
+
 def report(result: dict[str, Any]) -> str:
     """Return the values of `figures` as text."""
-    line = "{:<8}{:>9}{:>12} {:<4}{:>7.3f}"
     columns = DOF_NAMES, _fixed(result["rms_error"]), _fixed(result["rms_bound"]), DOF_UNITS
     rows = zip(*columns, result["ratio_to_bound"].values(), strict=True)
-    table = "\n".join(line.format(*row) for row in rows)
     of, (low, high) = f"of {result['poses']}", result["nees_band"]
     median_ms, slow_ms = result["frame_ms"].values()
     model_ms = result["model_ms"]
     return f"""\
 {"":<8}RMS error   RMS bound       ratio
-{table}
+{_table("{:<8}{:>9}{:>12} {:<4}{:>7.3f}", rows)}
 
 without a pose: {result["without_pose"]} {of}
 off by more than 6 of its own standard deviations: {result["beyond_6_sigma"]} {of}
@@ -256,39 +251,38 @@ model of 4 poses), 99th percentile {slow_ms:.2f} ms"""
 
 def comparison(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `by_known` as text."""
-    line = "{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}"
-    heads = ("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")
-    lines = [line.format(*heads), line.format("", "", *DOF_UNITS, "", "6 sigma", "")]
+    lines: list[Sequence[Any]] = [("known", "RMS", *DOF_NAMES, "NEES", "beyond", "no pose")]
+    lines.append(("", "", *DOF_UNITS, "", "6 sigma", ""))
     for row in rows:
-        honesty = f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
-        lines.append(line.format(row["known"], "error", *_fixed(row["rms_error"]), *honesty))
-        lines.append(line.format("", "bound", *_fixed(row["rms_bound"]), "", "", ""))
-    return "\n".join(map(str.rstrip, lines))
+        lines.append((row["known"], "error", *_fixed(row["rms_error"]), *_honesty(row)))
+        lines.append(("", "bound", *_fixed(row["rms_bound"]), "", "", ""))
+    return _table("{:<12}{:<7}" + 5 * "{:>8}" + "{:>9}{:>8}{:>9}", lines)
+
+
+def _honesty(row: dict[str, Any]) -> tuple[Any, ...]:
+    return f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
 
 
 def cost_table(bounds: dict[str, dict[str, float]]) -> str:
     """Return the `costs` of a scene as text."""
-    line = "{:<28}" + 5 * "{:>8}"
-    lines = [line.format("bound, with this known", *DOF_NAMES), line.format("", *DOF_UNITS)]
-    lines += [line.format(key, *_fixed(bound)) for key, bound in bounds.items()]
-    return "\n".join(map(str.rstrip, lines))
+    heads = ("bound, with this known", *DOF_NAMES), ("", *DOF_UNITS)
+    rows = ((key, *_fixed(bound)) for key, bound in bounds.items())
+    return _table("{:<28}" + 5 * "{:>8}", [*heads, *rows])
 
 
 def lamps_table(rows: Sequence[dict[str, Any]]) -> str:
     """Return rows of `by_lamps` as text."""
-    line = "{:<7}{:<7}" + 3 * "{:>10}{:>8}" + "{:>8}{:>9}{:>9}{:>10}"
     heads = ("range", "m", "across", "m", "angle", "deg")
-    lines = [
-        line.format("lamps", "sea", *heads, "NEES", "beyond", "no pose", "time"),
-        line.format("", "", *(3 * ("error", "bound")), "", "6 sigma", "", "ms"),
+    lines: list[Sequence[Any]] = [
+        ("lamps", "sea", *heads, "NEES", "beyond", "no pose", "time"),
+        ("", "", *(3 * ("error", "bound")), "", "6 sigma", "", "ms"),
     ]
     for row in rows:
         both = zip(*(range_across_angle(row[key].values()) for key in RMS), strict=True)
         errors = [f"{value:.3f}" for pair in both for value in pair]
-        honesty = f"{row['nees_mean']:.2f}", row["beyond_6_sigma"], row["without_pose"]
         median = f"{row['frame_ms']['median']:.2f}"
-        lines.append(line.format(row["lamps"], row["sea"], *errors, *honesty, median))
-    return "\n".join(map(str.rstrip, lines))
+        lines.append((row["lamps"], row["sea"], *errors, *_honesty(row), median))
+    return _table("{:<7}{:<7}" + 3 * "{:>10}{:>8}" + "{:>8}{:>9}{:>9}{:>10}", lines)
 
 
 def _bars(axes: Any, errors: Array, bounds: Array, names: Sequence[Any]) -> None:
@@ -331,15 +325,12 @@ def draw_lamps(rows: Sequence[dict[str, Any]], about: str) -> Any:
     """Draw the errors of `by_lamps`."""
     figure = new_figure(14, 4.6)
     values = np.full((2, len(NUMBERS) * len(SEAS), 3), np.nan)
-    values[:, : len(rows)] = [
-        [range_across_angle(row[key].values()) for row in rows] for key in RMS
-    ]
+    values[:, : len(rows)] = [[range_across_angle(row[k].values()) for row in rows] for k in RMS]
     errors, bounds = values.reshape(2, len(NUMBERS), len(SEAS), 3).transpose(0, 3, 2, 1)
     titles = "range (m)", "across, an axis (m)", "angle, pitch or yaw (deg)"
-    panels = zip(figure.subplots(1, 3), errors, bounds, titles, strict=True)
-    for axes, heights, limits, title in panels:
-        _bars(axes, heights, limits, NUMBERS)
-        axes.set(title=title, xlabel="lamps")
+    for i, axes in enumerate(figure.subplots(1, 3)):
+        _bars(axes, errors[i], bounds[i], NUMBERS)
+        axes.set(title=titles[i], xlabel="lamps")
     figure.axes[0].set_ylabel("RMS error of one image")
     _legend(figure, SEAS.values())
     figure.suptitle(f"Errors by number of lamps of the same total power: {about}")
@@ -355,47 +346,37 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, "poses", poses, POSES)
     parser.set_defaults(poses=None)
     options.add_seed(parser)
-    for option, what in (
+    for name, what in (
         ("known", "the priors of a sea known well and less well"),
         ("lamps", "one to four lamps of the scene's total power"),
     ):
-        parser.add_argument(
-            f"--{option}",
-            type=Path,
-            nargs="?",
-            const=Path(f"{option}.png"),
-            metavar="FILE",
-            help=f"compare {what}, and draw the errors into FILE (default: %(const)s)",
-        )
-    drawn, moving = (
-        "draw the sea of each image from the scene's prior",
-        "take images at random times",
-    )
+        about = f"compare {what}, and draw the errors into FILE (default: %(const)s)"
+        words: dict[str, Any] = {"type": Path, "nargs": "?", "const": Path(f"{name}.png")}
+        parser.add_argument(f"--{name}", metavar="FILE", help=about, **words)
+    drawn = "draw the sea of each image from the scene's prior"
     parser.add_argument("--drawn", action="store_true", help=drawn)
-    parser.add_argument("--moving", action="store_true", help=f"{moving}, for what moves")
+    moving = "take images at random times, for what moves: flicker, drift, clouds"
+    parser.add_argument("--moving", action="store_true", help=moving)
     options.add_json(parser)
 
 
 def _check_truth(args: argparse.Namespace, scene: Scene) -> None:
     """Refuse what the scene cannot do with the truth, in one line."""
-    options_given = [
-        f"--{name}" for name in ("known", "lamps", "moving", "drawn") if vars(args)[name]
-    ]
     if args.known or args.lamps:
-        first, *others = options_given
+        names = "known", "lamps", "moving", "drawn"
+        first, *others = [f"--{name}" for name in names if vars(args)[name]]
         if args.method != "least_squares":
             raise ValueError(f"{first}: {args.method} estimates no constants; use least_squares")
         if others:
             raise ValueError(f"{first}: takes no {others[0]}; leave one of them out")
+    where = f"scene {scene.name}"
     if args.lamps and not scene.lamps:
-        raise ValueError(
-            f"--lamps: scene {scene.name} has no lamps; name one such as leading_lights"
-        )
+        raise ValueError(f"--lamps: {where} has no lamps; name one such as leading_lights")
     if args.moving and not MOVING & set(scene.effects):
-        names = ", ".join(sorted(MOVING))
-        raise ValueError(f"--moving: nothing moves in scene {scene.name}; name one of {names}")
+        moving = ", ".join(sorted(MOVING))
+        raise ValueError(f"--moving: nothing moves in {where}; name one of {moving}")
     if args.drawn and not scene.nuisance_std():
-        raise ValueError(f"--drawn: scene {scene.name} has no prior to draw from; give it one")
+        raise ValueError(f"--drawn: {where} has no prior to draw from; give it one")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -414,18 +395,17 @@ def run(args: argparse.Namespace) -> int:
     poses = lit_poses(model, count, rng)
     result: dict[str, Any]
     if compared:
-        cases = list((by_known if args.known else by_lamps)(scene))
-        rows = until_interrupted(compare(cases, poses, seed, progress.over))
-        complete = len(rows) == len(cases) and rows[-1]["poses"] == count
+        cases = by_known(scene) if args.known else by_lamps(scene)
+        rows, complete = until_interrupted(compare(cases, poses, seed, progress.over))
         result = {"poses": count, compared: rows, "picture": str(picture)}
         about_it = f"scene {scene.name}, {count} poses"
         if args.known:
             result["costs"] = bounds = costs(scene, poses)
-            tables, figure = f"{comparison(rows)}\n\n{cost_table(bounds)}", draw(rows, about_it)
+            text, figure = f"{comparison(rows)}\n\n{cost_table(bounds)}", draw(rows, about_it)
         else:
-            tables, figure = lamps_table(rows), draw_lamps(rows, about_it)
+            text, figure = lamps_table(rows), draw_lamps(rows, about_it)
         save(figure, picture)
-        text = f"{tables}\n\npicture: {picture}"
+        text += f"\n\npicture: {picture}"
     else:
         estimator = Estimator(scene, args.method).wait()
         images = exposed(model, poses, seed, args.drawn, args.moving, rng)
@@ -438,5 +418,5 @@ def run(args: argparse.Namespace) -> int:
         f"{args.method} in scene {scene.name}, {scene.array.shape} array, "
         f"{result['poses']} random poses, seed {seed}{drawn}"
     )
-    missing = "" if complete else "only complete frames count"
-    return outputs.finish(args, {**about, **result}, f"{head}\n\n{text}", missing)
+    text = f"{head}\n\n{text}"
+    return outputs.finish(args, about | result, text, complete, "only complete frames count")

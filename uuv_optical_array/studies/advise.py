@@ -83,8 +83,7 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     """Choose the cheapest setting that meets a need, or the nearest to it, and what that exceeds.
 
     The nearest is the one whose worst value is the least multiple of its limit. Published methods
-    are no choice, because the estimator's node does not have them; a ValueError says that nothing
-    else was measured.
+    are no choice, because the estimator's node does not have them.
     """
     choices = [row for row in rows if row.method in METHODS]
     if not choices:
@@ -94,17 +93,21 @@ def advise(rows: Sequence[Measurement], need: Need) -> tuple[Measurement, dict[s
     return row, {name: getattr(row, name) - need.limits[name] for name in beyond}
 
 
+def scene_of(scene: Scene, row: Measurement) -> Scene:
+    """Return the scene of a setting."""
+    return Group(row.shape, row.detectors_per_side, row.steps, (row.method,)).scene(scene)
+
+
 def settings_of(scene: Scene, row: Measurement) -> dict[str, Any]:
     """Return what to change for a setting: groups of the scene, and the node's parameter."""
-    group = Group(row.shape, row.detectors_per_side, row.steps, (row.method,))
-    settings = group.scene(scene).settings()
+    settings = scene_of(scene, row).settings()
     changed = {group: settings[group] for group in ("array", "table")}
     return {"scene": changed, "estimator_node": {"method": row.method}}
 
 
 def calibrating(scene: Scene, row: Measurement) -> str:
     """Return what knowing the scene exactly would gain a setting; empty where it is so known."""
-    believed = Group(row.shape, row.detectors_per_side, row.steps, (row.method,)).scene(scene)
+    believed = scene_of(scene, row)
     if not believed.prior.nuisance_std():
         return ""
     exact = dataclasses.replace(believed, prior=PriorSettings())
@@ -182,5 +185,5 @@ def run(args: argparse.Namespace) -> int:
     result |= {"settings": count, "load_average": load, "complete": complete}
     whence = f"of {count} settings, {frames} frames each, load average up to {load:.1f}: {path}"
     text = f"{report(scene, need, row, excess)}\n\n{whence}"
-    missing = "" if complete else "some settings are not measured yet"
-    return outputs.finish(args, result, text, missing) or bool(excess)
+    missing = "some settings are not measured yet"
+    return outputs.finish(args, result, text, complete, missing) or bool(excess)

@@ -27,7 +27,7 @@ from uuv_optical_array.estimation.tracking.tracker import Tracker
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.plots.style import METHOD_COLOURS, new_figure, save
-from uuv_optical_array.studies.docking_smoother import DockingSettings, Motion, bound, smoothed
+from uuv_optical_array.studies.docking_smoother import Motion, bound, smoothed
 from uuv_optical_array.studies.shared.errors import by_column
 from uuv_optical_array.studies.shared.published import calibrate, dead_reckoned
 from uuv_optical_array.studies.shared.results import until_interrupted
@@ -62,7 +62,7 @@ TEMPERATURE_C, K_PER_M = 3.0, 0.015
 
 BATCH = 20
 # The simulated vehicle holds its speed and does not drift.
-DOCKING = DockingSettings(speed_walk_m_per_s=0.005, slip_m=0.005)
+DOCKING = {"speed_walk_m_per_s": 0.005, "slip_m": 0.005}
 METHODS = ("moments", "least_squares", "tracker", "docking")
 PUBLISHED = "mean_end", "start_95", "end_95"  # errors, as of a `Case`
 PRINTED = {"mean_end": "mean error at the end", "end_95": "95 % of errors at the end"}
@@ -79,8 +79,7 @@ AIM = np.array([5, 5, 5, 1, 1])
 class Case(NamedTuple):
     """A case: attenuation that estimators assume, true poses ``(FRAMES, 5)``, published errors.
 
-    These are the mean at the end, and 95 % at the start and at the end: x, y, z in m, pitch and yaw
-    in deg; nan where the paper gives none.
+    The mean at the end, and 95 % at the start and at the end, m and deg; nan where there is none.
     """
 
     k_per_m: float
@@ -116,14 +115,11 @@ CASES = {
 
 
 class Choices(NamedTuple):
-    """What the paper leaves open.
+    """What the paper leaves open."""
 
-    Noise of 1 % is uniform from 0 to 1 % of full scale, Gaussian with that standard deviation, or
-    the mean of `AVERAGED` uniform ones. `offset_share` is the standard deviation of temperature and
-    attenuation as a share of what they are off "by up to": 0.5 where that is the 95 % point.
-    """
-
+    # 1 % is uniform from 0 on, a Gaussian standard deviation, or the mean of some uniform ones.
     noise: Noise = "uniform"
+    # The standard deviation of what is off "by up to" so much: 0.5 where that is the 95 % point.
     offset_share: float = 1.0
 
 
@@ -182,16 +178,11 @@ def expose(
 
 
 class ApproachErrors(NamedTuple):
-    """The errors in n runs of a case, m and rad.
+    """The errors in n runs of a case, m and rad."""
 
-    `errors` are estimate less truth by method, ``(n, FRAMES, 5)``, nan without a pose. `bound` is
-    the Cramer-Rao bound of a single frame with the prior of lamp and water, `run_bound` that of all
-    frames so far and the motion of `DOCKING`, both ``(FRAMES, 5)``.
-    """
-
-    errors: Mapping[str, Array]
-    bound: Array
-    run_bound: Array
+    errors: Mapping[str, Array]  # estimate less truth by method, (n, FRAMES, 5), nan without a pose
+    bound: Array  # of a single frame, by Cramer and Rao, with the prior, (FRAMES, 5)
+    run_bound: Array  # of all frames so far, with the motion of `DOCKING`
 
     @property
     def runs(self) -> int:
@@ -205,9 +196,7 @@ class ApproachErrors(NamedTuple):
     def percentile_95(self, method: str, about_mean: bool = False) -> Array:
         """95 % of the absolute errors, frame by frame, shape ``(FRAMES, 5)``."""
         errors = np.abs(self.errors[method] - (self.mean(method) if about_mean else 0.0))
-        # The slow way only where a frame has no pose.
-        percentile = np.nanpercentile if np.isnan(errors).any() else np.percentile
-        return np.asarray(percentile(errors, 95, axis=0))
+        return np.asarray(np.nanpercentile(errors, 95, axis=0))
 
     def ratio(self, method: str) -> Array:
         """RMS error over the bound of a single frame, frame by frame, shape ``(FRAMES, 5)``."""
@@ -227,31 +216,28 @@ def simulate(
     done: Callable[[int], object] = lambda runs: None,
     batch: int = BATCH,
 ) -> ApproachErrors:
-    """Run a case by every method, `batch` runs at a time.
+    """Run a case by every method, `batch` runs at a time, after which `done` gets their number.
 
-    `rng` is the source of calibration, offsets and noise; `done` is called with the number of runs
-    after every batch. Ctrl-C ends it with the complete batches, and is raised before the first.
+    Ctrl-C ends it with the complete batches, and is raised before the first.
     """
     model = ForwardModel(assumed_scene(scene, case, choices))
     moments = calibrate(model, rng)
     estimator = Estimator(model.scene, "least_squares").wait()
-    motion = Motion(model, STEP_S, DOCKING)
-    batches: list[dict[str, Array]] = []
-    try:
+    motion = Motion(model, STEP_S, **DOCKING)
+
+    def batches() -> Iterator[Array]:
         for start in range(0, runs, batch):
             count = min(batch, runs - start)
             offsets = draw_offsets(choices, count, rng)
             images = expose(model, case.path, offsets, choices.noise, rng)
             single, tracked = _by_least_squares(estimator, images)
             docking = by_docking(motion, images, single[:, 0])
-            poses = (dead_reckoned(moments.poses(images)), single, tracked, docking)
-            batches.append({m: p - case.path for m, p in zip(METHODS, poses, strict=True)})
+            yield np.stack([dead_reckoned(moments.poses(images)), single, tracked, docking])
             done(count)
-    except KeyboardInterrupt:
-        if not batches:
-            raise
-    every = {method: np.concatenate([errors[method] for errors in batches]) for method in METHODS}
-    return ApproachErrors(every, cramer_rao_bound(model, case.path).std, bound(motion, case.path))
+
+    poses, _ = until_interrupted(batches())
+    errors = dict(zip(METHODS, np.concatenate(poses, axis=1) - case.path, strict=True))
+    return ApproachErrors(errors, cramer_rao_bound(model, case.path).std, bound(motion, case.path))
 
 
 def _by_least_squares(estimator: Estimator, images: Array) -> tuple[Array, Array]:
@@ -297,15 +283,12 @@ def all_cases(
     seed: int,
     done: Callable[[int], object] = lambda runs: None,
 ) -> Iterator[tuple[str, ApproachErrors]]:
-    """Yield the errors of case after case, each from the same seed.
-
-    After Ctrl-C the last one is of fewer runs; Ctrl-C before its first is raised.
-    """
+    """Yield the errors of case after case, each from the same seed; Ctrl-C after fewer runs."""
     for name, case in CASES.items():
         result = simulate(scene, case, choices, runs, np.random.default_rng(seed), done)
         yield name, result
         if result.runs < runs:
-            return
+            raise KeyboardInterrupt
 
 
 def as_object(case: Case, result: ApproachErrors) -> dict[str, Any]:
@@ -357,14 +340,12 @@ def report(name: str, case: Mapping[str, Any]) -> str:
 
 
 def compare(scene: Scene, runs: int, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield every choice in every case, as `as_object`; Ctrl-C ends it as it ends `all_cases`."""
+    """Yield every choice in every case, as `as_object`, as far as `all_cases` comes."""
     plans = alternatives(scene)
     with progress.counter(total=runs * len(plans) * len(CASES), unit="run") as bar:
         for choice, (tank, choices) in plans.items():
             for name, result in all_cases(tank, choices, runs, seed, bar.update):
                 yield {"choice": choice, "case": name, **as_object(CASES[name], result)}
-                if result.runs < runs:
-                    return
 
 
 def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -418,15 +399,13 @@ def _draw_panel(axes: Any, case: Case, result: ApproachErrors, dofs: list[int]) 
     axes.plot(RANGES_M, SIGMA_95 * worst(result.bound), "k--", lw=1.2, label="bound of one image")
     all_so_far = SIGMA_95 * worst(result.run_bound)
     axes.plot(RANGES_M, all_so_far, "k:", lw=1.5, label="bound of all so far")
-    filled = {"color": PUBLISHED_COLOUR, "ms": 9, "mec": "k"}
-    hollow = {"mfc": "w", "mec": PUBLISHED_COLOUR, "mew": 2, "ms": 8}
-    for metres, errors in ((RANGES_M[0], case.start_95), (RANGES_M[-1], case.end_95)):
-        # fmax passes over what the paper does not give.
-        axes.plot(metres, np.fmax.reduce(errors[dofs]), "D", **filled, clip_on=False, zorder=5)
-    aim = (case.end_95 / AIM)[dofs].max()
-    axes.plot(RANGES_M[-1], aim, "D", **hollow, clip_on=False, zorder=6)
-    axes.plot([], [], "D", **filled, label="published")
-    axes.plot([], [], "D", **hollow, label="the aim")
+    ends = RANGES_M[[0, -1]]
+    # fmax passes over what the paper does not give.
+    published = [np.fmax.reduce(errors[dofs]) for errors in (case.start_95, case.end_95)]
+    filled = {"color": PUBLISHED_COLOUR, "ms": 9, "mec": "k", "label": "published"}
+    axes.plot(ends, published, "D", **filled, clip_on=False, zorder=5)
+    hollow = {"mfc": "w", "mec": PUBLISHED_COLOUR, "mew": 2, "ms": 8, "label": "the aim"}
+    axes.plot(ends[-1], (case.end_95 / AIM)[dofs].max(), "D", **hollow, clip_on=False, zorder=6)
     axes.set(yscale="log", xlim=(RANGES_M[0], RANGES_M[-1]))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.4, which="both", lw=0.4)
@@ -458,18 +437,16 @@ def run(args: argparse.Namespace) -> int:
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     origin: dict[str, Any] = {"scene": scene.name, "seed": SEED, "asked_runs": runs}
     if args.choices == []:
-        rows = until_interrupted(compare(scene, runs, SEED))
-        whole = len(rows) == len(alternatives(scene)) * len(CASES) and rows[-1]["runs"] == runs
-        missing = "" if whole else CUT_SHORT
-        return outputs.finish(args, {**origin, "rows": rows}, comparison(rows), missing)
+        rows, whole = until_interrupted(compare(scene, runs, SEED))
+        return outputs.finish(args, origin | {"rows": rows}, comparison(rows), whole, CUT_SHORT)
     with progress.counter(total=runs * len(CASES), unit="run") as bar:
-        results = dict(until_interrupted(all_cases(scene, choices, runs, SEED, bar.update)))
-    cases = {name: as_object(CASES[name], result) for name, result in results.items()}
+        done, whole = until_interrupted(all_cases(scene, choices, runs, SEED, bar.update))
+    results = dict(done)
+    cases = {name: as_object(CASES[name], result) for name, result in done}
     offsets = "half" if choices.offset_share == HALF else "whole"
     about = f"noise {choices.noise}, offsets {offsets}, seed {SEED}"
     save(draw(results, about), output)
     origin |= {"noise": choices.noise, "offsets": offsets, "cases": cases, "picture": str(output)}
     tables = "\n\n".join(report(name, case) for name, case in cases.items())
     text = f"scene {scene.name}; {about}\n\n{tables}\npicture: {output}"
-    whole = len(cases) == len(CASES) and all(case["runs"] == runs for case in cases.values())
-    return outputs.finish(args, origin, text, "" if whole else CUT_SHORT)
+    return outputs.finish(args, origin, text, whole, CUT_SHORT)

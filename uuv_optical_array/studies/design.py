@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import functools
+import operator
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -91,13 +92,14 @@ class Choice:
         units = ("m", "deg", "%", "deg", "deg", "sigma", "at", "front")
         lines = [line.format("no", "design", *heads), line.format("", "", *units)]
         for number, row in enumerate(self.numbered, start=1):
+            if numbers is not None and number not in numbers:
+                continue
             on_fronts = [name for name, rows in self.fronts.items() if row in rows] or ["none"]
             bounds = f"{row.position_m:.3f}", f"{row.angle_deg:.2f}", f"{100 * row.lit:.0f}"
             near = f"{row.shift_near_deg:.1f}, {row.yaw_near_deg:.1f}"
             far = f"{row.shift_deg:.1f}, {row.yaw_deg:.1f}", f"{row.sigmas:.1f}", row.resolved
             standing = ", ".join(on_fronts) + "; the paper's array" * row.is_papers_array
-            if numbers is None or number in numbers:
-                lines.append(line.format(number, row.label, *bounds, near, *far, standing))
+            lines.append(line.format(number, row.label, *bounds, near, *far, standing))
         return "\n".join(lines)
 
     @property
@@ -132,10 +134,10 @@ def report(choice: Choice) -> str:
     )
 
 
-# Score, axis label, and the specification.
+# Score, axis label, the specification, and what is known without light.
 BOUNDS = {
-    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0])),
-    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3])),
+    "position_m": ("bound on position, RMS (m)", float(SPECIFICATION[0]), volume_spread()[0]),
+    "angle_deg": ("bound on angle, RMS (deg)", float(SPECIFICATION[3]), volume_spread()[1]),
 }
 # Where the shapes of a number of detectors are, how wide each is, and where labels end, of the
 # distance between two numbers of detectors.
@@ -175,7 +177,7 @@ def draw(choice: Choice) -> Any:
         mark("no measurement at all", "", color="0.5", lw=1.4, ls=":"),
     ]
     right.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
-    how = f"{study.power}; mount: {study.mount}; {study.poses} poses, seed {study.seed}"
+    how = f"{study.power}; mount: {study.mount}; {study.poses} poses, seed {design_sweep.SEED}"
     title = f"What to build: {len(rows)} designs of array and lamp, scene {study.scene.name}"
     figure.suptitle(f"{title}\nlamp power: {how}", fontsize=13)
     return figure
@@ -183,8 +185,7 @@ def draw(choice: Choice) -> Any:
 
 def _levels(axes: Any, name: str) -> None:
     """Draw the specification and what is known without light, and set up the axis of bounds."""
-    label, wanted = BOUNDS[name]
-    free = volume_spread()[list(BOUNDS).index(name)]
+    label, wanted, free = BOUNDS[name]
     axes.axhline(wanted, color=style.SPECIFIED, ls="--", lw=1.4, zorder=1)
     axes.axhline(free, color="0.5", ls=":", lw=1.4, zorder=1)
     axes.set(yscale="log", ylabel=label)
@@ -201,12 +202,9 @@ def _dots(axes: Any, x: Sequence[float], rows: Sequence[ScoredDesign], name: str
 
 def _all_designs(axes: Any, choice: Choice, named: dict[int, ScoredDesign], name: str) -> None:
     """Draw every design by its number of detectors, the fronts, and the numbers of the named."""
-    rows = choice.rows
+    rows, bound = choice.rows, operator.attrgetter(name)
     sides = sorted({row.detectors_per_side for row in rows})
     widths = sorted({row.width_m for row in rows})
-
-    def bound(row: ScoredDesign) -> float:
-        return float(getattr(row, name))
 
     def place(row: ScoredDesign) -> float:
         share = (widths.index(row.width_m) + 0.5) / len(widths) - 0.5
@@ -240,14 +238,12 @@ def _close_up(by_beam: Any, by_radius: Any, choice: Choice) -> None:
     wanted = dataclasses.replace(own, detectors_per_side=CLOSE_UP_SIDE)
     alike = ["detectors_per_side", "width_m", "beam_sigma_deg"]
 
-    def off(row: ScoredDesign, name: str) -> float:
-        return abs(float(getattr(row, name) - getattr(wanted, name)))
+    def nearest(*names: str) -> ScoredDesign:
+        return min(rows, key=lambda row: [abs(vars(row)[n] - vars(wanted)[n]) for n in names])
 
     # The values that stand for all.
-    stands = {
-        name: getattr(min(rows, key=functools.partial(off, name=name)), name) for name in alike
-    }
-    ring = min(rows, key=lambda row: [off(row, name) for name in design_sweep.RING])
+    stands = {name: getattr(nearest(name), name) for name in alike}
+    ring = nearest(*design_sweep.RING)
     stands |= {"ring": ring.ring, "lamps": ring.lamps}
     side, width, sigma = (stands[name] for name in alike)
     array, beam = f"{side} x {side} on {width:g} m", f"beam of {sigma:g} deg"
@@ -281,12 +277,12 @@ def _lines(
         point = getattr(row, x_name), row.position_m
         lines.setdefault(getattr(row, group_name), []).append(point)
     values = sorted(lines.keys() - {None})
-    colours = dict(zip(values, style.shades(cmap, 0, 0.88, len(values)), strict=True))
-    for value in values + [None] * (None in lines):
-        x, y = np.transpose(sorted(lines[value]))
-        text = "planar" if value is None else label.format(value)
-        colour = style.SHAPE_COLOURS["planar"] if value is None else colours[value]
-        axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
+    colours = [*style.shades(cmap, 0, 0.88, len(values)), style.SHAPE_COLOURS["planar"]]
+    for value, colour in zip([*values, None], colours, strict=True):
+        if value in lines:
+            x, y = np.transpose(sorted(lines[value]))
+            text = "planar" if value is None else label.format(value)
+            axes.plot(x, y, "o-", color=colour, lw=1.5, ms=4, label=text)
     _levels(axes, "position_m")
     axes.set_xscale("log")
     ticks = sorted({getattr(row, x_name) for row in rows})
@@ -349,5 +345,5 @@ def run(args: argparse.Namespace) -> int:
     names = [*map(str, written)]
     result = {"complete": done == count, **choice.as_object(), "files": names}
     text = f"{report(choice)}\n{done} designs: {', '.join(names)}"
-    missing = f"{done} of {count} designs; the same command resumes it" * (done < count)
-    return outputs.finish(args, result, text, missing)
+    missing = f"{done} of {count} designs; the same command resumes it"
+    return outputs.finish(args, result, text, done == count, missing)

@@ -18,7 +18,6 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from uuv_optical_array.cli.options import SEED
 from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.core.settings import Quantity, Setting, check, declared
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
@@ -59,18 +58,20 @@ DEFAULTS: dict[str, tuple[Any, ...]] = {
     "beam_sigma_deg": (4.0, 6.0, 8.0, 11.0, 15.0, 20.0),
 }
 # Powers of the gain by which settings change that are a reading of the light, or its inverse.
-WITH_GAIN = {
-    "ambient": {"level_counts": 1, "surface_counts": 1},
-    "shot_noise": {"electrons_per_count": -1},
-    "photodiode": {"amps_per_count": -1, "watts_per_m2_per_count": -1},
-}
+WITH_GAIN = (
+    ("ambient", "level_counts", 1),
+    ("ambient", "surface_counts", 1),
+    ("shot_noise", "electrons_per_count", -1),
+    ("photodiode", "amps_per_count", -1),
+    ("photodiode", "watts_per_m2_per_count", -1),
+)
 # What Eren et al. (2016) choose; their lamp is not given.
 PAPER: dict[str, Any] = {"shape": "curved", "detectors_per_side": 5}
 PAPER |= {"width_m": 0.4, "radius_m": 0.32}
-HOW = "power", "mount", "poses"  # a design is scored
+HOW, SEED = ("power", "mount", "poses"), 1  # by what a design is scored
 NOISE_DRAWS = 64
 ROUNDING_DEG = 1e-9  # angles below are rounding: the converter took all noise away
-BLOCK_READINGS = 1 << 14  # worked on at a time, which bounds the memory
+BLOCK_READINGS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,7 @@ class Design:
 class Sweep:
     """A grid of designs, without those that cannot be built; a radius is for curved arrays alone.
 
-    A ValueError names an empty list, a value that is given twice or out of bounds, or says that
-    nothing is left.
+    ValueError for an empty list, a value given twice or out of bounds, and where nothing is left.
     """
 
     shape: Sequence[Shape]
@@ -167,10 +167,7 @@ class Sweep:
 
 
 def sweep_of(scene: Scene, words: Sequence[str] = ()) -> Sweep:
-    """Return a sweep about a scene's own design, or of lists, each ``NAME=VALUE,VALUE``.
-
-    A ValueError says which word is no such list, or what `Sweep` finds wrong.
-    """
+    """Return a sweep about a scene's own design, or of lists, each ``NAME=VALUE,VALUE``."""
     lists: dict[str, list[Any]] = {}
     for word in words:
         name, _, values = word.partition("=")
@@ -243,12 +240,11 @@ def with_gain(scene: Scene, gain: float) -> Scene:
     The lamp's `reference_counts` are not touched: they say how strong the lamp is after the change.
     """
     effects = {name: dict(settings) for name, settings in scene.effects.items()}
-    for name in WITH_GAIN.keys() & effects.keys():
-        for key, power in WITH_GAIN[name].items():
-            if effects[name].get(key) is not None:
-                effects[name][key] *= gain**power
-    ambient_std_counts = gain * scene.prior.ambient_std_counts
-    prior = dataclasses.replace(scene.prior, ambient_std_counts=ambient_std_counts)
+    for name, key, power in WITH_GAIN:
+        if effects.get(name, {}).get(key) is not None:
+            effects[name][key] *= gain**power
+    std_counts = gain * scene.prior.ambient_std_counts
+    prior = dataclasses.replace(scene.prior, ambient_std_counts=std_counts)
     return dataclasses.replace(scene, effects=effects, prior=prior)
 
 
@@ -257,26 +253,23 @@ class ScoredDesign(Line, Design):
     """A design and what it is worth.
 
     Spectral angles of a ``shift`` by 0.2 m and a ``yaw`` by 10 deg are the smaller of both signs;
-    ``near`` at 4 m, else the least of `RANGES_M`; nan where the aligned image is flat. ``sigmas``
-    are these over the RMS angle by which noise moves the signature there. `position_m` and
-    `angle_deg` are RMS bounds over the volume, as `known_volume_std`; `lit` is the share of it
-    where the image peaks above `MIN_PEAK_COUNTS`, and ``lit_`` bounds are those of the image alone
-    there: nan where there is none, inf where a pose is unobservable.
+    nan where the aligned image is flat. ``sigmas`` are these over the RMS angle by which noise
+    moves the signature there.
     """
 
     reference_counts: float
-    shift_near_deg: float
+    shift_near_deg: float  # at 4 m
     yaw_near_deg: float
-    shift_deg: float
+    shift_deg: float  # the least of `RANGES_M`
     yaw_deg: float
     shift_near_sigmas: float
     yaw_near_sigmas: float
     shift_sigmas: float
     yaw_sigmas: float
-    position_m: float
+    position_m: float  # RMS bounds over the volume, as `known_volume_std`
     angle_deg: float
-    lit: float
-    lit_position_m: float
+    lit: float  # share of the volume where the image peaks above `MIN_PEAK_COUNTS`
+    lit_position_m: float  # bounds of the image alone there; nan for no place, inf: unobservable
     lit_angle_deg: float
 
     @property
@@ -338,10 +331,7 @@ def score(scene: Scene, poses: Array, rng: np.random.Generator) -> ScoredDesign:
 
 
 def signature_noise_deg(model: ForwardModel, range_m: float, rng: np.random.Generator) -> float:
-    """Return by what angle noise moves the signature of the aligned array, deg, RMS of a few draws.
-
-    The array is `range_m` behind the lamp, and the angle is that from the noiseless signature.
-    """
+    """Return by what angle noise moves the signature of the aligned array, deg, RMS of draws."""
     pose = from_paper_axes([range_m, 0, 0, 0, 0])
     clean = together(model.expected(pose))
     on_axis_counts = float(clean.max())
@@ -369,9 +359,9 @@ def bounds(model: ForwardModel, poses: Array) -> tuple[Array, Array, NDArray[np.
 
 
 def _blocks(model: ForwardModel, poses: Array) -> list[Array]:
-    """Part poses into as many as are worked on at a time."""
+    """Part poses into as many as are worked on at a time, which bounds the memory."""
     step = max(1, BLOCK_READINGS // model.array.side**2)
-    return [poses[start : start + step] for start in range(0, len(poses), step)]
+    return np.array_split(poses, range(step, len(poses), step))
 
 
 POWER = Quantity(
@@ -393,24 +383,28 @@ class DesignStudy:
     power: Annotated[Power, POWER] = "flux"
     mount: Annotated[Mount, MOUNT] = "front"
     poses: Annotated[int, Quantity("poses at which the bound is taken", "", 1, 1e7)] = 1000
-    seed: Annotated[int, SEED] = 1
 
     @property
     def origin(self) -> dict[str, Any]:
         """What its scores depend on beside the design."""
-        own = {name: vars(self)[name] for name in (*HOW, "seed")}
-        return {"scene": self.scene.name, "fingerprint": self.scene.fingerprint, **own}
+        how = {name: vars(self)[name] for name in HOW}
+        return {
+            "scene": self.scene.name,
+            "fingerprint": self.scene.fingerprint,
+            **how,
+            "seed": SEED,
+        }
 
     def score_rest(self, results: Results[ScoredDesign], progress: Progress = iter) -> None:
         """Score the designs that have no score yet; after Ctrl-C those scored so far are kept."""
         before = {row.design for row in results.lines}
         left = [design for design in self.sweep.designs() if design not in before]
-        poses = volume.uniform_poses(self.poses, np.random.default_rng([self.seed, 0]))
+        poses = volume.uniform_poses(self.poses, np.random.default_rng([SEED, 0]))
         scored: list[ScoredDesign] = []
         try:
             for i in progress(range(len(left))):
                 scene = designed(self.scene, left[i], self.power, self.mount)
-                scored.append(score(scene, poses, np.random.default_rng([self.seed, 1])))
+                scored.append(score(scene, poses, np.random.default_rng([SEED, 1])))
         finally:
             if scored:
                 results.append(scored)

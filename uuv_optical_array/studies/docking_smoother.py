@@ -7,7 +7,6 @@ would keep its linearisation of the first images, taken far away where the likel
 curved; here the whole path is fitted anew with every image, by damped Gauss-Newton steps.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,25 +16,15 @@ from uuv_optical_array.core.numerics.gauss_newton import minimiser
 from uuv_optical_array.estimation.information.likelihood import log_likelihood
 from uuv_optical_array.forward.model import ForwardModel
 
-# The first pose is known to be behind the lamp, no more.
-FIRST_RANGE_M, FIRST_STD = 6.0, np.array([10.0, 5.0, 5.0, 2.0, 2.0])
+# The first pose is known to be behind the lamp, no more; and speed ahead and turn rates, 5 deg/s.
+FIRST_RANGE_M = 6.0
+FIRST_STD = np.array([10.0, 5.0, 5.0, 2.0, 2.0, 1.0, *np.radians([5.0, 5.0])])
 # A state is the pose and these three. A path is the states of all frames, one after the other, and
 # then the offsets of the scene's uncertain settings.
 SPEED, PITCH_RATE, YAW_RATE, STATE = 5, 6, 7, 8
 TINY = 1e-30
 MAX_STEPS = 12
 CONVERGED = 5e-3  # decrement of the negative log-posterior below which a step is the last
-
-
-@dataclass(frozen=True)
-class DockingSettings:
-    """How the vehicle moves: speed ahead and turn rates at the start, and what is random in 1 s."""
-
-    speed_std_m_per_s: float = 1.0
-    speed_walk_m_per_s: float = 0.02
-    slip_m: float = 0.02
-    turn_std_deg_per_s: float = 5.0
-    turn_walk_deg_per_s: float = 4.0
 
 
 def predict(states: Array, step_s: float) -> tuple[Array, Array]:
@@ -55,20 +44,30 @@ def predict(states: Array, step_s: float) -> tuple[Array, Array]:
 
 
 class Motion:
-    """The prior of a path: its first state, its steps and the offsets of the scene's settings."""
+    """The prior of a path: its first state, its steps and the offsets of the scene's settings.
 
-    def __init__(self, model: ForwardModel, step_s: float, settings: DockingSettings) -> None:
-        s, self.model, self.step_s = settings, model, step_s
-        turn, walk = np.radians([s.turn_std_deg_per_s, s.turn_walk_deg_per_s])
+    Speed ahead and turn rates at the start are `FIRST_STD`; the others are random in 1 s.
+    """
+
+    def __init__(
+        self,
+        model: ForwardModel,
+        step_s: float,
+        *,
+        speed_walk_m_per_s: float = 0.02,
+        slip_m: float = 0.02,
+        turn_walk_deg_per_s: float = 4.0,
+    ) -> None:
+        self.model, self.step_s = model, step_s
         self.first = np.array([-FIRST_RANGE_M, *np.zeros(STATE - 1)])
-        self.first_precision = np.array([*FIRST_STD, s.speed_std_m_per_s, turn, turn]) ** -2.0
+        self.first_precision = FIRST_STD**-2.0
         self.offset_precision = np.array([*model.scene.prior.nuisance_std().values()]) ** -2.0
-        slip, speed = s.slip_m**2, s.speed_walk_m_per_s**2
+        slip, speed = slip_m**2, speed_walk_m_per_s**2
         noise = step_s * np.diag([slip, slip, slip, 0.0, 0.0, speed, 0.0, 0.0])
         # White-noise acceleration of both angles.
         for turned in ([PITCH, PITCH_RATE], [YAW, YAW_RATE]):
             powers = [[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]]
-            noise[np.ix_(turned, turned)] = walk**2 * np.array(powers)
+            noise[np.ix_(turned, turned)] = np.radians(turn_walk_deg_per_s) ** 2 * np.array(powers)
         self.step_precision = np.linalg.inv(noise)
 
 
@@ -143,8 +142,8 @@ refine = minimiser(evaluate, propose, CONVERGED, MAX_STEPS)
 def smoothed(motion: Motion, images: Array, first: Array) -> tuple[Array, Array, Array]:
     """Estimate the newest pose of n approaches after each of k images, counts, ``(n, k, ...)``.
 
-    The search begins at poses near the first ones, ``(n, 5)``. Returned are poses, m and rad,
-    ``(n, k, 5)``, covariances ``(n, k, 5, 5)``, and the most probable paths, ``(n, m)``.
+    The search begins at poses near the first ones, ``(n, 5)``. Returned are poses, ``(n, k, 5)``,
+    their covariances, and the most probable paths, ``(n, m)``.
     """
     runs, frames = images.shape[:2]
     readings = images.reshape(runs, frames, -1)
@@ -165,8 +164,7 @@ def smoothed(motion: Motion, images: Array, first: Array) -> tuple[Array, Array,
 def bound(motion: Motion, poses: Array) -> Array:
     """Bound the errors, m and rad, ``(frames, 5)``, by all images up to each and the motion.
 
-    The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along the true poses
-    ``(frames, 5)``, two at least.
+    The posterior Cramer-Rao bound (P. Tichavsky et al., 1998), linearised along the true poses.
     """
     states = states_along(poses, motion.step_s)
     readings = motion.model.light(states[None, :, :5]).reshape(1, len(states), -1)

@@ -100,11 +100,9 @@ def figures(drives: Sequence[Drive]) -> dict[str, Any]:
     tracks = [drive.tracks for drive in drives]
     posed = np.concatenate([track.posed for track in tracks])
     means = np.array([track.nees.mean() for track in tracks if track.posed.any()])
-    singles = np.concatenate([drive.singles.errors for drive in drives])
-    last = np.concatenate([track.errors[-len(single.errors) :] for track, single in drives])
-    tracked, single = (
-        np.sqrt(np.nanmean(np.square(errors), axis=0)) * IN_DEGREES for errors in (last, singles)
-    )
+    last = [(track.errors[-len(single.errors) :], single.errors) for track, single in drives]
+    both = np.concatenate(last, axis=1)
+    tracked, single = np.sqrt(np.nanmean(np.square(both), axis=1)) * IN_DEGREES
     result = {
         "drives": len(drives),
         "frames": len(posed),
@@ -159,10 +157,10 @@ def run(args: argparse.Namespace) -> int:
     estimator = Estimator(scene, args.method).wait()
     rngs = (np.random.default_rng((seed, i)) for i in range(count))
     over = progress.over(rngs, "drive", count)
-    drives = until_interrupted(drive(estimator, seconds, rate, rng) for rng in over)
-    result, complete = figures(drives), len(drives) == count
+    drives, complete = until_interrupted(drive(estimator, seconds, rate, rng) for rng in over)
+    result = figures(drives)
     about = {"scene": scene.name, "method": args.method, "seed": seed, "complete": complete}
     driven = f"{len(drives)} drives of {seconds:g} s at {rate:g} Hz"
     head = f"{args.method} in scene {scene.name}, {driven}, seed {seed}"
-    missing = "" if complete else "only complete drives count"
-    return outputs.finish(args, {**about, **result}, f"{head}\n\n{report(result)}", missing)
+    text = f"{head}\n\n{report(result)}"
+    return outputs.finish(args, about | result, text, complete, "only complete drives count")

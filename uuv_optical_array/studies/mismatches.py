@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
 from uuv_optical_array.calibration.aims import appearing
-from uuv_optical_array.core.geometry import PITCH, YAW, Array, X, Y, Z, rotation_matrix
+from uuv_optical_array.core.geometry import PITCH, Array, X, Y, Z, rotation_matrix
 from uuv_optical_array.forward import prior
 from uuv_optical_array.forward.effects import MOVING, check_effects
 from uuv_optical_array.forward.model import ForwardModel
@@ -29,7 +29,6 @@ SHIPPED, WITHIN = prior.PRIORS["calibrated"], 2.0
 NARROWEST_DEG = 0.1  # that a lamp's beam can be
 # Products of Legendre polynomials over the array, by their degrees: its smooth uneven modes.
 MODES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-NEAR_M, ASIDE_M = 2.0, 1.5
 # When modulated lamps are sampled, s; the carriers are as many periods of a frame, and one apart.
 FRAME_S, SAMPLES, CARRIER_HZ = 0.1, 3360, 1000.0
 TIMES_S = (np.arange(SAMPLES) + 0.5) * FRAME_S / SAMPLES
@@ -69,10 +68,7 @@ class Sea(NamedTuple):
         return self._replace(poses=beside).lamps_and_rest()[0]
 
     def detected(self, signals: Array, carrier_hz: float = CARRIER_HZ) -> Array:
-        """Return what the detection of each lamp reads of signals at `TIMES_S`, ``(n, L, 1, 1)``.
-
-        Each lamp has a frequency of its own from the carrier up, or a slot of it.
-        """
+        """Return what each lamp's detection reads of signals at `TIMES_S`, ``(n, L, 1, 1)``."""
         scene = self.model.scene
         waveform, lamps = scene.effects["demodulation"]["waveform"], scene.lamp_count
         if waveform == "slots":
@@ -122,10 +118,7 @@ def waves(sea: Sea, by: float) -> Array:
 
 
 def another_leader(sea: Sea, by: float, off_hz: float = 0.0) -> Array:
-    """Add the lamps of another leader, modulated as the first one, in each frame in another phase.
-
-    They have a share of the power and are 0.3 m to port; their carrier may be off.
-    """
+    """Add another leader's lamps of a share of the power, 0.3 m to port and of a random phase."""
     scene = sea.model.scene
     turns = (CARRIER_HZ + off_hz) * TIMES_S + sea.rng.uniform(size=(len(sea.poses), 1))
     signals = modulated(scene.effects["demodulation"]["waveform"], turns, 0, scene.lamp_count)
@@ -205,13 +198,10 @@ def turned_mount(sea: Sea, by: float) -> Array:
     """Turn the array about its middle, deg, in each frame in another direction."""
     direction = sea.rng.uniform(0, 2 * np.pi, len(sea.poses))
     aimed = sea.poses.copy()
-    aimed[:, PITCH] += np.radians(by) * np.sin(direction)
-    aimed[:, YAW] += np.radians(by) * np.cos(direction)
+    aimed[:, PITCH:] += np.radians(by) * np.stack([np.sin(direction), np.cos(direction)], axis=1)
     # Where base_link would be if it turned with the array.
-    ahead, aimed_ahead = (
-        rotation_matrix(poses[:, PITCH], poses[:, YAW])[..., X] for poses in (sea.poses, aimed)
-    )
-    aimed[:, : Z + 1] += sea.model.scene.array.bow_m * (ahead - aimed_ahead)
+    before, after = (rotation_matrix(*at[:, PITCH:].T)[..., X] for at in (sea.poses, aimed))
+    aimed[:, : Z + 1] += sea.model.scene.array.bow_m * (before - after)
     return sea.model.light(aimed)
 
 
@@ -234,16 +224,6 @@ def half_shadow(sea: Sea) -> Array:
     return sea.image(np.where(dark[:, None], 0.0, lamps) + rest)
 
 
-def at_random_times(sea: Sea) -> Array:
-    """Let what moves in the scene move: each image is of a random time of a day."""
-    return sea.model.light(sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses)))
-
-
-def noise(sea: Sea) -> Array:
-    """Return readings that are uniform up to full scale."""
-    return sea.rng.uniform(0, sea.model.scene.full_scale_counts, sea.light().shape)
-
-
 def blob(sea: Sea) -> Array:
     """Return a Gaussian blob of any place, width and brightness."""
     column, row = prior.over_array(sea.model.array.side)
@@ -256,17 +236,16 @@ def blob(sea: Sea) -> Array:
 
 
 def near_poses(count: int, rng: np.random.Generator) -> Array:
-    """Draw poses on bearings of the working volume, `NEAR_M` behind the lamp."""
+    """Draw poses on bearings of the working volume, 2 m behind the lamp."""
     poses = uniform_poses(count, rng)
-    poses[:, : Z + 1] *= -NEAR_M / poses[:, X : X + 1]
+    poses[:, : Z + 1] *= -2.0 / poses[:, X : X + 1]
     return poses
 
 
 def aside_poses(count: int, rng: np.random.Generator) -> Array:
-    """Draw poses of the working volume, but `ASIDE_M` from the beam's axis."""
+    """Draw poses of the working volume, but 1.5 m from the beam's axis."""
     poses = uniform_poses(count, rng)
-    across = poses[:, Y : Z + 1]
-    across *= ASIDE_M / np.linalg.norm(across, axis=1, keepdims=True)
+    poses[:, Y : Z + 1] *= 1.5 / np.linalg.norm(poses[:, Y : Z + 1], axis=1, keepdims=True)
     return poses
 
 
@@ -297,22 +276,16 @@ NEEDS: dict[str, tuple[Callable[[Scene, float], bool], str]] = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of mismatch, off `by` so much.
+    """A kind of mismatch."""
 
-    `name` is that of ``uuv_array study robustness --kinds``; `what` differs from the scene, and
-    `cure` is what a user does about it, a sentence each. `times_prior` says by how many standard
-    deviations of a calibrated prior it is off, None for what no prior is about. `draw` draws the
-    poses, and `needs` is a key of `NEEDS`.
-    """
-
-    name: str
-    what: str
-    cure: str
+    name: str  # of ``uuv_array study robustness --kinds``
+    what: str  # differs from the scene, a sentence
+    cure: str  # what a user does about it, a sentence
     of_sea: Callable[[Sea], Array]
-    times_prior: float | None
-    draw: Draw
-    needs: str
-    by: float
+    times_prior: float | None  # off by so many stds of a calibrated prior; None: none is about it
+    draw: Draw  # draws the poses
+    needs: str  # a key of `NEEDS`
+    by: float  # how much it is off
 
     def light(self, model: ForwardModel, poses: Array, rng: np.random.Generator) -> Array:
         """Return the light at the detectors, counts, ``(n, side, side)``, at poses ``(n, 5)``."""
@@ -328,11 +301,11 @@ class Kind:
         has, what = NEEDS[self.needs]
         if not has(scene, self.by):
             return what.format(-self.by)
-        try:
-            if self.draw is not uniform_poses:
+        if self.draw is not uniform_poses:
+            try:
                 lit_poses(ForwardModel(scene), 1, np.random.default_rng(0), self.draw)
-        except ValueError:
-            return "light at such places"
+            except ValueError:
+                return "light at such places"
         return ""
 
 
@@ -465,7 +438,9 @@ KINDS = (
     *_kinds("reflection", partial(second_lamp, by=0.1, above_m=1.0),
             "The surface, 0.5 m above the lamp, reflects a tenth of its light.",
             "Dive deeper or tilt the lamp down; near a calm surface trust no height."),
-    *_kinds("moving", at_random_times, "What moves in the scene moves: plume, flicker, drift.",
+    *_kinds("moving", lambda sea: sea.model.light(
+                sea.poses, time_s=sea.rng.uniform(0, DAY_S, len(sea.poses))),
+            "What moves in the scene moves: plume, flicker, drift.",
             "Wait until the clouds have passed, or keep a distance at which the lamp outshines "
             "them.", needs="motion"),
     *_kinds("near_2m", Sea.light,
@@ -476,17 +451,18 @@ KINDS = (
             "The follower is 1.5 m off the beam's axis, outside of the table.",
             "Extend `table.y_m` and `table.z_m` to where the vehicle can get.",
             draw=aside_poses),
-    *_kinds("noise", noise, "The image is uniform noise.", SIGNAL_CURE),
+    *_kinds("noise", lambda sea: sea.rng.uniform(
+                0, sea.model.scene.full_scale_counts, sea.light().shape),
+            "The image is uniform noise.", SIGNAL_CURE),
     *_kinds("blob", blob, "The image is a random Gaussian blob.", SIGNAL_CURE),
 )
 # fmt: on
 
 
 def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
-    """Choose kinds by their names with commas between them; None: all that the scene can have.
+    """Choose kinds by names with commas between them, in the order of `KINDS`; None: all possible.
 
-    They are in the order of `KINDS`. A ValueError names an unknown one, or one that the scene
-    cannot have.
+    ValueError for an unknown one, or one that the scene cannot have.
     """
     if names is None:
         return tuple(kind for kind in KINDS if not kind.missing(scene))
@@ -495,7 +471,6 @@ def kinds_named(names: str | None, scene: Scene) -> tuple[Kind, ...]:
         if name not in known:
             raise ValueError(f"--kinds: {name!r} is unknown; choose of {', '.join(known)}")
         if missing := known[name].missing(scene):
-            raise ValueError(
-                f"--kinds: {name} needs {missing}, which scene {scene.name} has not; leave it out"
-            )
+            lacks = f"needs {missing}, which scene {scene.name} has not"
+            raise ValueError(f"--kinds: {name} {lacks}; leave it out")
     return tuple(kind for kind in KINDS if kind.name in chosen)

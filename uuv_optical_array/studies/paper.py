@@ -26,8 +26,18 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import RANGES_M
 from uuv_optical_array.plots.style import label_ends, new_figure, save, shades
-from uuv_optical_array.studies.shared import separation
-from uuv_optical_array.studies.shared.separation import UNITS, Choice, Conditions, Motion
+from uuv_optical_array.studies.shared.separation import (
+    RECONSTRUCTION,
+    THRESHOLD_DEG,
+    UNITS,
+    WANTED,
+    Choice,
+    Conditions,
+    Motion,
+    angles_deg,
+    paper_signature,
+    scene_signature,
+)
 
 DESCRIPTION = """\
 Repeat Figs 4, 5 and 6 of Eren et al. (2016): the spectral angle between the signatures of an
@@ -59,19 +69,14 @@ Angles: TypeAlias = Callable[[Conditions, ArrayLike], Array]
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of the paper's text about a figure, and the same number of ours.
+    """A statement of the paper's text about a figure, and the same number of ours."""
 
-    The number and panel of the figure, such as ``4b``; what is compared, in words and as plain
-    values; whether the stated number ``is`` the angle, or the angle lies ``above`` or ``below`` it,
-    or else the paper's words; what computes our number, deg; and the stated number, deg.
-    """
-
-    figure: str
-    text: str
-    conditions: Mapping[str, Any]
-    relation: str
-    ours: Callable[[Angles], float]
-    paper: float | None = None
+    figure: str  # with its panel: 4b
+    text: str  # what is compared
+    conditions: Mapping[str, Any]  # the same, as plain values
+    relation: str  # the stated number `is` the angle, or that is `above` or `below`; or words
+    ours: Callable[[Angles], float]  # computes our number, deg
+    paper: float | None = None  # the stated number, deg
 
     @property
     def label(self) -> str:
@@ -79,10 +84,7 @@ class Statement:
         return self.relation if self.paper is None else f"{SIGNS[self.relation]}{self.paper:g}"
 
     def met(self, ours: float) -> bool | None:
-        """Whether our number lies on the stated side; ``None`` where no side is stated.
-
-        A number that is nan lies on neither.
-        """
+        """Whether our number lies on the stated side, as nan never does; ``None``: no side."""
         if self.paper is None or self.relation == "is":
             return None
         return ours > self.paper if self.relation == "above" else ours < self.paper
@@ -100,17 +102,15 @@ class Statement:
         return "" if self.paper is None or math.isnan(ours) else f"{ours - self.paper:+.1f}"
 
 
-def _of(angles: Angles, conditions: Conditions, step: float) -> float:
-    return float(angles(conditions, [step])[0])
+def _of(angles: Angles, at: Conditions, step: float) -> float:
+    return float(angles(at, [step])[0])
 
 
 def _at(figure: str, at: Conditions, step: float, relation: str, paper: float) -> Statement:
-    array, move = (
-        f"{at.shape} {at.side} x {at.side}",
-        f"{at.motion} {step:g} {UNITS[at.motion]}",
-    )
-    text, plain = f"{array}, {at.range_m:g} m, {move}", at.as_object(step)
-    return Statement(figure, text, plain, relation, lambda angles: _of(angles, at, step), paper)
+    move = f"{at.motion} {step:g} {UNITS[at.motion]}"
+    text = f"{at.shape} {at.side} x {at.side}, {at.range_m:g} m, {move}"
+    ours = functools.partial(_of, at=at, step=step)
+    return Statement(figure, text, at.as_object(step), relation, ours, paper)
 
 
 def _curved_less_planar(angles: Angles, steps: Array) -> Array:
@@ -128,48 +128,33 @@ def best_gain(motion: Motion, step: float, sides: Sequence[int] = (7, 9, 11, 15,
 
     figure = "5a" if motion == "shift" else "5b"
     text = f"best gain over 7 x 7, 4 m, {motion} {step:g} {UNITS[motion]}"
-    compared = {"compared_with_detectors_per_side": [*sides[1:]]}
-    plain = {**every[0].as_object(step), **compared}
+    plain = every[0].as_object(step) | {"compared_with_detectors_per_side": [*sides[1:]]}
     return Statement(figure, text, plain, "not significant", ours)
 
 
 _BOTH = {"array": "curved less planar", "detectors_per_side": 21, "range_m": 4.0}
+# fmt: off
 STATEMENTS = (
-    Statement(
-        "4a",
-        "curved less planar, shift > 0.6 m, mean",
-        {**_BOTH, "shift_m": FAR.tolist(), "statistic": "mean"},
-        "is",
-        lambda angles: float(_curved_less_planar(angles, FAR).mean()),
-        2.0,
-    ),
-    Statement(
-        "4a",
-        "curved less planar, shift <= 0.6 m, largest",
-        {**_BOTH, "shift_m": NEAR.tolist(), "statistic": "largest in magnitude"},
-        "similar",
-        lambda angles: float(max(_curved_less_planar(angles, NEAR), key=abs)),
-    ),
+    Statement("4a", "curved less planar, shift > 0.6 m, mean",
+              {**_BOTH, "shift_m": FAR.tolist(), "statistic": "mean"}, "is",
+              lambda angles: float(_curved_less_planar(angles, FAR).mean()), 2.0),
+    Statement("4a", "curved less planar, shift <= 0.6 m, largest",
+              {**_BOTH, "shift_m": NEAR.tolist(), "statistic": "largest in magnitude"}, "similar",
+              lambda angles: float(max(_curved_less_planar(angles, NEAR), key=abs))),
     _at("4b", Conditions("planar", 21, 4.0, "yaw"), 5.0, "is", 5.0),
     _at("4b", Conditions("planar", 21, 4.0, "yaw"), 10.0, "is", 11.0),
     _at("4b", Conditions("curved", 21, 4.0, "yaw"), 5.0, "is", 12.0),
     _at("4b", Conditions("curved", 21, 4.0, "yaw"), 10.0, "is", 22.0),
-    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", separation.THRESHOLD_DEG),
-    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", separation.THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 3, 4.0, "shift"), 0.2, "below", THRESHOLD_DEG),
+    _at("5a", Conditions("curved", 5, 4.0, "shift"), 0.2, "above", THRESHOLD_DEG),
     best_gain("shift", 0.2),
-    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", separation.THRESHOLD_DEG),
-    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", separation.THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 3, 4.0, "yaw"), 10.0, "below", THRESHOLD_DEG),
+    _at("5b", Conditions("curved", 5, 4.0, "yaw"), 10.0, "above", THRESHOLD_DEG),
     best_gain("yaw", 10.0),
     _at("6b", Conditions("curved", 5, 8.0, "shift"), 0.2, "above", 6.0),
     _at("6e", Conditions("curved", 5, 8.0, "yaw"), 10.0, "above", 10.0),
 )
-
-
-def agreement(ours: Sequence[float]) -> tuple[int, float]:
-    """Return how many numbers lie on the stated side, and the RMS difference of angles, deg."""
-    pairs = list(zip(STATEMENTS, ours, strict=True))
-    off = [value - s.paper for s, value in pairs if s.relation == "is" and s.paper is not None]
-    return sum(s.met(value) is True for s, value in pairs), float(np.sqrt(np.mean(np.square(off))))
+# fmt: on
 
 
 def panels() -> dict[str, list[Conditions]]:
@@ -185,40 +170,34 @@ def panels() -> dict[str, list[Conditions]]:
 
 def least_detected(steps: Array, angles: Array) -> float | None:
     """Return the first step whose angle reaches the paper's threshold, or ``None``."""
-    reached = angles >= separation.THRESHOLD_DEG
+    reached = angles >= THRESHOLD_DEG
     return float(steps[reached.argmax()]) if reached.any() else None
 
 
 def alternatives(rng: np.random.Generator) -> list[Choice]:
     """Return the reconstruction, and choices that differ from it in one thing each."""
     return [
-        separation.RECONSTRUCTION,
+        RECONSTRUCTION,
         *(Choice(f"beam sigma {deg:g} deg", _beam(deg)) for deg in (3.0, 4.0, 5.0, 6.0, 8.0)),
         *(Choice(f"attenuation {k:g} /m", _with(attenuation={"k_per_m": k})) for k in (0.05, 0.2)),
         Choice("no blur", _with(forward_scatter=None)),
         *(Choice(f"blur {m:g} m wide", _with(forward_scatter={"window_m": m})) for m in (0.1, 0.4)),
         Choice("blur of 11 detectors always", _blur_of_11_detectors),
         Choice("blur, dark beyond the border", images=_dark_border),
-        Choice(
-            "peak between detectors",
-            signature=lambda images, top, _: separation.paper_signature(images, top, "subdetector"),
-        ),
+        Choice("peak between detectors",
+               signature=lambda images, top, _: paper_signature(images, top, "subdetector")),
         Choice("column, row from 0", signature=_placed(lambda c, n: (c + (n + 1) / 2) / n - 1 / n)),
         Choice("column, row from the centre", signature=_placed(lambda c, n: c / n)),
         Choice("the same, per half width", signature=_placed(lambda c, n: c * (2 / (n - 1)))),
-        Choice(
-            "peak over full scale",
-            signature=lambda images, _, it: separation.scene_signature(
-                images, it.full_scale_counts, it
-            ),
-        ),
+        Choice("peak over full scale",
+               signature=lambda images, _, it: scene_signature(images, it.full_scale_counts, it)),
         Choice("sample skewness", signature=_sample_skewness),
         Choice("skewness of differences", signature=_differences),
         Choice("moves to port", poses=lambda poses, scene: poses * [1, -1, 1, 1, -1]),
         Choice("yaw about the array", poses=_about_array),
         Choice("10 bits", _with(**TEN_BITS), images=ForwardModel.expose),
         noisy(rng),
-    ]
+    ]  # fmt: skip
 
 
 TEN_BITS: dict[str, Any] = {"adc": {"bits": 10}, "sensor_noise": None, "shot_noise": None}
@@ -230,14 +209,16 @@ def noisy(rng: np.random.Generator, draws: int = 25) -> Choice:
     def read(model: ForwardModel, poses: Array) -> Array:
         return model.expose(np.broadcast_to(poses, (draws, *poses.shape)), rng)
 
-    change = _with(**{**TEN_BITS, "sensor_noise": {"sigma_counts": 1.0}})
+    change = _with(**TEN_BITS | {"sensor_noise": {"sigma_counts": 1.0}})
     return Choice("10 bits, noise of 1 count", change, images=read)
 
 
 def _beam(sigma_deg: float) -> Callable[[Scene], Scene]:
-    return lambda scene: dataclasses.replace(
-        scene, lamp=dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
-    )
+    def change(scene: Scene) -> Scene:
+        lamp = dataclasses.replace(scene.lamp, beam_sigma_deg=sigma_deg)
+        return dataclasses.replace(scene, lamp=lamp)
+
+    return change
 
 
 def _with(**changed: dict[str, Any] | None) -> Callable[[Scene], Scene]:
@@ -259,8 +240,7 @@ def _blur_of_11_detectors(scene: Scene) -> Scene:
 
 def _dark_border(model: ForwardModel, poses: Array) -> Array:
     """Blur without mirroring: beyond the outermost detectors there is no light."""
-    blur = model.scene.effects.get("forward_scatter")
-    if blur is None:
+    if not (blur := model.scene.effects.get("forward_scatter")):
         return model.expected(poses)
     bare = ForwardModel(_with(forward_scatter=None)(model.scene))
     bare.power = model.power
@@ -274,9 +254,8 @@ def _dark_border(model: ForwardModel, poses: Array) -> Array:
 def _about_array(poses: Array, scene: Scene) -> Array:
     """Turn about the array's centre: it stays where the aligned one is."""
     bow = rotation_matrix(poses[:, 3], poses[:, 4])[..., 0]
-    moved = poses.copy()
-    moved[:, :3] += scene.array.bow_m * (np.array([1.0, 0.0, 0.0]) - bow)
-    return moved
+    moved = scene.array.bow_m * (np.array([1.0, 0.0, 0.0]) - bow)
+    return poses + np.pad(moved, ((0, 0), (0, 2)))
 
 
 def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Scene], Array]:
@@ -291,7 +270,7 @@ def _placed(place: Callable[[Array, int], Array]) -> Callable[[Array, float, Sce
 
 
 def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Array:
-    vectors = separation.scene_signature(images, on_axis_counts, scene)
+    vectors = scene_signature(images, on_axis_counts, scene)
     n = images.shape[-1]
     vectors[..., 3:] *= np.sqrt(n * (n - 1)) / (n - 2)
     return vectors
@@ -299,7 +278,7 @@ def _sample_skewness(images: Array, on_axis_counts: float, scene: Scene) -> Arra
 
 def _differences(images: Array, on_axis_counts: float, scene: Scene) -> Array:
     """Take differences of neighbours, one fewer than detectors, for the gradient."""
-    vectors = separation.scene_signature(images, on_axis_counts, scene)
+    vectors = scene_signature(images, on_axis_counts, scene)
     peak = key_parameters(images, on_axis_counts, "detector")[..., 1:3]
     column, row = np.moveaxis((peak + (images.shape[-1] - 1) / 2).round().astype(int), -1, 0)
     horizontal = np.take_along_axis(images, row[..., None, None], axis=-2)[..., 0, :]
@@ -313,15 +292,13 @@ def size_row(scene: Scene, side: int, noise: Choice) -> dict[str, Any]:
     """Return the angles of a curved array at 4 m, the least detected moves and the noise."""
     row: dict[str, Any] = {"detectors_per_side": side}
     for motion in MOTIONS:
-        steps = np.append(STEPS[motion], separation.WANTED[motion])
-        angles = separation.angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
-        name = f"{separation.WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
+        steps = np.append(STEPS[motion], WANTED[motion])
+        angles = angles_deg(scene, Conditions("curved", side, 4.0, motion), steps)
+        name = f"{WANTED[motion]:g}_{UNITS[motion]}".replace(".", "_")
         row[f"angle_deg_at_{name}"] = float(angles[-1])
         row[f"least_{motion}_{UNITS[motion]}"] = least_detected(steps[:-1], angles[:-1])
     for range_m in NOISE_RANGES_M:
-        still = separation.angles_deg(
-            scene, Conditions("curved", side, range_m, "shift"), [0.0], noise
-        )
+        still = angles_deg(scene, Conditions("curved", side, range_m, "shift"), [0.0], noise)
         row[f"noise_deg_at_{range_m:g}_m"] = float(still[0])
     return row
 
@@ -339,7 +316,7 @@ def reproduce(
     rng, curves = np.random.default_rng(seed), panels()
     figures: dict[str, Any] = {panel: {"points": [], "curves": []} for panel in curves}
     result |= {"complete": False, "figures": figures, "sizes": [], "choices": []}
-    angles = functools.partial(separation.angles_deg, scene)
+    angles = functools.partial(angles_deg, scene)
     for statement in progress(STATEMENTS, "point"):
         figures[statement.figure]["points"].append(statement.row(statement.ours(angles)))
     for side in progress(SIDES, "size"):
@@ -350,11 +327,16 @@ def reproduce(
         figures[panel]["curves"].append(curve)
     names = [f"{statement.figure} {statement.text}" for statement in STATEMENTS]
     for choice in progress(alternatives(rng), "choice"):
-        chosen = functools.partial(separation.angles_deg, scene, choice=choice)
-        ours = [statement.ours(chosen) for statement in STATEMENTS]
-        met, rms_deg = agreement(ours)
-        points = {"choice": choice.text, "ours_deg": dict(zip(names, ours, strict=True))}
-        result["choices"].append({**points, "met": met, "rms_deg": rms_deg})
+        chosen = functools.partial(angles_deg, scene, choice=choice)
+        points = {name: s.ours(chosen) for name, s in zip(names, STATEMENTS, strict=True)}
+        pairs = list(zip(STATEMENTS, points.values(), strict=True))
+        off = [ours - s.paper for s, ours in pairs if s.relation == "is" and s.paper is not None]
+        met, rms_deg = (
+            sum(s.met(ours) is True for s, ours in pairs),
+            np.sqrt(np.mean(np.square(off))),
+        )
+        row = {"choice": choice.text, "ours_deg": points, "met": met, "rms_deg": float(rms_deg)}
+        result["choices"].append(row)
     result["complete"] = True
 
 
@@ -371,7 +353,7 @@ def report(result: Mapping[str, Any]) -> str:
         rows.append((i, said.figure, said.text, said.label, ours, verdict))
     lines = [columns(rows, 3)]
     if result["sizes"]:
-        shown = f"the least move that shows {separation.THRESHOLD_DEG:g} deg there;"
+        shown = f"the least move that shows {THRESHOLD_DEG:g} deg there;"
         noise = "and the angle between two readings of one pose, with 10 bits and 1 count of noise."
         lines += ["", f"Curved arrays: angles at 4 m; {shown}", noise]
         heads = ("0.2 m", "10 deg", "shift (m)", "yaw (deg)", "noise 4 m", "noise 8 m")
@@ -450,7 +432,7 @@ def _draw_statements(axes: Any, panel: str, motion: Motion) -> None:
         axes.text(0.765, 4, "stated: curved\n2 deg better", ha="center", fontsize=10)
         return
     if panel[0] == "5":
-        axes.axhline(separation.THRESHOLD_DEG, color="k", lw=1, ls="--")
+        axes.axhline(THRESHOLD_DEG, color="k", lw=1, ls="--")
     for statement in STATEMENTS:
         if statement.figure != panel or statement.paper is None:
             continue
@@ -496,5 +478,5 @@ def run(args: argparse.Namespace) -> int:
         save(draw(result["figures"], scene.name), output)
     picture = f"picture: {output}" if result["picture"] else "no picture"
     text = f"Eren et al. (2016) and scene {scene.name}\n\n{report(result)}\n\n{picture}"
-    missing = "" if result["complete"] else "the tables end where the work ended"
-    return outputs.finish(args, result, text, missing)
+    missing = "the tables end where the work ended"
+    return outputs.finish(args, result, text, result["complete"], missing)

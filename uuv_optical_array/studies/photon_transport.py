@@ -32,18 +32,14 @@ TURNS = (np.arange(128) + 0.5) * math.pi / 128  # about the ray, over which a la
 
 @dataclass(frozen=True)
 class Pencil:
-    """Light of a pencil in water that has been scattered, through spheres about its source.
-
-    `radial` and `away` are the net flux outwards and away from the pencil, of one unit sent,
-    through the bins between `EDGES` of the spheres of `RADII_M`, shape ``(spheres, bins)``.
-    """
+    """Scattered light of a pencil through the bins between `EDGES` of the spheres of `RADII_M`."""
 
     absorption_per_m: float  # of the water, >= 0
     scattering_per_m: float  # > 0
     phase: Phase
     photons: int  # that were traced
-    radial: Array
-    away: Array
+    radial: Array  # net flux outwards, of one unit sent, (spheres, bins)
+    away: Array  # and away from the pencil
     squares: Array  # as `radial`, of the photons' squared weights, for the error by chance
 
 

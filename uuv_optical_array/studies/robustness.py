@@ -17,7 +17,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies.mismatches import Kind, kinds_named
-from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, answer_of, frame_errors
+from uuv_optical_array.studies.shared.errors import SIGMAS, FrameErrors, errors_of
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 DESCRIPTION = """\
@@ -65,14 +65,14 @@ def figures(kind: Kind, frames: FrameErrors, plausible: NDArray[np.bool_]) -> di
 
     `plausible` says which images are about as likely by the scene as by the true light, ``(n,)``.
     """
-    about = {"kind": kind.name, "what": kind.what, "times_prior": kind.times_prior}
     figures = {
+        **{"kind": kind.name, "what": kind.what, "times_prior": kind.times_prior},
         "within_twice_prior": kind.within,
         "frames": len(frames.errors),
         "beyond_1_m": int((np.linalg.norm(frames.errors[:, : Z + 1], axis=1) > FAR_M).sum()),
         "indistinguishable": int((frames.beyond_sigma(SIGMAS) & plausible).sum()),
     }
-    return plain({**about, **figures, **frames.summary()})
+    return plain(figures | frames.summary())
 
 
 def log_ratio(
@@ -116,23 +116,22 @@ def measure(
     seed: int,
     progress: Callable[..., Iterable[int]] = lambda frames, what: frames,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the `figures` of `count` frames of each kind; the last one of fewer after Ctrl-C.
+    """Yield the `figures` of `count` frames of each kind; Ctrl-C after the last one, of fewer.
 
     Kinds share poses and noise; `progress` gets the name of one as ``what``.
     """
-    model, answers = ForwardModel(estimator.scene), {"estimator": answer_of(estimator)}
+    model = ForwardModel(estimator.scene)
     for kind in kinds:
         poses = lit_poses(model, count, np.random.default_rng(seed), kind.draw)
         light = kind.light(model, poses, np.random.default_rng((seed, 1)))
         images = model.read(light, np.random.default_rng((seed, 2)))
-        over = partial(progress, what=kind.name)
-        frames = frame_errors(answers, model, poses, images, over)["estimator"]
+        frames = errors_of(estimator, model, poses, images, partial(progress, what=kind.name))
         done = len(frames.errors)
         answered = poses[:done] + frames.errors
         ratio = log_ratio(model, answered, frames.covariances, images[:done], light[:done])
         yield figures(kind, frames, ratio < EXCUSED_BELOW)
         if done < count:
-            return
+            raise KeyboardInterrupt
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
@@ -165,7 +164,7 @@ def draw(rows: Sequence[dict[str, Any]], about: str) -> Any:
             axes.text(103, at, "-" if np.isnan(share) else text, va="center", fontsize=9)
         axes.set(xlim=(0, 122), xticks=[0, 25, 50, 75, 100], xlabel=label)
     for key, marker, colour, _ in ERRORS:
-        errors = [np.nan if row[key] is None else row[key] for row in rows]
+        errors = np.array([row[key] for row in rows], float)  # None is nan
         right.plot(errors, y, marker, color=colour, ms=6, alpha=0.85)
     right.axvline(FAR_M, color="k", lw=0.8, ls=":")
     right.set(xscale="log", xlabel="RMS error of the answered, m or deg")
@@ -211,12 +210,10 @@ def run(args: argparse.Namespace) -> int:
     with options.checking_options():
         kinds = kinds_named(args.kinds, scene)
     estimator = Estimator(scene, args.method).wait()
-    rows = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
-    complete = len(rows) == len(kinds) and rows[-1]["frames"] == count
+    rows, complete = until_interrupted(measure(estimator, kinds, count, seed, progress.over))
     about = f"{args.method} in scene {scene.name}, {count} poses a kind, seed {seed}"
     save(draw(rows, about), output)
     result = {"scene": scene.name, "method": args.method, "seed": seed, "poses": count}
     result |= {"complete": complete, "kinds": rows, "picture": str(output)}
     text = f"{about}\n\n{report(rows)}\n\npicture: {output}"
-    missing = "" if complete else "the table ends where the work ended"
-    return outputs.finish(args, result, text, missing)
+    return outputs.finish(args, result, text, complete, "the table ends where the work ended")

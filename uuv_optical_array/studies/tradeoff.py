@@ -209,4 +209,4 @@ def run(args: argparse.Namespace) -> int:
     result |= {"fronts": labels, "pictures": pictures}
     count = sum(len(group.methods) for group in groups)
     missing = f"{len(rows)} of {count} settings; run it again to go on"
-    return outputs.finish(args, result, "\n".join(lines), "" if complete else missing)
+    return outputs.finish(args, result, "\n".join(lines), complete, missing)

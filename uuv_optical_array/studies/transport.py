@@ -21,7 +21,7 @@ from uuv_optical_array.forward.working_volume import HIGH, LOW, MIN_PEAK_COUNTS,
 from uuv_optical_array.plots.style import mark, new_figure, plain_log_ticks, save
 from uuv_optical_array.studies import photon_transport as photons
 from uuv_optical_array.studies.photon_transport import WATERS, Lamp, PhotonSea, shipped_pencil
-from uuv_optical_array.studies.shared.errors import answer_of, frame_errors
+from uuv_optical_array.studies.shared.errors import errors_of
 from uuv_optical_array.studies.shared.results import until_interrupted
 
 DESCRIPTION = """\
@@ -116,15 +116,17 @@ def poses_by(
         lit = truth.light(drawn).max(axis=(1, 2)) > MIN_PEAK_COUNTS
         poses = np.concatenate([poses, drawn[lit]])[:count]
     images = truth.model.read(truth.light(poses), rng)
-    answers = {"estimator": answer_of(estimator)}
-    frames = frame_errors(answers, truth.model, poses, images, over)["estimator"]
+    frames = errors_of(estimator, truth.model, poses, images, over)
     return plain({"frames": len(frames.errors), **frames.summary()})
 
 
 def measure_poses(
     count: int, seed: int, progress: Callable[..., Any] = lambda frames, what: frames
 ) -> Iterator[dict[str, Any]]:
-    """Yield the figures of each water by the default, the ready and the calibrated scene."""
+    """Yield figures of each water by the default, the ready and the calibrated scene.
+
+    Ctrl-C is raised after the last ones, of fewer poses.
+    """
     default = load_scene(DEFAULT)
     for water, (name, ranges_m) in SCENES.items():
         pencil, ready = shipped_pencil(water), load_scene(name)
@@ -146,7 +148,7 @@ def measure_poses(
             figures = poses_by(estimator, seen, ranges_m, count, seed, over)
             yield {**row, "refusal": "", **figures}
             if figures["frames"] < count:
-                return
+                raise KeyboardInterrupt
 
 
 def _calibrated(scene: Scene, images: Array, poses: Array) -> tuple[Scene | None, str]:
@@ -241,9 +243,8 @@ def run(args: argparse.Namespace) -> int:
     save(draw(), output)
     compared = uniform_poses(count, np.random.default_rng(seed))
     law = [law_beside(*case, compared) for case in progress.over(CASES, unit="case")]
-    poses = until_interrupted(measure_poses(count, seed, progress.over))
-    complete = len(poses) == 3 * len(WATERS) and poses[-1].get("frames", count) == count
-    result = {"seed": seed, "complete": complete, "picture": str(output)}
+    poses, complete = until_interrupted(measure_poses(count, seed, progress.over))
+    result: dict[str, Any] = {"seed": seed, "complete": complete, "picture": str(output)}
     text = f"{report_law(law)}\n\n{report_poses(poses)}\n\npicture: {output}"
-    missing = "" if complete else "the table ends where the work ended"
-    return outputs.finish(args, {**result, "law": law, "poses": poses}, text, missing)
+    result |= {"law": law, "poses": poses}
+    return outputs.finish(args, result, text, complete, "the table ends where the work ended")

@@ -49,18 +49,12 @@ def range_across_angle(rms: Iterable[float]) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class FrameErrors:
-    """Errors of an estimator on n frames, m and rad.
+    """Errors of an estimator on n frames, m and rad, nan without a pose, and times."""
 
-    `errors` are estimate less truth, ``(n, 5)``, nan without a pose; `covariances` are the
-    estimates' own, ``(n, 5, 5)``; `frame_s` is the time from each image to its estimate, s,
-    ``(n,)``; `model_s` are times of one forward model with Jacobian for `MODEL_POSES` poses, s,
-    ``(k,)``.
-    """
-
-    errors: Array
-    covariances: Array
-    frame_s: Array
-    model_s: Array
+    errors: Array  # estimate less truth, (n, 5)
+    covariances: Array  # the estimates' own, (n, 5, 5)
+    frame_s: Array  # from each image to its estimate, (n,)
+    model_s: Array  # of a forward model with Jacobian for `MODEL_POSES` poses, (k,)
 
     @property
     def posed(self) -> NDArray[np.bool_]:
@@ -112,14 +106,24 @@ class FrameErrors:
 
 def answer_of(estimator: Estimator) -> Answer:
     """Return an estimator's answer to an image."""
-    scene = estimator.scene
 
     def answer(image: Array) -> tuple[Array, Array]:
-        parameters = scene_parameters(image, scene)
-        estimate = estimator.estimate(image, parameters)
+        estimate = estimator.estimate(image, scene_parameters(image, estimator.scene))
         return estimate.pose, estimate.covariance
 
     return answer
+
+
+def errors_of(
+    estimator: Estimator,
+    yardstick: ForwardModel,
+    poses: Array,
+    images: Array,
+    progress: Progress = iter,
+) -> FrameErrors:
+    """Return the `frame_errors` of one estimator."""
+    answers = {"": answer_of(estimator)}
+    return frame_errors(answers, yardstick, poses, images, progress)[""]
 
 
 def frame_errors(
@@ -136,24 +140,22 @@ def frame_errors(
     it with the frames that every method has answered; before the first it is raised.
     """
     count, names = len(poses), list(answers)
-    errors = {name: np.full((count, 5), np.nan) for name in names}
-    covariances = {name: np.full((count, 5, 5), np.nan) for name in names}
-    frame_s = {name: np.empty(count) for name in names}
+    errors = np.full((len(names), count, 5), np.nan)
+    covariances = np.full((*errors.shape, 5), np.nan)
+    frame_s, done = np.empty(errors.shape[:2]), 0
     model_s: list[float] = []
-    done = 0
     try:
         for answer in answers.values():  # the first call is slower
             with suppress(NoPose):
                 answer(images[0])
         for i in progress(range(count)):
             # So that a busy machine is as busy for each of them.
-            first = i % len(names)
-            for name in names[first:] + names[:first]:
+            for j in np.roll(range(len(names)), -i):
                 began = time.perf_counter()
                 with suppress(NoPose):
-                    pose, covariances[name][i] = answers[name](images[i])
-                    errors[name][i] = pose - poses[i]
-                frame_s[name][i] = time.perf_counter() - began
+                    pose, covariances[j, i] = answers[names[j]](images[i])
+                    errors[j, i] = pose - poses[i]
+                frame_s[j, i] = time.perf_counter() - began
             if i % MODEL_EVERY == 0:
                 began = time.perf_counter()
                 yardstick.linearised(np.resize(poses[i : i + MODEL_POSES], (MODEL_POSES, 5)))
@@ -162,8 +164,6 @@ def frame_errors(
     except KeyboardInterrupt:
         if not done:
             raise
-    model, kept = np.array(model_s), slice(done)
-    return {
-        name: FrameErrors(errors[name][kept], covariances[name][kept], frame_s[name][kept], model)
-        for name in names
-    }
+    of_methods = zip(errors[:, :done], covariances[:, :done], frame_s[:, :done], strict=True)
+    model = np.array(model_s)
+    return {name: FrameErrors(*of, model) for name, of in zip(names, of_methods, strict=True)}

@@ -15,7 +15,6 @@ ratio is pitch. With y horizontal, M23 is odd in y, so here it gives yaw.
 
 import dataclasses
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,14 +38,8 @@ ACROSS_M = np.linspace(-0.6, 0.6, 5)
 DOWN_M = np.linspace(-0.8, 0.0, 5)
 TURNS_RAD = np.radians(np.arange(-15.0, 16.0))
 SAMPLES = 200  # images at each pose
-
-
-class Weights(NamedTuple):
-    """Of the look-up's cost; only their ratios matter. The author found them by trial."""
-
-    skewness_horizontal: float = 1.0
-    skewness_vertical: float = 1.0
-    spectral_angle: float = 16.0
+# Of both skewnesses and the angle in the look-up's cost; the author found the ratios by trial.
+WEIGHTS = (1.0, 1.0, 16.0)
 
 
 def lookup_scene(scene: Scene, grid: TableSettings = GRID) -> Scene:
@@ -71,12 +64,12 @@ class LookUp:
     ValueError for a table whose peaks lie between detectors.
     """
 
-    def __init__(self, table: SignatureTable, weights: Weights | None = None) -> None:
+    def __init__(self, table: SignatureTable, weights: ArrayLike = WEIGHTS) -> None:
         scene = table.scene
         if (peak := scene.signature.peak) != "detector":
             raise ValueError(f"table: signature.peak is {peak!r}; the look-up needs 'detector'")
         self._full_scale_counts = scene.full_scale_counts
-        self._weights = np.array(weights or Weights())
+        self._weights = np.asarray(weights)
         self._side = scene.array.detectors_per_side
         detectors = self._detector(table.parameters)
         order = np.argsort(detectors, kind="stable")
@@ -123,20 +116,18 @@ def image_moments(images: ArrayLike, spacing_m: float) -> Array:
     side = images.shape[-1]
     offsets = spacing_m * ((side - 1) / 2 - np.arange(side))
     peak = -key_parameters(images, 1.0, "subdetector")[..., 1:3] * spacing_m
-    powers = np.arange(3)[:, None]
-    along_y = (offsets - peak[..., 0, None])[..., None, :] ** powers
-    along_z = (offsets - peak[..., 1, None])[..., None, :] ** powers
+    off = (offsets - peak[..., None])[..., None, :] ** np.arange(3)[:, None]
+    along_y, along_z = off[..., 0, :, :], off[..., 1, :, :]
     total = images.sum(axis=(-2, -1))[..., None, None]
     # Rows of the image run along z, columns along y.
     return (along_y @ np.swapaxes(images, -1, -2) @ np.swapaxes(along_z, -1, -2)) / total
 
 
 def measured(images: ArrayLike, spacing_m: float) -> Array:
-    """Measure what the moments method takes a pose from, a number for each of its components.
+    """Measure what the moments method takes a pose from, a number a component, ``(..., 5)``.
 
-    Of images of shape ``(..., side, side)`` they are, with shape ``(..., 5)``, the logarithm of the
-    brightest reading, the first moments about the peak along y and z, m, and M32 / M33 and
-    M23 / M33, 1/m, nan where M33 is 0.
+    The logarithm of the brightest reading, the first moments about the peak along y and z, m, and
+    M32 / M33 and M23 / M33, 1/m, nan where M33 is 0.
     """
     m = image_moments(images, spacing_m)
     m33 = np.where(m[..., 2, 2] > 0, m[..., 2, 2], np.nan)
@@ -148,14 +139,12 @@ def measured(images: ArrayLike, spacing_m: float) -> Array:
 
 @dataclass(frozen=True)
 class MomentCalibration:
-    """The moments method, calibrated: a line ``a + b value`` through each of `measured`.
-
-    `lines` are a and b for x, y and z, m, pitch and yaw, rad, shape ``(5, 2)``; that of x is the
-    negative of the paper's range, ``-log(peak / a1) / b1``.
-    """
+    """The moments method, calibrated: a line ``a + b value`` through each of `measured`."""
 
     spacing_m: float
     side: int
+    # a and b of x, y, z, m, pitch and yaw, rad; x is the negative of the paper's
+    # range, -log(peak / a1) / b1.
     lines: Array
 
     def poses(self, images: ArrayLike) -> Array:
@@ -179,9 +168,7 @@ def calibrate(
 ) -> MomentCalibration:
     """Calibrate the moments method at the paper's poses, by the mean of `samples` images at each.
 
-    Range and position are fitted over 125 positions of an array that looks ahead; pitch and yaw
-    over turns by 1 deg, one at a time, on the beam's axis at each range: the paper does not say
-    where its array was turned.
+    The paper does not say where its array was turned: here on the beam's axis, at each range.
     """
     spacing_m, side = model.array.spacing_m, model.array.side
     grid = np.stack(np.meshgrid(-RANGES_M, ACROSS_M, DOWN_M, indexing="ij"), axis=-1)
@@ -200,10 +187,10 @@ def calibrate(
 
 
 def dead_reckoned(poses: Array) -> Array:
-    """Carry y and z of the first frame forward, along the heading of each later one.
+    """Carry y and z of the first frame, ``(..., frames, 5)``, along the heading of each later one.
 
     With ``R = dx / (cos pitch cos yaw)`` and the angles of the later frame, ``dy = R cos pitch sin
-    yaw`` and ``dz = -R sin pitch``. Poses are in m and rad, shape ``(..., frames, 5)``.
+    yaw`` and ``dz = -R sin pitch``.
     """
     x, pitch, yaw = (poses[..., dof] for dof in (X, PITCH, YAW))
     advance = np.diff(x) / (np.cos(pitch) * np.cos(yaw))[..., 1:]

@@ -14,8 +14,8 @@ from uuv_optical_array.core.storage.formats import csv_text
 T = TypeVar("T")
 
 
-def until_interrupted(results: Iterable[T]) -> list[T]:
-    """Return the results until Ctrl-C, which is raised where there are none."""
+def until_interrupted(results: Iterable[T]) -> tuple[list[T], bool]:
+    """Return the results until Ctrl-C, which is raised where there are none, and whether all."""
     collected: list[T] = []
     try:
         for result in results:
@@ -23,7 +23,8 @@ def until_interrupted(results: Iterable[T]) -> list[T]:
     except KeyboardInterrupt:
         if not collected:
             raise
-    return collected
+        return collected, False
+    return collected, True
 
 
 class Line:
@@ -60,7 +61,9 @@ def read(path: Path, kind: type[LineT]) -> tuple[dict[str, str], list[LineT]]:
         with path.open(encoding="utf-8", newline="") as file:
             for number, columns in enumerate(csv.DictReader(file, strict=True), start=2):
                 try:
-                    values = {name: _value(hint, columns[name]) for name, hint in hints.items()}
+                    lines.append(
+                        kind(**{name: _value(of, columns[name]) for name, of in hints.items()})
+                    )
                     if not all(map(str.isidentifier, columns)):
                         raise ValueError("no columns of ours")
                 except (KeyError, TypeError, ValueError):
@@ -71,7 +74,6 @@ def read(path: Path, kind: type[LineT]) -> tuple[dict[str, str], list[LineT]]:
                 if own != (origin or own):
                     raise ValueError(f"line {number} is of another run than the first")
                 origin = own
-                lines.append(kind(**values))
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{path}: {error}; remove the file or name another") from None
     return origin, lines

@@ -30,11 +30,8 @@ FLAT = 1e-9  # share of the peak below which differences are rounding
 
 
 def from_paper_axes(poses: ArrayLike) -> Array:
-    """Convert poses from the paper's axes to ours, shape ``(..., 5)``; every sign changes.
-
-    The paper has the range behind the lamp, to starboard and down, bow up and bow to starboard.
-    """
-    return 0.0 - np.asarray(poses, dtype=float)
+    """Convert poses from the paper's axes, behind the lamp, starboard and down, to ours."""
+    return 0.0 - np.asarray(poses, dtype=float)  # without a negative zero
 
 
 def paper_signature(
@@ -42,9 +39,9 @@ def paper_signature(
 ) -> Array:
     """Scale the five key parameters as the paper's figures seem to, shape ``(..., 5)``.
 
-    The peak is divided by `on_axis_counts`, the largest reading of the aligned array at the same
-    range. Column and row count from 1 at the port and the top edge and are divided by the detectors
-    in a row; nothing is appended. The text gives neither divisor, and measures from the centre.
+    The peak is divided by the largest reading of the aligned array at the same range, column and
+    row, from 1 at the port and the top edge, by the detectors in a row. The text gives neither
+    divisor, and measures from the centre.
     """
     side = images.shape[-1]
     vectors = key_parameters(images, on_axis_counts, peak)
@@ -59,16 +56,14 @@ def scene_signature(images: Array, on_axis_counts: float, scene: Scene) -> Array
 
 @dataclass(frozen=True)
 class Choice:
-    """One way to fill in what the paper leaves open, and its `text` in a few words.
+    """One way to fill in what the paper leaves open.
 
-    `scene` changes the scene, whose array has its shape and size already, `poses` changes poses in
-    ``beacon`` ``(n, 5)``. `images` takes model and poses to images ``(..., n, side, side)``; the
-    mean spectral angle over the leading axes counts. `signature` takes images, the on-axis reading
-    and the scene to vectors ``(..., 5)``.
+    Images have shape ``(..., n, side, side)``; the mean spectral angle over the leading axes
+    counts. A signature takes images, the on-axis reading and the scene to vectors ``(..., 5)``.
     """
 
     text: str
-    scene: Callable[[Scene], Scene] = lambda scene: scene
+    scene: Callable[[Scene], Scene] = lambda scene: scene  # with its array's shape and size already
     poses: Callable[[Array, Scene], Array] = lambda poses, scene: poses
     images: Callable[[ForwardModel, Array], Array] = ForwardModel.expected
     signature: Callable[[Array, float, Scene], Array] = scene_signature
@@ -105,11 +100,11 @@ def angles_deg(
     shaped = scene.array.with_shape(conditions.shape)
     array = dataclasses.replace(shaped, detectors_per_side=conditions.side, wiring=None)
     model = ForwardModel(choice.scene(dataclasses.replace(scene, array=array)))
-    steps = np.atleast_1d(np.asarray(steps, dtype=float))
+    steps = np.asarray(steps, dtype=float)
     in_paper_axes = np.zeros((1 + len(steps), 5))
     in_paper_axes[:, X] = conditions.range_m
-    is_shift = conditions.motion == "shift"
-    in_paper_axes[1:, Y if is_shift else YAW] = steps if is_shift else np.radians(steps)
+    dof, size = (Y, steps) if conditions.motion == "shift" else (YAW, np.radians(steps))
+    in_paper_axes[1:, dof] = size
     poses = choice.poses(from_paper_axes(in_paper_axes), model.scene)
     on_axis_counts = float(together(model.expected(poses[0])).max())
     images = together(choice.images(model, poses))

@@ -35,14 +35,13 @@ Mode = Literal["quick", "full"]
 
 # Our methods have a table of any size, the published ones that of their publication.
 LOOK_UP, MOMENTS = "look_up", "moments"
-PUBLISHED = (LOOK_UP, MOMENTS)
+PUBLISHED: tuple[str, ...] = (LOOK_UP, MOMENTS)
 ALL_METHODS = (*PUBLISHED, *METHODS)
 SIDES = (3, 5, 7, 21)
 SHAPES: tuple[Shape, ...] = ("curved", "planar")
 # Values along each of the five axes: 1e3, 8e3, 1e5, 1e6 and 1e7 poses.
-STEPS = (4, 6, 10, 16, 25)
+STEPS: tuple[int, ...] = (4, 6, 10, 16, 25)
 FRAMES: dict[Mode, int] = {"quick": 300, "full": 1000}
-QUICK_STEPS, QUICK_OWN_STEPS = (10,), (4, 6, 10, 16)
 QUICK_LOOK_UP_SIDE = 7
 # A setting that leaves more frames than this without a pose has no fair error, and is no choice.
 MOST_WITHOUT_POSE = 0.01
@@ -55,16 +54,12 @@ FRAME_WORK = 300
 
 
 class Group(NamedTuple):
-    """Settings that share an array and a table, and are measured together, frame by frame in turn.
-
-    `steps` are the values along each axis of the table; 0 for published methods, which have their
-    own. `methods` are of `ALL_METHODS`.
-    """
+    """Settings that share an array and a table, and are measured in turn, frame by frame."""
 
     shape: Shape
     detectors_per_side: int
-    steps: int
-    methods: tuple[str, ...]
+    steps: int  # values along each axis of the table; 0: published methods have their own
+    methods: tuple[str, ...]  # all of ours, or a published one
 
     def scene(self, scene: Scene) -> Scene:
         """Return the scene with this array, and with a table of the working volume."""
@@ -86,12 +81,11 @@ def plan(scene: Scene, mode: Mode) -> list[Group]:
     groups = []
     for shape in sorted(SHAPES, key=lambda shape: shape != own.shape):
         for side in sides:
-            steps: tuple[int, ...] = STEPS
-            methods: tuple[str, ...] = PUBLISHED
+            steps, methods = STEPS, PUBLISHED
             if mode == "quick":
-                steps = QUICK_STEPS
+                steps = STEPS[2:3]
                 if shape == own.shape:
-                    steps = QUICK_OWN_STEPS if side == own.detectors_per_side else STEPS[:3]
+                    steps = STEPS[:4] if side == own.detectors_per_side else STEPS[:3]
                 if shape != "planar" or side > QUICK_LOOK_UP_SIDE:
                     methods = (MOMENTS,)
             groups += [Group(shape, side, n, METHODS) for n in steps]
@@ -120,12 +114,8 @@ def origin_of(scene: Scene, mode: Mode, seed: int = SEED) -> dict[str, Any]:
 class Measurement(Line):
     """The measured error and time of one setting, which is as in `Group`.
 
-    `without_pose` is the share of frames without a pose. Errors and bounds are RMS distances, and
-    angles of pitch and yaw together; ``bound`` is the Cramer-Rao bound of the image alone,
-    ``floor`` with the volume known, as `known_volume_std`: nan where no frame got a pose, inf where
-    a pose is unobservable. Times are from image to pose. `model_ms` is that of a forward model of
-    the scene's own array, timed between the frames; `models` is `median_ms` over it, which hardly
-    depends on how busy the machine is. `build_s` is for table or calibration.
+    Errors and bounds are RMS distances, and angles of pitch and yaw together: nan where no frame
+    got a pose, inf where a pose is unobservable.
     """
 
     method: str
@@ -133,18 +123,18 @@ class Measurement(Line):
     detectors_per_side: int
     steps: int
     table_rows: int
-    without_pose: float
+    without_pose: float  # share of the frames
     position_m: float
     angle_deg: float
-    bound_position_m: float
+    bound_position_m: float  # by Cramer and Rao, of the image alone
     bound_angle_deg: float
-    floor_position_m: float
+    floor_position_m: float  # with the volume known, as `known_volume_std`
     floor_angle_deg: float
-    median_ms: float
+    median_ms: float  # from image to pose
     p99_ms: float
-    model_ms: float
-    models: float
-    build_s: float
+    model_ms: float  # of a forward model of the scene's own array, timed between the frames
+    models: float  # `median_ms` over it, which hardly depends on how busy the machine is
+    build_s: float  # of table or calibration
     load_average: float
 
     @property
@@ -175,8 +165,10 @@ def _answers(
         look_up = published.LookUp(table).pose
         return {LOOK_UP: lambda image: (look_up(image), math.nan)}, len(table.poses)
     table = build_table(scene)
-    rows, names = len(table.poses), [method for method in METHODS if method in methods]
-    return {name: errors.answer_of(Estimator(table, name).wait()) for name in names}, rows
+    ours: dict[str, errors.Answer] = {
+        name: errors.answer_of(Estimator(table, name).wait()) for name in METHODS
+    }
+    return ours, len(table.poses)
 
 
 def _no_calibration(image: Array) -> tuple[Array, float]:

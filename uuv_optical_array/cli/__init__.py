@@ -1,1 +1,1 @@
-"""What the commands have in common: options, outputs, progress, pages of results."""
+"""What the commands have in common: options, bags, outputs, progress."""

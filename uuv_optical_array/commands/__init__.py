@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 
 from uuv_optical_array import __version__
-from uuv_optical_array.cli import options, report
+from uuv_optical_array.cli import options
 from uuv_optical_array.commands import (
     budget,
     calibrate,
@@ -68,7 +68,7 @@ def main(words: list[str] | None = None) -> None:
         sys.exit(2)
     args = build_parser().parse_args(words)
     try:
-        code = report.run(lambda: args.run(args), ["uuv_array", *words])
+        code = args.run(args)
         _flush()
     except (ValueError, OSError) as error:
         with suppress(OSError):

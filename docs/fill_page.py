@@ -1,0 +1,55 @@
+"""Write what a command prints into a page: ``python docs/fill_page.py PAGE study drives ...``.
+
+It stands beside its command line, in place of what the same command printed before, or last.
+"""
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
+PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
+
+
+def filled(page: str, command: str, text: str) -> str:
+    """Return a page with what a command printed.
+
+    ValueError where the command's block in the page has no end.
+    """
+    begin = BEGIN.format(command)
+    text = "\n".join(line.rstrip() for line in text.strip("\n").splitlines())
+    block = f"{begin}\n\n```sh\n{command}\n```\n\n```text\n{text}\n```\n\n{END}"
+    before, found, rest = page.partition(begin)
+    if not found:
+        return f"{page.rstrip()}\n\n{block}\n".lstrip()
+    _, end, after = rest.partition(END)
+    if not end or BEGIN.partition("{}")[0] in rest[: len(rest) - len(after)]:
+        raise ValueError(f"no line {END} after {begin}; add it")
+    return f"{before}{block}{after}"
+
+
+def main(name: str, *words: str) -> int:
+    """Run a command, fill the page, unless the command fails, and return the command's exit code.
+
+    ValueError, before the command runs, where the page cannot be filled.
+    """
+    path, command = Path(name), shlex.join(["uuv_array", *words])
+
+    def with_text(text: str) -> str:
+        page = path.read_text(encoding="utf-8") if path.exists() else ""
+        return filled(page, command, text)
+
+    with_text("")
+    done = subprocess.run([*PROGRAM, *words], stdout=subprocess.PIPE, text=True, check=False)
+    print(done.stdout, end="")
+    if done.returncode == 0:
+        path.write_text(with_text(done.stdout), encoding="utf-8")
+    return done.returncode
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(*sys.argv[1:]))
+    except (OSError, ValueError) as error:
+        sys.exit(f"{sys.argv[1]}: {error}")

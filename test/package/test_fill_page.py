@@ -1,0 +1,71 @@
+"""A page of results gets what a command prints, beside the command."""
+
+import re
+import sys
+
+import command_line
+import pytest
+from generated import DOCS
+from pages import PAGES
+
+sys.path.append(str(DOCS))
+import fill_page
+
+WORDS = ["scenes", "plume"]
+BEGIN = fill_page.BEGIN.format("uuv_array scenes plume")
+
+
+@pytest.fixture
+def page(tmp_path):
+    return tmp_path / "page.md"
+
+
+def test_a_page_gets_the_command_and_what_it_printed(page, capsys):
+    assert fill_page.main(str(page), *WORDS) == 0
+    told = capsys.readouterr().out
+    command_line.run(*WORDS)
+    assert told == capsys.readouterr().out
+    printed = "\n".join(map(str.rstrip, told.strip().splitlines()))
+    shown = f"```sh\nuuv_array scenes plume\n```\n\n```text\n{printed}\n```"
+    assert page.read_text(encoding="utf-8") == f"{BEGIN}\n\n{shown}\n\n{fill_page.END}\n"
+
+
+def test_a_command_line_can_be_pasted_into_a_shell():
+    words = ["uuv_array", "limits", "--scene", "my sea.yaml"]
+    command = fill_page.shlex.join(words)
+    assert command == "uuv_array limits --scene 'my sea.yaml'"
+    assert f"```sh\n{command}\n```" in fill_page.filled("", command, "a figure")
+
+
+def test_a_block_takes_the_place_of_that_of_the_same_command_alone():
+    page = fill_page.filled("# Before\n", "uuv_array scenes", "a figure")
+    page = fill_page.filled(page, "uuv_array scenes plume", "a figure") + "\nAfter.\n"
+    assert fill_page.filled(page, "uuv_array scenes", "another figure\n") == page.replace(
+        "a figure", "another figure", 1
+    )
+    assert page.startswith("# Before\n\n")
+    assert page.endswith("After.\n")
+
+
+def test_a_command_that_fails_leaves_the_page(page):
+    page.write_text(f"{BEGIN}\nold\n{fill_page.END}", encoding="utf-8")
+    assert fill_page.main(str(page), "scenes", "plume", "--nothing") == 2
+    assert page.read_text(encoding="utf-8") == f"{BEGIN}\nold\n{fill_page.END}"
+
+
+@pytest.mark.parametrize("text", [BEGIN, f"{BEGIN}\n{BEGIN.replace('scenes', 'a')}\n<!-- end -->"])
+def test_a_page_that_cannot_be_filled_is_refused_before_the_work(page, capsys, text):
+    page.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=f"no line {fill_page.END} after"):
+        fill_page.main(str(page), *WORDS)
+    assert capsys.readouterr().out == ""
+    assert page.read_text(encoding="utf-8") == text
+
+
+def test_blocks_of_the_pages_are_as_their_commands_write_them():
+    wrote = re.compile(r"<!-- printed by: (.*) -->(?s:.*?)```text\n((?s:.*?))\n```\n\n<!-- end -->")
+    texts = [page.read_text(encoding="utf-8") for page in PAGES]
+    blocks = [(text, *found) for text in texts for found in wrote.findall(text)]
+    assert len(blocks) == sum(text.count("<!-- printed by: ") for text in texts) > 0
+    for text, command, printed in blocks:
+        assert fill_page.filled(text, command, printed) == text, command

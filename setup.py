@@ -5,6 +5,7 @@ from setuptools import find_packages, setup
 
 package_name = "uuv_optical_array"
 share = f"share/{package_name}"
+NODES = ["simulator", "feature", "estimator", "formation", "follower", "vehicles", "view"]
 CLUSTER = ["dask", "distributed", "zarr>=2.18"]
 BAGS = ["rosbags>=0.10", "lz4", "zstandard"]
 HARDWARE = ["cobs", "pyserial"]
@@ -102,18 +103,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            *(
-                f"{name}_node = {package_name}.programs:{name}_node"
-                for name in (
-                    "simulator",
-                    "feature",
-                    "estimator",
-                    "formation",
-                    "follower",
-                    "vehicles",
-                    "view",
-                )
-            ),
+            *(f"{name}_node = {package_name}.programs:{name}_node" for name in NODES),
             f"uuv_array = {package_name}.programs:uuv_array",
         ],
     },

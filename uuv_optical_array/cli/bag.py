@@ -33,7 +33,7 @@ def add_bag(parser: argparse.ArgumentParser, required: bool = True, commands: bo
     parser.add_argument("--beacon-position", help=about, **words)
     about = "axes of base_link in both odometries (default: %(default)s)"
     parser.add_argument("--odometry-axes", choices=get_args(Axes), default="flu", help=about)
-    options.add_setting(parser, "max_gap_s", Setting(float, MAX_GAP, MAX_GAP_S, optional=False))
+    options.add_number(parser, "max_gap_s", MAX_GAP, MAX_GAP_S)
 
 
 def topics_of(args: argparse.Namespace) -> Topics:

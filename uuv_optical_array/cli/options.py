@@ -113,9 +113,11 @@ def scene_of(args: argparse.Namespace) -> Scene:
     return scene
 
 
-def add_number(parser: Any, name: str, quantity: Quantity, default: float) -> None:
-    """Add the option of a number, a whole one where its default is an ``int``."""
-    add_setting(parser, name, Setting(type(default), quantity, default, optional=False))
+def add_number(
+    parser: Any, name: str, quantity: Quantity, default: float | None, kind: Any = None
+) -> None:
+    """Add the option of a number, of the kind of its default unless that is ``None``."""
+    add_setting(parser, name, Setting(kind or type(default), quantity, default, optional=False))
 
 
 def add_seed(parser: Any) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import IN_DEGREES, Array
-from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage.yaml_text import text_of
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.tolerances import tolerances
@@ -19,7 +19,7 @@ from uuv_optical_array.forward.optics import reading_variance
 from uuv_optical_array.forward.scene import Scene
 from uuv_optical_array.forward.working_volume import SPECIFICATION
 from uuv_optical_array.plots.style import new_figure, save
-from uuv_optical_array.studies.limits import aligned, reach
+from uuv_optical_array.studies.limits import aligned, reach, within
 
 DESCRIPTION = """\
 The link budget of an instrument: from the lamp's watts and the data sheets of photodiode, amplifier
@@ -41,13 +41,7 @@ RANGES_M = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 DRAWN_M = np.geomspace(1.0, 20.0, 120)
 BUILT_M = 6.0  # where errors of building are told
 RISK = ("exempt", "group 1: low risk", "group 2: do not stare", "group 3: high risk")
-REACH = Quantity("find the least watts that reach so far", "m", 0.5, 100)
-
-
-def reaches(scene: Scene, range_m: float) -> bool:
-    """Say whether one image so far behind the lamp is within the specification."""
-    std = cramer_rao_bound(ForwardModel(scene), aligned([range_m])).std[0] * IN_DEGREES
-    return bool((std <= SPECIFICATION).all())
+REACH = Quantity("find the least watts that reach so far, in place of --lamp-w", "m", 0.5, 100)
 
 
 def rows(scene: Scene, ranges_m: Any) -> Array:
@@ -124,9 +118,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
     options.add_settings(parser, Instrument)
-    metres = options.reader(Setting(float, REACH, None, optional=True))
-    about = f"{REACH.text}, in place of --lamp-w"
-    parser.add_argument("--reach", type=metres, metavar="M", help=about)
+    options.add_number(parser, "reach", REACH, None, float)
     outputs.add_picture(parser, "budget.png")
 
 
@@ -135,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
     base, instrument = options.scene_of(args), Instrument(**options.settings_of(args, Instrument))
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
     if args.reach is not None:
-        watts = least_watts(base, instrument, lambda scene: reaches(scene, args.reach))
+        watts = least_watts(base, instrument, lambda scene: bool(within(scene, [args.reach])[0]))
         if watts is None:
             raise ValueError(
                 f"--reach {args.reach:g}: no lamp reaches so far; the limit is full scale, the "

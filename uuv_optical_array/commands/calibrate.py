@@ -108,19 +108,13 @@ def _gains(result: Calibration) -> list[str]:
     return [head, *map("".join, wide)]
 
 
-def report(
-    result: Calibration, recording: Recording, path: Path, start: str, places: int = 0
-) -> str:
-    """Return the fitted values and how well the model agrees, as text.
-
-    `places` were measured; 0: the poses are those of odometries.
-    """
+def report(result: Calibration, recording: Recording, path: Path, start: str, at: str = "") -> str:
+    """Return the fitted values and how well the model agrees, as text; `at` places, if measured."""
     seconds, poses = recording.seconds, recording.poses
     ranges = np.linalg.norm(poses[:, :3], axis=1)
     off = np.degrees(np.arctan2(np.linalg.norm(poses[:, 1:3], axis=1), -poses[:, 0]))
-    at_places = f" at {places} places" if places else ""
     lines = [
-        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at_places}, base_link "
+        f"bag {path}: {len(seconds)} images in {np.ptp(seconds):.1f} s{at}, base_link "
         f"{ranges.min():.2f} to {ranges.max():.2f} m from the lamp, up to {off.max():.1f} deg off "
         "its axis",
         *(f"  left out: {count} x {reason}" for reason, count in recording.refused.most_common()),
@@ -142,8 +136,7 @@ def report(
     if result.outliers or images:
         where = [f"{seconds[i]:.3f} s" for i in images[:SHOWN_IMAGES]]
         where += ["..."] * (len(images) > SHOWN_IMAGES)
-        at = f" (at {', '.join(where)})" if where else ""
-        whole = f"{len(images)} whole images{at}"
+        whole = f"{len(images)} whole images" + f" (at {', '.join(where)})" * bool(where)
         lines.append(f"outliers left out: {result.outliers} single readings, {whole}")
     return "\n".join([*lines, *(f"note: {note}" for note in result.notes)])
 
@@ -283,7 +276,7 @@ def run(args: argparse.Namespace) -> int:
     if written:
         comment = f"Calibrated by uuv_array calibrate from {path.name}, starting from {scene.name}."
         save_scene(result.scene, output, comment, text)
-    measured = 0 if places is None else int(places.max()) + 1
+    measured = "" if places is None else f" at {int(places.max()) + 1} places"
     text = report(result, recording, path, scene.name, measured)
     lines = [text, *[f"scene: {output}"] * written]
     outputs.finish(args, as_json(result, recording), "\n".join(lines))

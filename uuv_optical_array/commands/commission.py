@@ -8,7 +8,7 @@ from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.calibration.wiring import TorchSweeps, description
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.forward.scene import save_scene
 from uuv_optical_array.forward.scene_files import own_text
@@ -36,30 +36,21 @@ after the sweeps and at least 3 images for each column. An array on a serial lin
 that publishes its images. Ctrl-C writes nothing."""
 
 
-LAMP = Quantity("then test with the lamp so far ahead of base_link", "m", 0.3, 100)
+MODULATED = "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
+AHEAD = "then test with the lamp so far ahead of base_link: the acceptance test"
+LAMP = Quantity(AHEAD, "m", 0.3, 100)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    parser.add_argument(
-        "bag",
-        type=Path,
-        nargs="?",
-        help="folder of a rosbag2, or its .mcap or .db3 file (default: listen to the topic)",
-    )
-    parser.add_argument(
-        "--topic", default=Topics.image, help="topic of the images (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--lamp",
-        type=options.reader(Setting(float, LAMP, None, optional=True)),
-        metavar="M",
-        help=f"{LAMP.text}: the acceptance test",
-    )
-    parser.add_argument(
-        "--in-air", action="store_true", help="the test is on deck: without water, a wider beam"
-    )
+    about = "folder of a rosbag2, or its .mcap or .db3 file (default: listen to the topic)"
+    parser.add_argument("bag", type=Path, nargs="?", help=about)
+    about = "topic of the images (default: %(default)s)"
+    parser.add_argument("--topic", default=Topics.image, help=about)
+    options.add_number(parser, "lamp", LAMP, None, float)
+    about = "the test is on deck: without water, a wider beam"
+    parser.add_argument("--in-air", action="store_true", help=about)
     outputs.add_scene_file(parser, "commissioned.yaml")
 
 
@@ -78,9 +69,7 @@ def run(args: argparse.Namespace) -> int:
         print(line, flush=True)
 
     if "demodulation" in scene.effects:
-        show(
-            "the array sees modulated light only: move one of the lamps, lit, in place of the torch"
-        )
+        show(MODULATED)
     if args.lamp is None:
         sweeps = TorchSweeps(side, scene.full_scale_counts, show)
     else:
@@ -119,7 +108,6 @@ def report(test: Acceptance, side: int) -> int:
     for text in whole:
         print(f"the whole fails: {text}")
     failed = len(detectors) + len(whole)
-    print(
-        f"acceptance test: {f'{failed} faults: mend them, and test again' if failed else 'passed'}"
-    )
+    verdict = f"{failed} faults: mend them, and test again" if failed else "passed"
+    print(f"acceptance test: {verdict}")
     return int(failed > 0)

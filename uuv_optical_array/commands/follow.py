@@ -13,7 +13,7 @@ from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.control.fleet import MIN_SEPARATION_M, MOST, vee
 from uuv_optical_array.control.follow_record import FollowRecord, least_distance
 from uuv_optical_array.core.extras import needs
-from uuv_optical_array.core.settings import Quantity, Setting
+from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.core.storage import files
 from uuv_optical_array.plots.follow import draw_follow
 from uuv_optical_array.plots.style import save
@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--scene", help="ready scene or YAML file (default: the parameter file's)")
     options.add_number(parser, "duration", DURATION, 60.0)
-    options.add_setting(parser, "seed", Setting(int, SEED, None, optional=True))
+    options.add_number(parser, "seed", SEED, None, int)
     options.add_number(parser, "followers", Quantity("how many followers", "", 1, MOST), 1)
     unchained = "the leader lights the third follower, too; there are at most three"
     parser.add_argument("--no-chain", action="store_true", help=unchained)
@@ -83,9 +83,9 @@ def run(args: argparse.Namespace) -> int:
         fleet = [] if args.followers == 1 else vee(args.followers, not args.no_chain)
     if args.scene is None and fleet and args.params_file is None:
         args.scene = "formation"
-    ros_args = ["--params-file", str(files.shared_file("config/follow.yaml"))]
-    if args.params_file is not None:
-        ros_args += ["--params-file", str(args.params_file)]
+    ros_args: list[str] = []
+    for file in filter(None, (files.shared_file("config/follow.yaml"), args.params_file)):
+        ros_args += ["--params-file", str(file)]
     if args.scene is not None:
         options.scene_of(args)
         ros_args += ["-p", f"scene:={args.scene}"]
@@ -93,23 +93,21 @@ def run(args: argparse.Namespace) -> int:
         ros_args += ["-p", f"simulator_node:seed:={args.seed}"]
     follow = needs("ros", "uuv_optical_array.nodes.bringup.demo").follow
     terminal = sys.stdout.isatty()  # a file would get each line that the next one overwrites
-    with Live(auto_refresh=False) as live:
+    writer = BagWriter(bag_folder) if bag_folder else nullcontext()
+    with Live(auto_refresh=False) as live, writer as bag:
 
         def on_tick(record: FollowRecord, elapsed_s: float) -> None:
             if terminal:
                 live.update(live_line(record, elapsed_s), refresh=True)
 
-        with BagWriter(bag_folder) if bag_folder else nullcontext() as bag:
-            records, light_timeout_s, interrupted = follow(
-                ros_args, args.duration, on_tick, fleet, bag
-            )
+        records, timeout_s, interrupted = follow(ros_args, args.duration, on_tick, fleet, bag)
     if bag_folder:
         print(f"bag: {bag_folder}")
     lost = []
     for number, record in enumerate(records, 1):
         name = f"follower {number}: " if fleet else ""
         print(f"{name}{record.summary()}")
-        if reason := record.lost(light_timeout_s):
+        if reason := record.lost(timeout_s):
             lost.append(f"{name}{reason}")
     if fleet:
         paths = [records[0].leader_path, *(record.follower_path for record in records)]
@@ -122,6 +120,4 @@ def run(args: argparse.Namespace) -> int:
         print(f"picture: {picture}")
     end = "until it was interrupted" if interrupted else "to the end"
     print(f"lost the leader: {'; '.join(lost)}" if lost else f"followed the leader {end}")
-    if interrupted:
-        return options.INTERRUPTED
-    return 1 if lost else 0
+    return options.INTERRUPTED if interrupted else int(bool(lost))

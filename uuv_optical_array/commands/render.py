@@ -1,12 +1,12 @@
 """``uuv_array render``: draw what the array reads in a scene."""
 
 import argparse
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from uuv_optical_array.cli import options, outputs
-from uuv_optical_array.core.geometry import DOF_NAMES, Array
+from uuv_optical_array.core.geometry import DOF_NAMES, IN_DEGREES, Array
 from uuv_optical_array.core.settings import Quantity
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.lamps import together
@@ -39,24 +39,13 @@ COLUMNS = (  # title, degree of freedom, m or deg
 PROFILED = (0, 2, 3, 5)  # columns whose profiles are drawn
 
 
-def images_of(
-    scene: Scene,
-    poses: Array,
-    *,
-    seed: Annotated[int, options.SEED] = 0,
-    time_s: Annotated[float, TIME] = 0.0,
-) -> Array:
-    """Return images at poses, m and rad, shape ``(..., 5)``; counts, ``(..., side, side)``."""
-    return ForwardModel(scene).expose(poses, np.random.default_rng(seed), time_s=time_s)
-
-
 def sheet_poses() -> Array:
     """Return the poses of the sheet, m and rad, shape ``(ranges, columns, 5)``."""
     sheet = np.zeros((len(RANGES_M), len(COLUMNS), 5))
     sheet[..., 0] = -np.array(RANGES_M)[:, None]
     for column, (_, name, value) in enumerate(COLUMNS):
-        value = np.radians(value) if name in ("pitch", "yaw") else value
-        sheet[:, column, DOF_NAMES.index(name)] += value
+        dof = DOF_NAMES.index(name)
+        sheet[:, column, dof] += value / IN_DEGREES[dof]
     return sheet
 
 
@@ -109,8 +98,8 @@ def _draw_profiles(figure: Any, images: Array, full_scale_counts: float) -> None
             axes.grid(alpha=0.3)
             axes.tick_params(labelsize=8, labelleft=axes is row[0])
         row[0].set_ylabel(name, fontsize=10)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right center", fontsize=10, title="behind the lamp")
+    look: Any = {"loc": "outside right center", "fontsize": 10, "title": "behind the lamp"}
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), **look)
 
 
 def draw_scene(scene: Scene, images: Array) -> Any:
@@ -131,7 +120,8 @@ def draw_scene(scene: Scene, images: Array) -> Any:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_scene(parser, "follow")
-    options.add_settings(parser, images_of)
+    options.add_number(parser, "seed", options.SEED, 0)
+    options.add_number(parser, "time_s", TIME, 0.0)
     outputs.add_picture(parser, "render.png")
 
 
@@ -139,8 +129,8 @@ def run(args: argparse.Namespace) -> int:
     """Draw the scene, and print its effects and the range of each aligned image."""
     scene = options.scene_of(args)
     output = outputs.file_to_write(args.output, "--output", outputs.PICTURE)
-
-    images = images_of(scene, sheet_poses(), **options.settings_of(args, images_of))
+    rng = np.random.default_rng(args.seed)
+    images = ForwardModel(scene).expose(sheet_poses(), rng, time_s=args.time_s)
     save(draw_scene(scene, images), output)
     print(f"scene {scene.name}: {', '.join(scene.effects) or 'no effects'}")
     for range_m, image in zip(RANGES_M, images[:, 0], strict=True):

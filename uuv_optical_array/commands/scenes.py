@@ -71,7 +71,7 @@ def figures(scene: Scene) -> list[str]:
     named = scene_from_settings({**scene.settings(), "prior": {"known": known}}, scene.name).prior
     # The keys in which the prior differs from the one of its name.
     others = [key for key, value in vars(scene.prior).items() if value != vars(named)[key]]
-    prior = known + (f" but for {', '.join(others)}" if others else "")
+    prior = known + f" but for {', '.join(others)}" * bool(others)
     return [
         f"{array.shape} {side} x {side}, {lamp.reference_counts:g}{full} counts at "
         f"{lamp.reference_range_m:g} m, beam {lamp.beam_sigma_deg:g} deg, {water}",
@@ -84,10 +84,8 @@ def settings_text(name: str) -> str:
     """Return a scene with all its settings, as a file that can be used."""
     file = scene_file(name)
     bases = [layer.extends for layer in scene_files.layers(file) if layer.extends]
-    lines = [sentence(file)] if sentence(file) else []
-    if bases:
-        lines.append(f"{file.stem} extends {', which extends '.join(bases)}.")
-    comment = "".join(f"# {line}\n" for line in lines)
+    about = f"{file.stem} extends {', which extends '.join(bases)}." if bases else ""
+    comment = "".join(f"# {line}\n" for line in (sentence(file), about) if line)
     return f"{comment}\n{yaml_text.text_of(load_scene(name).settings())}".strip()
 
 

@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     bag.add_bag(parser, required=False, commands=True)
     options.add_scene(parser, "follow")
     options.add_method(parser)
-    options.add_setting(parser, "seed", Setting(int, SEED, None, optional=True))
+    options.add_number(parser, "seed", SEED, None, int)
     here = f"(default: {LOOPBACK}:{PORT}, this machine alone)"
     served = f"where the page is served, or at the next port that is free {here}"
     parser.add_argument("--address", type=address, default="", metavar="HOST:PORT", help=served)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from uuv_optical_array.cli import options, outputs
 from uuv_optical_array.core.geometry import DOF_NAMES, DOF_UNITS, IN_DEGREES, Array, X, Y
@@ -58,8 +58,8 @@ def bound_map(
 ) -> dict[Shape, Array]:
     """Return the bound of level poses at the lamp's depth, for each shape of the scene's array.
 
-    Standard deviations, m and deg, shape ``(n, m, 5)``, at `behind_m` ``(n,)`` and, to port,
-    `aside_m` ``(m,)``; inf where unobservable. The lamp's power is set anew for each shape.
+    Standard deviations, m and deg, ``(n, m, 5)``, inf where unobservable, at `behind_m` ``(n,)``
+    and, to port, `aside_m` ``(m,)``. The lamp's power is set anew for each shape.
     """
     poses = np.zeros((len(behind_m), len(aside_m), 5))
     poses[..., X], poses[..., Y] = -behind_m[:, None], aside_m
@@ -75,15 +75,20 @@ def aligned(ranges_m: ArrayLike) -> Array:
     return np.multiply.outer(ranges_m, [-1.0, 0.0, 0.0, 0.0, 0.0])
 
 
+def within(scene: Scene, ranges_m: ArrayLike) -> NDArray[np.bool_]:
+    """Say whether one image, aligned so far behind the lamp, is within the specification."""
+    std = cramer_rao_bound(ForwardModel(scene), aligned(ranges_m)).std * IN_DEGREES
+    return np.asarray((std <= SPECIFICATION).all(axis=1))
+
+
 def reach(scene: Scene) -> tuple[float, float] | None:
     """Return the nearest and farthest range, m, where the bound of an aligned pose is as specified.
 
     They are about the lamp's reference range, within `REACH_M` and to its step; None where the
     bound is larger even there. What the scene's prior leaves uncertain counts as unknown.
     """
-    std = cramer_rao_bound(ForwardModel(scene), aligned(REACH_M)).std * IN_DEGREES
-    beyond = np.flatnonzero(~(std <= SPECIFICATION).all(axis=1))
     own = int(np.abs(REACH_M - scene.lamp.reference_range_m).argmin())
+    beyond = np.flatnonzero(~within(scene, REACH_M))
     if own in beyond:
         return None
     first = beyond[beyond < own].max(initial=-1) + 1

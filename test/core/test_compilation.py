@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import python
 
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
@@ -41,29 +42,33 @@ FOLDER = (
 )
 
 
-def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+def printed(code, cache, cwd=None):
+    """Return what a process prints that keeps what is compiled in a folder."""
+    done = python(code, env={**os.environ, "NUMBA_CACHE_DIR": str(cache)}, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def at_once(code, words, **environment):
+    """Start a process for each words, let them go when all are ready; return what they print."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    command = [sys.executable, "-c", WAIT_AND_COMPILE]
-    processes = [subprocess.Popen(command, env=environment, **pipes) for _ in range(3)]
+    options = {"env": {**os.environ, **environment}, **pipes}
+    processes = [subprocess.Popen([sys.executable, "-c", code, *own], **options) for own in words]
     for process in processes:
         assert process.stdout.readline() == "ready\n"
     for process in processes:
         process.stdin.write("go\n")
         process.stdin.flush()
-    answers = sorted(process.communicate()[0].strip() for process in processes)
-    assert answers == ["0 (0.2, -0.1)", "0 (0.2, -0.1)", "1 (0.2, -0.1)"]
+    return [process.communicate()[0].strip() for process in processes]
+
+
+def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path):
+    answers = at_once(WAIT_AND_COMPILE, [(), (), ()], NUMBA_CACHE_DIR=str(tmp_path))
+    assert sorted(answers) == ["0 (0.2, -0.1)", "0 (0.2, -0.1)", "1 (0.2, -0.1)"]
 
 
 def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-
-    def folder():
-        command = [sys.executable, "-c", FOLDER]
-        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        return run.stdout.strip()
-
-    own = folder()
+    own = printed(FOLDER, tmp_path)
     assert os.path.isdir(own)
     # Other versions were used since, the last one most recently.
     for hours in range(10):
@@ -71,7 +76,7 @@ def test_the_folder_in_use_is_kept_and_of_others_the_latest(tmp_path):
         other.mkdir()
         os.utime(other, (time.time(), time.time() - 3600 * (10 - hours)))
     os.utime(own, (0, 0))
-    assert folder() == own
+    assert printed(FOLDER, tmp_path) == own
     kept = {path.name for path in (tmp_path / "compiled").iterdir()}
     assert kept == {os.path.basename(own), *(f"version {hours}" for hours in range(3, 10))}
 
@@ -81,15 +86,9 @@ def test_another_copy_of_the_sources_or_a_newer_one_has_a_folder_of_its_own(tmp_
     package = Path(compilation.__file__).parents[2]
     copy = tmp_path / "copy" / package.name
     shutil.copytree(package, copy, ignore=shutil.ignore_patterns("__pycache__"))
-
-    def folder(path):
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(path)}
-        options = {"env": environment, "capture_output": True, "text": True, "check": True}
-        return subprocess.run([sys.executable, "-c", FOLDER], cwd=path, **options).stdout
-
-    folders = [folder(package.parent), folder(copy.parent), folder(package.parent)]
+    folders = [printed(FOLDER, tmp_path, path.parent) for path in (package, copy, package)]
     os.utime(copy / "core" / "geometry.py")
-    folders.append(folder(copy.parent))
+    folders.append(printed(FOLDER, tmp_path, copy.parent))
     assert folders[0] == folders[2]
     assert len(set(folders)) == 3
 
@@ -112,14 +111,7 @@ print(bool(linked_functions.options(inner=True)), *function(3.0, 5.0, 1.0, 2.0))
 @pytest.mark.parametrize("known", [True, False])
 def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_way(tmp_path, known):
     version = numba.__version__ if known else "99.0.0"
-    run = subprocess.run(
-        [sys.executable, "-c", WITH_INNER_FUNCTIONS.format(version=version)],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    linked, *answer = run.stdout.split()
+    linked, *answer = printed(WITH_INNER_FUNCTIONS.format(version=version), tmp_path).split()
     assert linked == str(known)
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)
 
@@ -131,25 +123,17 @@ def damage(path, bit):
 
 
 def test_damaged_code_is_compiled_anew_and_not_run(tmp_path):
-    def load():
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        run = subprocess.run(
-            [sys.executable, "-c", LOAD], env=environment, capture_output=True, text=True
-        )
-        assert run.returncode == 0, run.stderr
-        return run.stdout.strip()
-
-    assert load() == "1 (0.2, -0.1)"
-    assert load() == "0 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "0 (0.2, -0.1)"
     (folder,) = (tmp_path / "compiled").iterdir()
     code, index = sorted(folder.glob("*/*"))
     for path in (folder.parent, folder, code.parent, code, index):
         assert path.stat().st_mode & 0o077 == 0, path
     damage(code, 8 * (code.stat().st_size // 2))
     damage(index, 100)
-    assert load() == "1 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
     folder.chmod(0o777)
-    assert load() == "1 (0.2, -0.1)"
+    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
 
 
 @pytest.fixture
@@ -229,14 +213,5 @@ for i in range(50):
 
 
 def test_two_processes_note_all_sums(kept):
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    command = [sys.executable, "-c", NOTE, str(kept)]
-    processes = [subprocess.Popen([*command, name], **pipes) for name in "xy"]
-    for process in processes:
-        assert process.stdout.readline() == "ready\n"
-    for process in processes:
-        process.stdin.write("go\n")
-        process.stdin.flush()
-    for process in processes:
-        process.communicate()
+    at_once(NOTE, [(str(kept), name) for name in "xy"])
     assert len((kept / "SHA256SUMS").read_text().splitlines()) == 103

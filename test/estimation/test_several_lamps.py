@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenes import squared_error
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import rolled
@@ -77,8 +78,7 @@ def test_what_one_lamp_refuses_several_answer(estimator, name):
     nees, clear = [], []
     for pose, image in zip(*of_kind(name, COUNT, 3), strict=True):
         found = estimator.estimate(image)
-        off = found.pose - pose
-        nees.append(off @ np.linalg.solve(found.covariance, off))
+        nees.append(squared_error(found, pose))
         clear.append(found.clear)
     # A chi-square with five degrees of freedom, and as much again for what no prior describes.
     assert np.mean(nees) < 10
@@ -102,8 +102,7 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         image, pose, _ = drawn(rng)
         image[rows] = MODEL.read(np.full((5, 5), MODEL.noise.black), rng)
         found = estimator.estimate(image)
-        off = found.pose - pose
-        assert off @ np.linalg.solve(found.covariance, off) < 36
+        assert squared_error(found, pose) < 36
         assert (found.dark_lamp, found.left_out) == (dark, ())
 
 
@@ -130,8 +129,7 @@ def test_faulty_detectors_are_named_and_left_out_of_the_images_of_all_lamps(esti
         assert len(found.left_out) <= min(count + 1, 3)
         assert found.dark_lamp is None
         assert "faulty detector" in found.fault
-        off = found.pose - pose
-        assert off @ np.linalg.solve(found.covariance, off) < 36
+        assert squared_error(found, pose) < 36
         # What they read has no part in what a track is given, either.
         near = estimator.lineariser(found, image)(found.readings.at)
         out = np.isinf(near.variances).reshape(3, 25)
@@ -176,5 +174,4 @@ def test_key_parameters_of_a_sum_beyond_full_scale_are_believed(estimator):
     parameters = key_parameters(total, SCENE.full_scale_counts, SCENE.signature.peak)
     assert parameters[0] > 1
     found = estimator.estimate(image, parameters)
-    off = found.pose - pose
-    assert off @ np.linalg.solve(found.covariance, off) < 36
+    assert squared_error(found, pose) < 36

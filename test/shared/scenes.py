@@ -51,3 +51,9 @@ def coarse_settings(scene, number=5):
 
 def std_m_deg(model, poses):
     return cramer_rao_bound(model, poses).std * [1, 1, 1, *np.degrees([1, 1])]
+
+
+def squared_error(found, pose):
+    """Return the squared error of an estimate, normalised by its covariance."""
+    off = found.pose - pose
+    return off @ np.linalg.solve(found.covariance, off)

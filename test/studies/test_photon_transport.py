@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import second_forward
 from numpy.polynomial.legendre import leggauss
 from scipy.integrate import quad
 from trace_photons import ASYMMETRY, INDEX, PHASES, SLOPE, make, quantiles, trace
@@ -22,8 +23,9 @@ from uuv_optical_array.studies.photon_transport import (
 
 SIGMAS = 5
 MIDDLES = (EDGES[1:] + EDGES[:-1]) / 2
-ARRAY = build_array(load_scene("reference").array)
-POSE = np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
+SCENE = load_scene("reference")
+ARRAY, POSE = build_array(SCENE.array), np.array([-5.0, 0.4, -0.3, 0.1, -0.2])
+RAYS = second_forward.rays(SCENE.settings()["array"], POSE)
 SPHERES = [2, 6, 10, 16]  # of 2, 4, 6 and 9 m
 
 
@@ -78,35 +80,20 @@ def test_phase_functions_are_those_of_the_sea():
     assert share(henyey_greenstein, 1e-9, np.pi, np.cos) == pytest.approx(ASYMMETRY, abs=1e-6)
 
 
-def turned_detectors(pose):
-    """Return places and normals of an array in ``beacon``, shape ``(n, 3)``."""
-    cosine, sine = np.cos(pose[3:]), np.sin(pose[3:])
-    pitch = np.array([[cosine[0], 0, sine[0]], [0, 1, 0], [-sine[0], 0, cosine[0]]])
-    yaw = np.array([[cosine[1], -sine[1], 0], [sine[1], cosine[1], 0], [0, 0, 1]])
-    turn = yaw @ pitch
-    return pose[:3] + ARRAY.positions @ turn.T, ARRAY.normals @ turn.T
-
-
 def test_water_that_does_not_scatter_leaves_a_gaussian_beam():
     nothing = np.zeros((len(RADII_M), len(MIDDLES)))
     lamp = Lamp(Pencil(0.3, 0.2, "henyey_greenstein", 1, nothing, nothing, nothing), 0.15)
-    places, normals = turned_detectors(POSE)
-    r = np.linalg.norm(places, axis=1)
-    eta = np.arccos(-places[:, 0] / r)
-    facing = np.maximum(-(places * normals).sum(axis=1) / r, 0)
-    light = np.exp(-(eta**2) / (2 * 0.15**2) - 0.5 * r) / r**2 * facing
+    light = [second_forward.ideal(ray, np.degrees(0.15)) * np.exp(-0.5 * ray[0]) for ray in RAYS]
     assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
 
 
 def test_a_detector_reads_the_flux_through_its_face():
     lamp = Lamp(shipped_pencil("harbour"), 0.15)
-    places, normals = turned_detectors(POSE)
-    r = np.linalg.norm(places, axis=1)
-    eta, turn = np.arccos(-places[:, 0] / r), np.arctan2(places[:, 2], places[:, 1])
-    off = [np.sin(eta), np.cos(eta) * np.cos(turn), np.cos(eta) * np.sin(turn)]
+    r, eta, _, *place = np.array([ray[:6] for ray in RAYS]).T
+    normals, turn = np.array([ray.looks for ray in RAYS]).T, np.arctan2(place[2], place[1])
+    off = np.array([np.sin(eta), np.cos(eta) * np.cos(turn), np.cos(eta) * np.sin(turn)])
     radial, away = lamp.vector(r, eta)
-    flux = radial[:, None] * places / r[:, None] + away[:, None] * np.transpose(off)
-    light = np.maximum(-(flux * normals).sum(axis=1), 0)
+    light = np.maximum(-((radial * place / r + away * off) * normals).sum(axis=0), 0)
     assert (away > 0.01 * radial).all()
     assert lamp.images(ARRAY, POSE[None]).ravel() == pytest.approx(light, rel=1e-9)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import run
 from conftest import PATIENCE_S
+from scenes import squared_error
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
@@ -83,8 +84,7 @@ def test_a_recording_is_shown_with_the_truth_that_it_has(scene, table):
     assert seen[4].note.startswith("no light")
     for sight, pose in zip(seen, poses, strict=True):
         if sight.pose is not None:
-            off = sight.pose - pose
-            assert off @ np.linalg.solve(sight.covariance, off) < 30  # chi-square of 5: 1.5e-5
+            assert squared_error(sight, pose) < 30  # chi-square of 5: 1.5e-5
 
 
 def test_the_time_line_jumps_pauses_and_runs_to_the_end():

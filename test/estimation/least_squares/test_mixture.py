@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import coarse
+from scenes import coarse, squared_error
 
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
@@ -67,9 +67,8 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
         rest = 1 + 0.0125 * rng.standard_normal((5, 5))
         found = knowing.estimate(model.read(model.light(pose, 0.0, off) * even * rest, rng))
         assert found.clear < 0.5
-        error = found.pose - pose
-        errors.append(error @ np.linalg.solve(found.covariance, error))
-        ranges.append(error[0] / np.sqrt(found.covariance[0, 0]))
+        errors.append(squared_error(found, pose))
+        ranges.append((found.pose[0] - pose[0]) / np.sqrt(found.covariance[0, 0]))
     # A shade dims: what is dimmer than it should be is not farther away on average.
     assert abs(np.mean(ranges)) < 4 / np.sqrt(40)
     # Of a chi-square with five degrees of freedom, within five standard errors.
@@ -98,8 +97,7 @@ def squared_errors(estimator, model, share):
     pose, found = np.array([-5.0, 0.2, -0.1, 0.1, 0.05]), []
     for _ in range(40):
         estimate = estimator.estimate(unevenly_lit(model, pose, share, rng))
-        error = estimate.pose - pose
-        found.append(error @ np.linalg.solve(estimate.covariance, error))
+        found.append(squared_error(estimate, pose))
     return np.array(found)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import changed, coarse
+from scenes import changed, coarse, squared_error
 from scipy.stats import chi2
 
 from uuv_optical_array.estimation.estimator import Estimator, NoPose
@@ -161,8 +161,7 @@ def normalised_errors(estimator, count, seed):
             answer = estimator.estimate(image, parameters)
         except NoPose:
             continue
-        error = answer.pose - pose
-        errors.append(error @ np.linalg.solve(answer.covariance, error))
+        errors.append(squared_error(answer, pose))
     return np.array(errors)
 
 

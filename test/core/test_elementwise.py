@@ -1,13 +1,12 @@
 """What serves numbers and arrays alike: each helper in NumPy, and the same source compiled."""
 
 import os
-import subprocess
-import sys
 from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from command_line import python
 from scipy.special import erfcx, log_ndtr
 
 from uuv_optical_array.core.numerics import compilation
@@ -140,7 +139,7 @@ def test_without_numba_asking_for_it_is_refused_with_the_cure_and_numpy_goes_on(
         "print(compilation.installed(), model.light([-4.0, 0, 0, 0, 0]).max())\n"
         "Lineariser(model, (), compiled=True)\n"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    run = python(code)
     installed, light = run.stdout.split()
     assert installed == "False"
     assert float(light) == pytest.approx(900.0)
@@ -160,8 +159,6 @@ def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
         "done = compilation.compiled(cholesky)(matrix)\n"
         "print(compilation.cache_folder(), done, matrix.tolist())\n"
     )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file" / "below")}
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
+    folder = str(tmp_path / "file" / "below")
+    run = python(code, env={**os.environ, "NUMBA_CACHE_DIR": folder})
     assert run.stdout.strip() == "None True [[2.0, 0.0], [1.0, 3.0]]"

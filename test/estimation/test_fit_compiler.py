@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import python
 from conftest import PATIENCE_S
 
 from uuv_optical_array.estimation import fit_compiler
@@ -123,14 +124,7 @@ print(len(stats.cache_hits), len(stats.cache_misses))
 
 
 def run(program, **environment):
-    return subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        env={**os.environ, **environment},
-        check=False,
-    )
+    return python(program, env={**os.environ, **environment})
 
 
 @NUMBA

@@ -94,9 +94,6 @@ def whole(found):
     return isinstance(found, Estimate)
 
 
-# --- Frames of hard scenes, with noise -----------------------------------------------------------
-
-
 @dataclasses.dataclass(frozen=True)
 class Case:
     """A scene and which of its poses are hard.
@@ -280,9 +277,6 @@ def test_table_errors_stay_within_twice_the_covariance(method, hard):
     assert squared_errors(method, *hard).mean() < 4 * 5
 
 
-# --- Light and numbers that no pose of the table gives ------------------------------------------
-
-
 @each_method
 @each_array
 def test_light_far_from_that_of_any_row_has_a_defined_answer(method, shape, number):
@@ -346,9 +340,6 @@ def test_plain_signatures_match_at_any_scale_of_the_table(method, shape, number,
         if method == "sam":
             match = (table.poses == result.pose).all(axis=1).argmax()
             assert spectral_angle(vectors[match], vectors[row]) < 1e-14
-
-
-# --- Ties and close signatures -------------------------------------------------------------------
 
 
 @each_method

@@ -3,13 +3,12 @@
 import itertools
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import second_forward
+from command_line import python
 from second_features import slow_key_parameters
 
 from uuv_optical_array.estimation.signature_table import (
@@ -148,6 +147,5 @@ print(rows, resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)"""
 
 def test_the_blocks_of_a_table_are_computed_in_the_same_memory():
     # In a process of its own, whose allocator has seen no large array yet.
-    run = subprocess.run([sys.executable, "-c", FRESH_PAGES], capture_output=True, check=True)
-    rows, fresh_pages = map(int, run.stdout.split())
+    rows, fresh_pages = map(int, python(FRESH_PAGES).stdout.split())
     assert fresh_pages < rows / 6

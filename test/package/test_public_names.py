@@ -1,11 +1,10 @@
 """What ``import uuv_optical_array`` offers, in the code and in the documentation."""
 
-import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from command_line import python
 
 import uuv_optical_array
 
@@ -35,7 +34,4 @@ def test_importing_the_package_imports_none_of_its_modules():
         "import sys, uuv_optical_array; "
         "print(sum(name.startswith('uuv_optical') for name in sys.modules))"
     )
-    ran = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert ran.stdout.strip() == "1"
+    assert python(program).stdout.strip() == "1"

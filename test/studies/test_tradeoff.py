@@ -56,9 +56,6 @@ def small(monkeypatch):
 run = functools.partial(command_line.run, "study", "tradeoff")
 
 
-# --- the front -----------------------------------------------------------------------------
-
-
 def test_settings_within_a_step_are_equal_and_the_simplest_is_on_the_front():
     rows = [
         row(side=7, position=0.500, ms=1.00),
@@ -95,9 +92,6 @@ def test_settings_without_poses_or_worse_than_a_guess_are_on_no_front():
     assert found["angle"].nonzero()[0].tolist() == [4]
     assert numbered(rows) == [3, 4]
     assert numbered([]) == []
-
-
-# --- what is measured ----------------------------------------------------------------------
 
 
 def settings(groups):
@@ -156,9 +150,6 @@ def test_rows_hold_the_errors_of_the_estimators(scene):
         assert row.table_rows == 4**5
         assert 0 < row.median_ms <= row.p99_ms
         assert row.models == pytest.approx(row.median_ms / row.model_ms)
-
-
-# --- the command ---------------------------------------------------------------------------
 
 
 def counted(monkeypatch, stop_after=None):

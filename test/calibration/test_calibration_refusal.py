@@ -4,12 +4,11 @@ import importlib.util
 
 import numpy as np
 import pytest
-from bags import image_message, odometry_message, write_bag
+from bags import drive_messages, write_bag
 from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, largest_pull, named, pulls, sea
 from command_line import run
 from scenes import changed
 from scipy import stats
-from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.calibration.parameters import (
@@ -302,15 +301,7 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     images = ForwardModel(scene_of()).expose(poses, rng)
     start = tmp_path / "start.yaml"
     save_scene(scene_of(), start, "Start.")
-    messages = []
-    for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
-        stamp = 10**8 * (i + 1)
-        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
-        messages += [
-            odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1]),
-            odometry_message("/follower/odometry", stamp, pose[:3], turn),
-            image_message(stamp, image),
-        ]
+    messages = drive_messages(10**8 * np.arange(1, 13), poses, images)
     bag, output = write_bag(tmp_path / "sea", messages), tmp_path / "sea.yaml"
     words = ("calibrate", bag, "--scene", start, "-o", output)
     wrong = (*words, "--odometry-axes", "frd")

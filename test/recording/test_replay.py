@@ -6,7 +6,7 @@ import importlib.util
 import numpy as np
 import pytest
 from asker import place_of
-from bags import image_message, odometry_message, write_bag
+from bags import drive_messages, image_message, write_bag
 from builtin_interfaces.msg import Time
 from command_line import run
 from conftest import write_scene
@@ -72,15 +72,9 @@ def frames(drive, estimator):
 
 @pytest.fixture(scope="module")
 def bag(drive, tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("bag") / "drive", messages(*drive), "MCAP")
-
-
-def messages(poses, stamps, images):
-    for pose, stamp, image in zip(poses, map(int, stamps), images, strict=True):
-        yield odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1])
-        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
-        yield odometry_message("/follower/odometry", stamp, pose[:3], turn)
-        yield image_message(stamp, image)
+    poses, stamps, images = drive
+    messages = drive_messages(stamps, poses, images)
+    return write_bag(tmp_path_factory.mktemp("bag") / "drive", messages, "MCAP")
 
 
 def test_every_image_is_answered_in_order_from_two_processes_as_by_the_estimator(
@@ -208,9 +202,10 @@ def test_the_command_writes_a_folder_and_tells_errors_and_refusals(
 
 
 def test_a_bag_of_images_alone_is_enough(drive, scene_file, tmp_path, capsys):
-    only = [each for each in messages(*drive) if each[0] == "/array/image"]
+    _, stamps, images = drive
+    only = [image_message(int(stamps[i]), images[i]) for i in range(4)]
     run(
-        "estimate", write_bag(tmp_path / "images", only[:4]), "--scene", scene_file,
+        "estimate", write_bag(tmp_path / "images", only), "--scene", scene_file,
         "--method", METHOD, "-o", tmp_path / "out",
     )  # fmt: skip
     assert "rms error" not in capsys.readouterr().out

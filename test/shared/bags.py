@@ -4,6 +4,7 @@ import functools
 import itertools
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 TYPES = {"image": "sensor_msgs/msg/Image", "odometry": "nav_msgs/msg/Odometry"}
 
@@ -70,3 +71,12 @@ def odometry_message(topic, stamp_ns, position, quaternion):
         make("geometry_msgs/TwistWithCovariance", still, np.zeros(36)),
     )  # fmt: skip
     return topic, bytes(store().serialize_cdr(message, TYPES["odometry"]))
+
+
+def drive_messages(stamps, poses, images):
+    """Yield topics and bytes of a leader at rest, a follower without roll at poses, and images."""
+    for stamp, pose, image in zip(map(int, stamps), poses, images, strict=True):
+        yield odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1])
+        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
+        yield odometry_message("/follower/odometry", stamp, pose[:3], turn)
+        yield image_message(stamp, image)

@@ -2,13 +2,12 @@
 
 import functools
 import json
-from types import SimpleNamespace
 
 import command_line
 import numpy as np
 import pytest
+from blind import Blind
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import drives
 from uuv_optical_array.studies.drives import LAST_S, Drive, course, drive, figures, report
@@ -48,19 +47,6 @@ def test_figures_are_those_of_planted_errors():
     assert found["rms_tracked"]["y"] == pytest.approx(0.2 * np.sqrt(2.5))
     assert found["rms_single"]["pitch"] == pytest.approx(np.degrees(0.03))
     assert found["range_ratio"] == pytest.approx(np.sqrt(2.5) / 3)
-
-
-class Blind:
-    """Stands for pipeline and estimator: sees nothing."""
-
-    def __init__(self, scene):
-        self.scene = scene
-
-    def answer(self, stamp_ns, image):
-        return SimpleNamespace(track=None)
-
-    def estimate(self, image):
-        raise NoPose("blind")
 
 
 def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):

@@ -7,10 +7,10 @@ import json
 import command_line
 import numpy as np
 import pytest
+from blind import Blind
 from command_line import assert_picture
 from scipy.linalg import block_diag
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import PriorSettings
@@ -136,16 +136,8 @@ def test_a_saturated_reading_excuses_what_is_beyond_it_and_counts_for_nothing(sc
 
 
 def test_kinds_share_poses_and_noise_and_a_seed_repeats_them(table):
-    class Recorder:
-        def __init__(self):
-            self.scene, self.images = table.scene, []
-
-        def estimate(self, image, parameters):
-            self.images.append(image)
-            raise NoPose("planted")
-
     def frames(seed):
-        recorder = Recorder()
+        recorder = Blind(table.scene)
         kinds = kinds_named("nothing,ambient_10,gains_0.01", table.scene)
         rows = robustness.measure(recorder, kinds, 20, seed)
         assert [row["frames"] for row in rows] == [20, 20, 20]

@@ -6,17 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uuv_optical_array.core.geometry import (
-    body_twist,
-    covariance_5x5,
-    covariance_6x6,
-    pose_rate,
-    relative_pose,
-    roll_pitch_yaw,
-    rotation_matrix,
-    turned_about_lamp,
-    turned_on_mount,
-)
+from uuv_optical_array.core import geometry
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -52,14 +42,14 @@ def fixed_axis_step(before, after):
 
 @given(pitch=turn, yaw=turn, roll=turn)
 def test_rotation_matrix_is_yaw_then_pitch_then_roll(pitch, yaw, roll):
-    matrix = rotation_matrix(pitch, yaw, roll)
+    matrix = geometry.rotation_matrix(pitch, yaw, roll)
     np.testing.assert_allclose(matrix, scipy_rotation(pitch, yaw, roll).as_matrix(), atol=1e-14)
 
 
 def test_rotation_matrices_broadcast_over_arrays_of_angles():
     rng = np.random.default_rng(1)
     pitch, yaw, roll = rng.uniform(-1, 1, (4, 1)), rng.uniform(-3, 3, 6), rng.uniform(-3, 3, (4, 6))
-    stack = rotation_matrix(pitch, yaw, roll)
+    stack = geometry.rotation_matrix(pitch, yaw, roll)
     assert stack.shape == (4, 6, 3, 3)
     for i, j in np.ndindex(4, 6):
         expected = scipy_rotation(pitch[i, 0], yaw[j], roll[i, j]).as_matrix()
@@ -68,7 +58,7 @@ def test_rotation_matrices_broadcast_over_arrays_of_angles():
 
 @given(pitch=level, yaw=turn, roll=turn)
 def test_roll_pitch_yaw_recovers_the_angles_of_a_scipy_rotation(pitch, yaw, roll):
-    angles = roll_pitch_yaw(scipy_rotation(pitch, yaw, roll).as_matrix())
+    angles = geometry.roll_pitch_yaw(scipy_rotation(pitch, yaw, roll).as_matrix())
     difference = np.array(angles) - [roll, pitch, yaw]
     np.testing.assert_allclose(np.sin(difference / 2), 0, atol=1e-14)
 
@@ -81,7 +71,7 @@ def test_roll_pitch_yaw_recovers_the_angles_of_a_scipy_rotation(pitch, yaw, roll
 )
 def test_near_and_at_the_gimbal_the_angles_describe_the_same_rotation(near, distance, yaw, roll):
     rotation = scipy_rotation(near * (PI / 2 - distance), yaw, roll)
-    roll_back, pitch_back, yaw_back = roll_pitch_yaw(rotation.as_matrix())
+    roll_back, pitch_back, yaw_back = geometry.roll_pitch_yaw(rotation.as_matrix())
     assert abs(pitch_back) <= PI / 2
     again = scipy_rotation(pitch_back, yaw_back, roll_back)
     assert (again * rotation.inv()).magnitude() < 1e-14
@@ -89,7 +79,7 @@ def test_near_and_at_the_gimbal_the_angles_describe_the_same_rotation(near, dist
 
 def test_pitch_near_the_gimbal_keeps_the_digits_that_arcsin_loses():
     distance = 1e-9
-    _, pitch, _ = roll_pitch_yaw(rotation_matrix(PI / 2 - distance, 0.0))
+    _, pitch, _ = geometry.roll_pitch_yaw(geometry.rotation_matrix(PI / 2 - distance, 0.0))
     assert PI / 2 - pitch == pytest.approx(distance, rel=1e-6)
 
 
@@ -102,7 +92,7 @@ def test_relative_pose_undoes_the_composition_of_beacon_and_follower(beacon, pos
     beacon_at, beacon_turned = np.array(beacon[:3]), Rotation.from_euler("ZYX", beacon[3:])
     follower_at = beacon_at + beacon_turned.apply(pose[:3])
     follower_turned = beacon_turned * scipy_rotation(pose[3], pose[4], roll)
-    found, found_roll = relative_pose(
+    found, found_roll = geometry.relative_pose(
         beacon_at, beacon_turned.as_matrix(), follower_at, follower_turned.as_matrix()
     )
     np.testing.assert_allclose(found[:3], pose[:3], atol=1e-12)
@@ -128,7 +118,7 @@ def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_
     gauge = fixed_axis_step((pose, roll), turned_about_beam(step, pose, roll)) / step
     jacobian = np.transpose(columns)
     expected = jacobian @ covariance @ jacobian.T + roll_std**2 * np.outer(gauge, gauge)
-    found = covariance_6x6(pose, covariance, roll_std)
+    found = geometry.covariance_6x6(pose, covariance, roll_std)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
@@ -139,7 +129,7 @@ def test_covariance_6x6_is_the_first_order_map_of_small_errors(pose, roll, roll_
 )
 def test_covariance_6x6_is_symmetric_and_positive_definite(pose, roll_std, seed):
     root = np.random.default_rng(seed).normal(size=(5, 5)) + 3 * np.eye(5)
-    found = covariance_6x6(pose, root @ root.T + 0.1 * np.eye(5), roll_std)
+    found = geometry.covariance_6x6(pose, root @ root.T + 0.1 * np.eye(5), roll_std)
     np.testing.assert_array_equal(found, found.T)
     scale = np.sqrt(np.diag(found))
     assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 0
@@ -168,11 +158,11 @@ def test_the_5x5_comes_back_from_the_6x6_with_the_rolls_share_alone():
     rng = np.random.default_rng(4)
     root = rng.normal(size=(5, 5))
     pose, covariance = np.array([-6.0, 0.4, -0.3, 0.2, 0.3]), root @ root.T
-    back = covariance_5x5(pose, covariance_6x6(pose, covariance, 1e-9))
+    back = geometry.covariance_5x5(pose, geometry.covariance_6x6(pose, covariance, 1e-9))
     np.testing.assert_allclose(back, covariance, rtol=1e-12, atol=1e-12)
     # A turn about the beam by one sigma moves y, z and, with the bow aside, the pitch.
     moved = np.array([0.0, 0.3, 0.4, -np.sin(0.3), 0.0])
-    rolled = covariance_5x5(pose, covariance_6x6(pose, covariance, 0.1))
+    rolled = geometry.covariance_5x5(pose, geometry.covariance_6x6(pose, covariance, 0.1))
     np.testing.assert_allclose(rolled - covariance, 0.01 * np.outer(moved, moved), atol=1e-12)
 
 
@@ -180,7 +170,7 @@ def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it()
     pose, roll, bow_m, angle = np.array([-5.0, 0.4, -0.3, 0.2, -0.3]), 0.5, 0.4, 1e-5
     axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
     array = pose[:3] + axes.apply([bow_m, 0.0, 0.0])
-    slopes = turned_on_mount(pose, roll, bow_m)
+    slopes = geometry.turned_on_mount(pose, roll, bow_m)
     for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
         seen = axes * Rotation.from_rotvec(about)
         yaw, pitch, _ = seen.as_euler("ZYX")
@@ -191,7 +181,7 @@ def test_an_array_turned_on_its_mount_looks_like_a_pose_that_is_swung_about_it()
 def test_all_that_a_turned_lamp_lights_appears_to_turn_back_about_it():
     pose, roll, angle = np.array([-5.0, 0.4, -0.3, 0.2, -2.3]), 0.0, 1e-5
     axes = Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
-    slopes = turned_about_lamp(pose)
+    slopes = geometry.turned_about_lamp(pose)
     for column, about in enumerate(([0.0, angle, 0.0], [0.0, 0.0, angle])):
         back = Rotation.from_rotvec(about).inv()
         yaw, pitch, _ = (back * axes).as_euler("ZYX")
@@ -216,9 +206,9 @@ def test_a_twist_turns_and_moves_the_body_as_the_rate_changes_the_pose():
     roll, state = 0.6, np.concatenate([pose, rate])
     root = np.random.default_rng(5).normal(size=(10, 10)) * np.repeat([0.2, 0.05], 5)
     joint = root @ root.T
-    twist, covariance = body_twist(pose, rate, joint, roll)
+    twist, covariance = geometry.body_twist(pose, rate, joint, roll)
     np.testing.assert_allclose(twist, twist_by_differences(pose, rate, roll), atol=1e-8)
-    np.testing.assert_allclose(pose_rate(pose, twist, roll), rate, atol=1e-14)
+    np.testing.assert_allclose(geometry.pose_rate(pose, twist, roll), rate, atol=1e-14)
     # Its errors are those of pose and rate by the slopes of that twist.
     ahead, behind = (
         [twist_by_differences(at[:5], at[5:], roll) for at in state + change * np.eye(10)]

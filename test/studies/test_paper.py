@@ -21,19 +21,7 @@ from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
-from uuv_optical_array.studies.paper import (
-    SIDES,
-    STATEMENTS,
-    STEPS,
-    alternatives,
-    best_gain,
-    draw,
-    least_detected,
-    noisy,
-    panels,
-    report,
-    reproduce,
-)
+from uuv_optical_array.studies import paper
 from uuv_optical_array.studies.shared.separation import (
     Conditions,
     angles_deg,
@@ -49,7 +37,7 @@ def scene():
 
 @pytest.mark.parametrize(
     "statement",
-    [s for s in STATEMENTS if s.relation != "not significant"],
+    [s for s in paper.STATEMENTS if s.relation != "not significant"],
     ids=lambda s: f"{s.figure}: {s.text}",
 )
 def test_the_reconstruction_against_what_the_paper_states(scene, statement):
@@ -89,7 +77,7 @@ def test_the_widest_gap_between_the_shapes_is_that_of_the_second_implementation(
         - second_angle("planar", 21, 4.0, "shift", step)
         for step in steps
     ]
-    statement = next(s for s in STATEMENTS if s.relation == "similar")
+    statement = next(s for s in paper.STATEMENTS if s.relation == "similar")
     found = statement.ours(functools.partial(angles_deg, scene))
     assert found == pytest.approx(min(gaps), abs=1e-6)
     assert max(gaps) < -min(gaps)
@@ -100,14 +88,14 @@ def test_the_widest_gap_between_the_shapes_is_that_of_the_second_implementation(
 def test_the_best_gain_is_that_of_the_second_implementation(scene, motion, step):
     angles = {side: second_angle("curved", side, 4.0, motion, step) for side in (7, 9, 11, 21)}
     expected = max(angles[side] - angles[7] for side in (9, 11, 21))
-    statement = best_gain(motion, step, (7, 9, 11, 21))
+    statement = paper.best_gain(motion, step, (7, 9, 11, 21))
     found = statement.ours(functools.partial(angles_deg, scene))
     assert found == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("text", OPTIONS)
 def test_every_other_choice_is_what_it_says(scene, text):
-    choice = next(c for c in alternatives(None) if c.text == text)
+    choice = next(c for c in paper.alternatives(None) if c.text == text)
     for case in [
         ("curved", 11, 4.0, "shift", 0.3),
         ("planar", 9, 4.0, "yaw", 10.0),
@@ -125,7 +113,7 @@ def test_every_other_choice_is_what_it_says(scene, text):
 
 
 def test_the_choice_with_noise_is_the_mean_over_noisy_rounded_readings(scene):
-    choice, shift = noisy(np.random.default_rng(1), draws=500), 0.03
+    choice, shift = paper.noisy(np.random.default_rng(1), draws=500), 0.03
     found = angles_deg(scene, Conditions("curved", 5, 8.0, "shift"), [shift], choice)
     rng = np.random.default_rng(2)
     counts = 1000 / second_image("curved", 5, [-4.0, 0, 0], 0).max()
@@ -146,16 +134,16 @@ def test_every_choice_suits_every_scene():
     effects = {"shot_noise": {"electrons_per_count": 50.0}, "adc": {"bits": 12}}
     changes = {"effects": effects, "prior": {"known": "exactly"}}
     other = scene_from_settings(load_scene("follow").settings() | changes, "other")
-    for choice in alternatives(np.random.default_rng(1)):
+    for choice in paper.alternatives(np.random.default_rng(1)):
         assert angles_deg(other, Conditions("planar", 7, 5.0, "yaw"), [20.0], choice) > 1
 
 
 def test_what_has_no_number_is_flat_and_met_by_nobody():
-    above, stated = (next(s for s in STATEMENTS if s.relation == r) for r in ("above", "is"))
+    above, stated = (next(s for s in paper.STATEMENTS if s.relation == r) for r in ("above", "is"))
     assert above.met(np.nan) is False
     assert stated.verdict(np.nan) == ""
-    points = [STATEMENTS[0].row(np.nan)]
-    text = report({"figures": {"4a": {"points": points}}, "sizes": [], "choices": []})
+    points = [paper.STATEMENTS[0].row(np.nan)]
+    text = paper.report({"figures": {"4a": {"points": points}}, "sizes": [], "choices": []})
     assert text.splitlines()[1].split()[-2:] == ["2", "flat"]
 
 
@@ -207,17 +195,17 @@ def test_the_plain_five_numbers_of_the_papers_array_do_not_see_range_when_aligne
 
 
 def test_panels_are_the_papers():
-    curves = panels()
-    assert (SIDES[0], SIDES[-1]) == (3, 101)
+    curves = paper.panels()
+    assert (paper.SIDES[0], paper.SIDES[-1]) == (3, 101)
     assert list(curves) == ["4a", "4b", "5a", "5b", "6a", "6b", "6c", "6d", "6e", "6f"]
     assert all({c.shape for c in curves[name]} == {"planar", "curved"} for name in ("4a", "4b"))
-    assert all([c.side for c in curves[name]] == list(SIDES) for name in ("5a", "5b"))
+    assert all([c.side for c in curves[name]] == list(paper.SIDES) for name in ("5a", "5b"))
     for panel, side, motion in (("6a", 3, "shift"), ("6e", 5, "yaw"), ("6f", 101, "yaw")):
         assert [c.range_m for c in curves[panel]] == [4, 5, 6, 7, 8]
         assert {(c.side, c.motion, c.shape) for c in curves[panel]} == {(side, motion, "curved")}
-    np.testing.assert_allclose(np.diff(STEPS["shift"]), 0.03)
-    assert STEPS["shift"][-1] == pytest.approx(0.9)
-    np.testing.assert_array_equal(STEPS["yaw"], range(31))
+    np.testing.assert_allclose(np.diff(paper.STEPS["shift"]), 0.03)
+    assert paper.STEPS["shift"][-1] == pytest.approx(0.9)
+    np.testing.assert_array_equal(paper.STEPS["yaw"], range(31))
 
 
 run = functools.partial(command_line.run, "study", "paper")
@@ -248,7 +236,7 @@ def test_json_holds_every_point_and_curve(whole):
     assert (whole["scene"], whole["seed"], whole["complete"]) == ("eren2016", 1, True)
     assert_picture(Path(whole["picture"]))
     points = points_of(whole)
-    assert len(points) == len(STATEMENTS)
+    assert len(points) == len(paper.STATEMENTS)
     stated = {(name, p["paper_deg"], p["relation"]) for name, p in points if p["paper_deg"]}
     assert stated == {
         ("4a", 2.0, "is"),
@@ -258,7 +246,7 @@ def test_json_holds_every_point_and_curve(whole):
         ("6e", 10.0, "above"),
     }
     curves = {name: len(figure["curves"]) for name, figure in whole["figures"].items()}
-    assert curves == {name: len(of_panel) for name, of_panel in panels().items()}
+    assert curves == {name: len(of_panel) for name, of_panel in paper.panels().items()}
     by_range = whole["figures"]["6b"]["curves"][4]
     assert (by_range["range_m"], by_range["detectors_per_side"]) == (8, 5)
     assert by_range["shift_m"][7] == pytest.approx(0.21)
@@ -267,7 +255,7 @@ def test_json_holds_every_point_and_curve(whole):
 
 
 def test_json_holds_every_size(whole):
-    assert [row["detectors_per_side"] for row in whole["sizes"]] == list(SIDES)
+    assert [row["detectors_per_side"] for row in whole["sizes"]] == list(paper.SIDES)
     five, angle = whole["sizes"][1], functools.partial(second_angle, "curved", 5, 4.0)
     assert five["angle_deg_at_0_2_m"] == pytest.approx(angle("shift", 0.2))
     assert five["angle_deg_at_10_deg"] == pytest.approx(angle("yaw", 10.0))
@@ -275,7 +263,7 @@ def test_json_holds_every_size(whole):
         angle("shift", five["least_shift_m"] - 0.03) < 15 <= angle("shift", five["least_shift_m"])
     )
     assert whole["sizes"][0]["least_yaw_deg"] is None
-    assert least_detected(np.arange(3), np.array([0, 14.999, 15.0])) == 2
+    assert paper.least_detected(np.arange(3), np.array([0, 14.999, 15.0])) == 2
     # More detectors, more places for the peak of one and the same pose.
     noise = [row["noise_deg_at_8_m"] for row in whole["sizes"]]
     assert noise[0] < 1 < noise[1] < noise[6] < noise[8]
@@ -317,9 +305,9 @@ def test_the_statements_stand_beside_the_curves():
                 for shape, slope in (("planar", 45.0), ("curved", 60.0))
             ]
         }
-        for panel, of_panel in panels().items()
+        for panel, of_panel in paper.panels().items()
     }
-    figure = draw(curves, "eren2016")
+    figure = paper.draw(curves, "eren2016")
     figure.draw_without_rendering()
     statements = 0
     for axes in figure.findobj(lambda artist: hasattr(artist, "get_lines")):
@@ -357,15 +345,15 @@ def test_an_interrupt_keeps_the_results_before_it(scene):
 
     result = {}
     with pytest.raises(KeyboardInterrupt):
-        reproduce(scene, 1, progress, result)
-    assert len(points_of(result)) == len(STATEMENTS)
+        paper.reproduce(scene, 1, progress, result)
+    assert len(points_of(result)) == len(paper.STATEMENTS)
     assert (len(result["sizes"]), result["choices"]) == (2, [])
     assert not any(figure["curves"] for figure in result["figures"].values())
     assert not result["complete"]
-    text = report(result)
+    text = paper.report(result)
     assert re.search(r"^3 +4b +planar 21 x 21, 4 m, yaw 5 deg +5 +5\.9 +\+0\.9$", text, re.M)
     assert re.search(r"^8 .* > 15 +28\.6 +met$", text, re.M)
     assert re.search(r"^5 x 5 +28\.6 +23\.9 +0\.12 +6 ", text, re.M)
     assert "as reconstructed" not in text
     result["choices"] = [{"choice": "as reconstructed", "ours_deg": {}, "met": 6, "rms_deg": 0.96}]
-    assert re.search(r"^as reconstructed +6 +1\.0$", report(result), re.M)
+    assert re.search(r"^as reconstructed +6 +1\.0$", paper.report(result), re.M)

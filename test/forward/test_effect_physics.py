@@ -113,9 +113,9 @@ def test_a_rim_halves_the_light_at_the_half_angle_and_cuts_it_off_beyond():
 @pytest.mark.parametrize("b", [0.037, 0.219, 1.824])
 def test_scattering_spreads_the_light_and_loses_what_its_law_says(b, length):
     sigma, eta = math.radians(4), np.linspace(1e-9, math.radians(70), 20_001)
-    flux, *_, incidence = scattered_light(
-        length, eta**2 / 2, np.cos(eta), np.sin(eta) / eta, 1.0, -np.cos(eta), 1.0, sigma, b
-    )[:6]
+    angle = eta**2 / 2, np.cos(eta), np.sin(eta) / eta
+    light, of_light = scattered_light(length, angle, 1.0, -np.cos(eta), 1.0, sigma, b)
+    flux, incidence = light[0], of_light[0]
     # The normal looks back along the ray: what passes a sphere about the lamp.
     power = np.trapezoid(flux * incidence * eta, eta) * length**2
     kept = math.exp(-0.0562 * b * length) * sigma**2

@@ -164,30 +164,16 @@ def shine(rays: Any, power: Any, beam_sigma_rad: Any, beam: Any) -> None:
 def scatter(rays: Any, power: Any, beam_sigma_rad: Any, scattering_per_m: Any, beam: Any) -> None:
     """Write the light in water that scatters, as `shine` does, with its incidence."""
     for j in indices(rays.shape[-1]):
-        range_m, half_square = rays[RANGE, j], rays[HALF_SQUARE, j]
-        (
-            beam[LIGHT, j],
-            beam[BY_RANGE, j],
-            beam[BY_HALF_SQUARE, j],
-            beam[BY_SIGMA, j],
-            beam[BY_SCATTERING, j],
-            rays[INCIDENCE, j],
-            beam[IN_RANGE, j],
-            beam[IN_HALF_SQUARE, j],
-            beam[IN_COSINE, j],
-            beam[IN_AXIAL, j],
-            beam[IN_SIGMA, j],
-        ) = scattered_light(
-            range_m,
-            half_square,
-            rays[ALONG, j] / range_m,
-            1 / (rays[TURN, j] * range_m),
-            rays[COSINE, j],
-            rays[AXIAL, j],
-            power,
-            beam_sigma_rad,
-            scattering_per_m,
+        range_m = rays[RANGE, j]
+        angle = rays[HALF_SQUARE, j], rays[ALONG, j] / range_m, 1 / (rays[TURN, j] * range_m)
+        light, incidence = scattered_light(
+            range_m, angle, rays[COSINE, j], rays[AXIAL, j], power, beam_sigma_rad, scattering_per_m
         )
+        beam[LIGHT, j], beam[BY_RANGE, j], beam[BY_HALF_SQUARE, j] = light[0], light[1], light[2]
+        beam[BY_SIGMA, j], beam[BY_SCATTERING, j] = light[3], light[4]
+        rays[INCIDENCE, j], beam[IN_RANGE, j] = incidence[0], incidence[1]
+        beam[IN_HALF_SQUARE, j], beam[IN_COSINE, j] = incidence[2], incidence[3]
+        beam[IN_AXIAL, j], beam[IN_SIGMA, j] = incidence[4], incidence[5]
     for j in indices(rays.shape[-1]):
         facing, beam[BY_INCIDENCE, j] = lambert(rays[INCIDENCE, j])
         beam[LIGHT, j] *= facing

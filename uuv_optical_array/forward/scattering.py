@@ -30,26 +30,21 @@ CORE_TILT, HALO_TILT = 2.0, 1.0  # t
 
 @law
 def part(
-    narrow: Any,
-    variance: Any,
-    growth: Any,
-    tilt: float,
-    half_square: Any,
-    off_axis: Any,
-    sine_ratio: Any,
+    narrow: Any, variance: Any, growth: Any, tilt: float, angle: Any
 ) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
     """Return core or halo without its weight, and where it seems to come from.
 
     - narrow, variance, growth: variance of the beam at the lamp and of this part, rad^2, and the
       slope of the latter by the logarithm of ``b r``.
     - tilt: the t above.
-    - half_square, off_axis, sine_ratio: as of `scattered_light`.
+    - angle: as of `scattered_light`.
     - returned strength, by_depth, by_half_square, by_narrow: of the flux, over the distance to the
       apparent source, and slopes of its logarithm by the logarithm of ``b r``, by half_square and
       by `narrow`.
     - returned advance, advance_by_depth, advance_by_narrow: of the apparent source on the axis, as
       a share of the range, with slopes.
     """
+    half_square, off_axis, sine_ratio = angle
     ratio = narrow / variance
     reach = 1 + tilt * (1 - ratio)
     advance = 1 - 1 / reach
@@ -73,25 +68,24 @@ def part(
 @law
 def scattered_light(
     range_m: Any,
-    half_square: Any,
-    off_axis: Any,
-    sine_ratio: Any,
+    angle: Any,
     cosine: Any,
     axial: Any,
     power: Any,
     beam_sigma_rad: Any,
     scattering_per_m: Any,
-) -> tuple[Any, ...]:
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Flux of the lamp's light at a detector in water that scatters, without absorption.
 
-    - range_m, half_square, cosine, axial: as `light.ray` returns them.
-    - off_axis, sine_ratio: cosine of the angle off the axis, and its sine over itself.
+    - range_m, cosine, axial: as `light.ray` returns them.
+    - angle: off the axis: half its square, its cosine, and its sine over itself.
     - returned flux, by_range, by_half_square, by_sigma, by_scattering: counts, and slopes of its
       logarithm, the last by the logarithm of b.
     - returned incidence, in_range, in_half_square, in_cosine, in_axial, in_sigma: cosine of the
       angle between the normal and where the flux comes from, and its slopes; that by the logarithm
       of b is `in_range` times the range.
     """
+    _, off_axis, sine_ratio = angle
     narrow, optical_depth = beam_sigma_rad * beam_sigma_rad, scattering_per_m * range_m
     x = SHARE * optical_depth
     straight, scattered = exp(-x), -expm1(-x)
@@ -100,10 +94,10 @@ def scattered_light(
     halo = core + HALO / 3 * many
     halo_growth = core_growth + HALO / 3 * many * (1 - straight * many)
     one, one_depth, one_half, one_narrow, near, near_depth, near_narrow = part(
-        narrow, core, core_growth, CORE_TILT, half_square, off_axis, sine_ratio
+        narrow, core, core_growth, CORE_TILT, angle
     )
     other, other_depth, other_half, other_narrow, far, far_depth, far_narrow = part(
-        narrow, halo, halo_growth, HALO_TILT, half_square, off_axis, sine_ratio
+        narrow, halo, halo_growth, HALO_TILT, angle
     )
     one, other = straight * one, scattered * other
     one_depth, other_depth = one_depth - x, other_depth + straight * many
@@ -130,16 +124,8 @@ def scattered_light(
     incidence = minimum((cosine + advance * axial) / distance, 1.0)
     swing = axial / distance - incidence * pull
     width = 2 * beam_sigma_rad
-    return (
-        flux,
-        (by_depth - 2) * inverse,
-        by_half,
-        by_narrow * width,
-        by_depth,
-        incidence,
-        swing * advance_depth * inverse,
-        swing * advance_half - incidence * turned,
-        1 / distance,
-        advance / distance,
-        swing * advance_narrow * width,
-    )
+    by_range, in_range = (by_depth - 2) * inverse, swing * advance_depth * inverse
+    in_half_square = swing * advance_half - incidence * turned
+    in_sigma = swing * advance_narrow * width
+    light = flux, by_range, by_half, by_narrow * width, by_depth
+    return light, (incidence, in_range, in_half_square, 1 / distance, advance / distance, in_sigma)

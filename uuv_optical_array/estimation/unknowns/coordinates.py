@@ -60,8 +60,8 @@ def frame_of(model: ForwardModel) -> CoordinateFrame:
     scattered = 0.0
     if optics.scattering_per_m > 0:
         range_m = max(abs(scene.table.x_m.start + scene.table.x_m.stop) / 2, 1.0)
-        on_axis = range_m, 0.0, 1.0, 1.0, 1.0, -1.0
-        flux = scattered_light(*on_axis, 1.0, sigma, optics.scattering_per_m)
+        on_axis = range_m, (0.0, 1.0, 1.0), 1.0, -1.0
+        flux, _ = scattered_light(*on_axis, 1.0, sigma, optics.scattering_per_m)
         scattered = -float(flux[1] + 2 / range_m)
         sigma = float((-flux[2]) ** -0.5)
     planar = model.scene.array.shape == "planar"

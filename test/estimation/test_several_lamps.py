@@ -1,6 +1,7 @@
 """Poses by several lamps: as good as the bound, in seas and lamps drawn from the prior."""
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from uuv_optical_array.estimation.least_squares.image_fit import CLEAR
 from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies.mismatches import kinds_named
 
 # Without the aim of the whole lamp and of the array, which no image tells.
@@ -104,6 +106,24 @@ def test_a_lamp_that_is_off_is_left_out(estimator, dark):
         found = estimator.estimate(image)
         assert squared_error(found, pose) < 36
         assert (found.dark_lamp, found.left_out) == (dark, ())
+
+
+def test_poses_behind_clouds_that_shade_each_lamp_otherwise_are_as_wide_as_their_errors():
+    clouds, values = load_scene("night_plume"), SCENE.settings()
+    values["effects"]["plume"] = clouds.effects["plume"]
+    values["prior"] |= {
+        key: getattr(clouds.prior, key) for key in ("shade_probability", "shade_depth")
+    }
+    scene = scene_from_settings(values, "clouds")
+    model, rng = ForwardModel(scene), np.random.default_rng(5)
+    wary, nees = Estimator(scene, compiled=compilation.installed()), []
+    for pose in lit_poses(model, COUNT, rng):
+        image = model.read(model.light(pose, 0.0, {}, rng.uniform(0, 86400)), rng)
+        with suppress(NoPose):
+            off = (found := wary.estimate(image)).pose - pose
+            nees.append(off @ np.linalg.solve(found.covariance, off))
+    assert len(nees) >= 0.95 * COUNT
+    assert np.mean(nees) < 10
 
 
 FAULTS = {

@@ -1,5 +1,6 @@
 """Kinds of frame that an image may be, such as clear or shaded, weighed by their evidence."""
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from uuv_optical_array.forward.prior import (
     OWN_POWER,
     POWER,
     ROLL,
+    SHADE_DECAY,
     SHADE_DOUBT,
     SHADES,
     FrameLight,
@@ -107,13 +109,19 @@ def frame_kinds(model: ForwardModel, prior: PosePrior) -> list[FrameKind]:
     rare_kinds = [(RARE, wider) for wider in wider_by_several(model.scene)]
     for light, wider in [*((light, {}) for light in lights), *rare_kinds]:
         stds = {**model.scene.nuisance_std(), **known.std_in(light), **wider}
+        gain_std = known.gain_std_in(light)
+        if light.cloud and model.scene.lamps:
+            # On its way from each lamp the light is shaded otherwise.
+            own = [of_lamp(i, OWN_POWER) for i in range(model.scene.lamp_count)]
+            stds |= {name: math.hypot(stds.get(name, 0.0), light.depth) for name in own}
+            gain_std = math.hypot(gain_std, light.depth * SHADE_DECAY)
         names = list(stds)
         given = [name for name in constants if name not in stds]
         problem = problem_of(model, replace(prior, nuisance_std=stds), given)
         mean = problem.nuisance_mean.copy()
         if light.cloud:
             mean[names.index(POWER)] = -light.depth
-        noise = problem.noise._replace(square=known.gain_std_in(light) ** 2)
+        noise = problem.noise._replace(square=gain_std**2)
         fitted = [name for name in constants if name in stds]
         places = np.array([names.index(name) for name in fitted], dtype=np.intp)
         added = np.square(list(stds.values()))

@@ -181,10 +181,10 @@ def test_an_interrupt_keeps_the_batches_before_it(tank):
             raise KeyboardInterrupt
 
     rng = np.random.default_rng(4)
-    result = simulate(tank, CASES["dive"], Choices(), 10, rng, stop, batch=1)
-    assert batches == [1, 1]
-    assert result.runs == 2
-    assert all(errors.shape == (2, FRAMES, 5) for errors in result.errors.values())
+    result = simulate(tank, CASES["dive"], Choices(), 3, rng, stop, batch=2)
+    assert batches == [2, 1]
+    assert result.runs == 3
+    assert all(errors.shape == (3, FRAMES, 5) for errors in result.errors.values())
 
 
 def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeypatch):

@@ -181,3 +181,14 @@ def test_an_answer_that_a_full_disk_does_not_take_is_one_line():
         )
     assert done.returncode == 1
     assert done.stderr == f"uuv_array scenes: standard output: {os.strerror(28)}\n"
+
+
+@pytest.mark.parametrize("words", [("scenes", "schema"), ("scenes", "effects")], ids=" ".join)
+def test_a_reader_that_has_read_enough_is_no_error_to_tell(words):
+    read, write = os.pipe()
+    os.close(read)
+    with open(write, "w") as pipe:
+        done = subprocess.run(
+            [*PROGRAM, *words], stdout=pipe, stderr=subprocess.PIPE, timeout=PATIENCE_S, check=False
+        )
+    assert (done.returncode, done.stderr) == (1, b"")

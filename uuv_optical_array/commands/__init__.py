@@ -70,13 +70,17 @@ def main(words: list[str] | None = None) -> None:
     try:
         code = args.run(args)
         _flush()
+    except BrokenPipeError:  # the reader has enough, as `head` has
+        with suppress(OSError):
+            _flush()
+        code = 1
     except (ValueError, OSError) as error:
         with suppress(OSError):
             _flush()
         text = str(error)
         if isinstance(error, OSError):
             # Standard output has no file name.
-            nameless = "standard output" if error.errno in (errno.ENOSPC, errno.EPIPE) else None
+            nameless = "standard output" if error.errno == errno.ENOSPC else None
             if (name := error.filename or nameless) is not None:
                 text = f"{name}: {error.strerror}"
         print(f"{args.prog}: {text}", file=sys.stderr)

@@ -119,5 +119,6 @@ def run(args: argparse.Namespace) -> int:
         save(draw_follow(records), picture)
         print(f"picture: {picture}")
     end = "until it was interrupted" if interrupted else "to the end"
-    print(f"lost the leader: {'; '.join(lost)}" if lost else f"followed the leader {end}")
+    without = "interrupted" if interrupted else "lost the leader"
+    print(f"{without}: {'; '.join(lost)}" if lost else f"followed the leader {end}")
     return options.INTERRUPTED if interrupted else int(bool(lost))

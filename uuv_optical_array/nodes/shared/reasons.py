@@ -13,7 +13,7 @@ class Reason(NamedTuple):
     cure: str
 
 
-_DRIVER = "The node that publishes the topic does not keep to the README's topics table."
+_DRIVER = "The node that publishes the topic does not keep to the table of topics."
 _STAMPS = "Give each exposure its own stamp; look for a second publisher on `array/image`."
 _OLD_CLOCK = "The stamps come from another clock than the node's."
 

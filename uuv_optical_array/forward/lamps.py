@@ -5,8 +5,10 @@ of several lamps holds the image of each by itself, one below the other.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import fmean
 from typing import Annotated, Any
 
 import numpy as np
@@ -59,6 +61,13 @@ def ring_of_lamps(
         )
         for turn in np.linspace(0, 2 * math.pi, lamps, endpoint=False).tolist()
     )
+
+
+def spread_and_tilt(lamps: Sequence[BeaconLamp]) -> tuple[float, float]:
+    """Return how far lamps are from the centre, m, and tilted, deg, on the mean, to 1e-3."""
+    offsets = [math.hypot(lamp.y_m, lamp.z_m) for lamp in lamps or (BeaconLamp(),)]
+    tilts = [math.hypot(lamp.pitch_deg, lamp.yaw_deg) for lamp in lamps or (BeaconLamp(),)]
+    return round(fmean(offsets), 3), round(fmean(tilts), 3)
 
 
 def checked_lamps(values: Any) -> tuple[BeaconLamp, ...]:

@@ -18,13 +18,12 @@ from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.signature_table import BLOCK_POSES, Progress
 from uuv_optical_array.forward.aim import apparent
 from uuv_optical_array.forward.effects import MOVING
-from uuv_optical_array.forward.lamps import ring_of_lamps
+from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.prior import ROLL, UNEVEN_DEPTH, FrameLight, Known, PriorSettings
 from uuv_optical_array.forward.scene import Scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import DAY_S, lit_poses
 from uuv_optical_array.plots.style import mark, new_figure, save
-from uuv_optical_array.studies.design_sweep import Design
 from uuv_optical_array.studies.shared.errors import (
     SIGMAS,
     FrameErrors,
@@ -192,9 +191,9 @@ def by_lamps(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene, Scene]]:
 
     Lamps are as far from the centre and as much tilted as those of the scene.
     """
-    ring = Design.of(scene)
+    spread_m, tilt_deg = spread_and_tilt(scene.lamps)
     for lamps in NUMBERS:
-        places = ring_of_lamps(lamps=lamps, spread_m=ring.spread_m, tilt_deg=ring.tilt_deg)
+        places = ring_of_lamps(lamps=lamps, spread_m=spread_m, tilt_deg=tilt_deg)
         drawn = scene.with_lamps(places)
         known = dataclasses.replace(drawn, prior=PriorSettings())
         shaded = dataclasses.replace(drawn.prior, gain_std=drawn.prior.gain_std_in(CLOUD))

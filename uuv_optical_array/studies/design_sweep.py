@@ -12,7 +12,6 @@ import typing
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -25,7 +24,7 @@ from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
 from uuv_optical_array.estimation.signature_table import Progress
 from uuv_optical_array.forward import working_volume as volume
 from uuv_optical_array.forward.array import ArraySettings, Shape
-from uuv_optical_array.forward.lamps import BeaconLamp, ring_of_lamps, together
+from uuv_optical_array.forward.lamps import ring_of_lamps, spread_and_tilt, together
 from uuv_optical_array.forward.light import LampSettings, beam_solid_angle
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import Scene
@@ -90,10 +89,7 @@ class Design:
     @classmethod
     def of(cls, scene: Scene) -> "Design":
         """Return the design that a scene has; of several lamps with the means of their ring."""
-        lamps = scene.lamps or (BeaconLamp(),)
-        spread_m = fmean(math.hypot(lamp.y_m, lamp.z_m) for lamp in lamps)
-        tilt_deg = fmean(math.hypot(lamp.pitch_deg, lamp.yaw_deg) for lamp in lamps)
-        ring = scene.lamp_count, round(spread_m, 3), round(tilt_deg, 3)
+        ring = scene.lamp_count, *spread_and_tilt(scene.lamps)
         values: dict[str, Any] = {**vars(scene.array), **vars(scene.lamp)}
         values |= dict(zip(RING, ring, strict=True))
         return cls(**{name: values[name] for name in SWEPT})

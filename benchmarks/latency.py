@@ -27,7 +27,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
-from uuv_optical_array.cli import report
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.image_fit import ImageFit
@@ -36,7 +35,6 @@ from uuv_optical_array.nodes.follower_node import follower
 from uuv_optical_array.nodes.shared.node import fastest_executor, spin, start
 
 ASKED = {"follower": ("array/image", "relative_pose"), "relay": ("relay/image", "relay/pose")}
-PROGRAM = (".venv/bin/python", "benchmarks/latency.py")
 COLUMNS = ("proc.", "side", "Hz", "relay", "99 %", "pose", "99 %", "ratio", "poses", "passed")
 COLUMNS += ("frame", "late", "fit", "estimate", "track")
 BLOCK_S = 0.2
@@ -193,7 +191,7 @@ def line(
     print(" ".join(f"{cell:>8}" for cell in cells), flush=True)
 
 
-def table(args: argparse.Namespace) -> int:
+def table(args: argparse.Namespace) -> None:
     """Print the table of each method."""
     for method in args.methods:
         print(f"{method}, times in ms, 'late' in frame times")
@@ -201,7 +199,6 @@ def table(args: argparse.Namespace) -> int:
         for processes in args.processes:
             for side in args.sides:
                 measure(args, processes == 2, method, side)
-    return 0
 
 
 def main() -> None:
@@ -214,7 +211,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, nargs="+", choices=(1, 2), default=[1, 2])
     parser.add_argument("--seconds", type=float, default=5.0, help="of images, for each rate")
     args = parser.parse_args()
-    report.run(lambda: table(args), [*PROGRAM, *sys.argv[1:]])
+    table(args)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Write what a command prints into a page: ``python docs/fill_page.py PAGE study drives ...``.
+"""Write what a command prints into a page: ``python docs/fill_page.py PAGE uuv_array limits ...``.
 
 It stands beside its command line, in place of what the same command printed before, or last.
 """
@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
-PROGRAM = [sys.executable, "-c", "from uuv_optical_array.commands import main; main()"]
+MAIN = "from uuv_optical_array.commands import main; main()"
+PROGRAMS = {"uuv_array": [sys.executable, "-c", MAIN]}  # any other is run by its name
 
 
 def filled(page: str, command: str, text: str) -> str:
@@ -34,14 +35,15 @@ def main(name: str, *words: str) -> int:
 
     ValueError, before the command runs, where the page cannot be filled.
     """
-    path, command = Path(name), shlex.join(["uuv_array", *words])
+    path, command = Path(name), shlex.join(words)
 
     def with_text(text: str) -> str:
         page = path.read_text(encoding="utf-8") if path.exists() else ""
         return filled(page, command, text)
 
     with_text("")
-    done = subprocess.run([*PROGRAM, *words], stdout=subprocess.PIPE, text=True, check=False)
+    program = PROGRAMS.get(words[0], words[:1])
+    done = subprocess.run([*program, *words[1:]], stdout=subprocess.PIPE, text=True, check=False)
     print(done.stdout, end="")
     if done.returncode == 0:
         path.write_text(with_text(done.stdout), encoding="utf-8")

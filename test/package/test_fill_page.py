@@ -11,7 +11,7 @@ from pages import PAGES
 sys.path.append(str(DOCS))
 import fill_page
 
-WORDS = ["scenes", "plume"]
+WORDS = ["uuv_array", "scenes", "plume"]
 BEGIN = fill_page.BEGIN.format("uuv_array scenes plume")
 
 
@@ -23,11 +23,16 @@ def page(tmp_path):
 def test_a_page_gets_the_command_and_what_it_printed(page, capsys):
     assert fill_page.main(str(page), *WORDS) == 0
     told = capsys.readouterr().out
-    command_line.run(*WORDS)
+    command_line.run(*WORDS[1:])
     assert told == capsys.readouterr().out
     printed = "\n".join(map(str.rstrip, told.strip().splitlines()))
     shown = f"```sh\nuuv_array scenes plume\n```\n\n```text\n{printed}\n```"
     assert page.read_text(encoding="utf-8") == f"{BEGIN}\n\n{shown}\n\n{fill_page.END}\n"
+
+
+def test_a_page_gets_what_any_other_program_printed(page):
+    fill_page.main(str(page), sys.executable, "-c", "print(6 * 7)")
+    assert "```text\n42\n```" in page.read_text(encoding="utf-8")
 
 
 def test_a_command_line_can_be_pasted_into_a_shell():
@@ -49,7 +54,7 @@ def test_a_block_takes_the_place_of_that_of_the_same_command_alone():
 
 def test_a_command_that_fails_leaves_the_page(page):
     page.write_text(f"{BEGIN}\nold\n{fill_page.END}", encoding="utf-8")
-    assert fill_page.main(str(page), "scenes", "plume", "--nothing") == 2
+    assert fill_page.main(str(page), *WORDS, "--nothing") == 2
     assert page.read_text(encoding="utf-8") == f"{BEGIN}\nold\n{fill_page.END}"
 
 

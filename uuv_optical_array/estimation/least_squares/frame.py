@@ -181,6 +181,11 @@ def descend(problem: Problem, minima: list[State], start: Array, steps: int) -> 
     insert(minima, refine(problem, state.parts[AT], steps))
 
 
+def rivals(minima: list[State]) -> bool:
+    """Say whether the second of the minima is nearly as probable as the first."""
+    return len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
+
+
 def find_minima(
     problem: Problem, guide: Guide, unit: Array
 ) -> tuple[list[State], Misfit, float, float]:
@@ -209,10 +214,15 @@ def find_minima(
             for _ in range(3):
                 start[PITCH], start[YAW] = quarter_turn(start[PITCH], start[YAW])
                 insert(minima, refine(problem, start, MOST_STEPS))
+        if first and rivals(minima):
+            # In a long and bent valley the second may be on its way to the first.
+            second = refine(problem, minima[1].parts[AT], MANY_STEPS)
+            minima = minima[:1] + minima[2:]  # compiled, `del` would damage what others hold
+            insert(minima, second)
         if len(minima) > 0:
             best_misfit = misfit(problem, minima[0].parts[AT])
-            rivals = len(minima) > 1 and minima[1].cost - minima[0].cost < NEGLIGIBLE
-            if not (first and rivals) and best_misfit.score <= (USUAL if first else UNUSUAL):
+            enough = best_misfit.score <= (USUAL if first else UNUSUAL)
+            if enough and not (first and rivals(minima)):
                 break
         if count == most:
             break

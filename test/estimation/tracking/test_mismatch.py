@@ -1,5 +1,7 @@
 """What lasts in the residuals of many frames is found and named, and nothing where nothing does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,9 @@ NAMES = ("lamp.power", "ambient.level_counts")
 CONSTANTS = Constants(NAMES, tuple(STDS), GAIN_STD, SIDE**2)
 
 
-def watched(rng, seconds, beyond=lambda light, time_s: 0.0):
+def watched(rng, seconds, beyond=lambda light, time_s: 0.0, constants=CONSTANTS):
     """Return the tests of frames at 10 Hz whose poses are off and whose constants are drawn."""
-    found, texts = LastingResiduals(CONSTANTS), []
+    found, texts = LastingResiduals(constants), []
     offsets, gains = STDS * rng.standard_normal(2), GAIN_STD * rng.standard_normal(SIDE**2)
     for k in range(round(10 * seconds)):
         light = rng.uniform(100, 900, SIDE**2)
@@ -62,6 +64,20 @@ def test_what_lasts_is_named_with_its_size(beyond, what, size):
     said = float(found.mismatch.partition("off by ")[2].partition(" (")[0])
     assert said == pytest.approx(size, rel=0.3)
     assert texts[10] == ""  # not of a second alone
+
+
+@pytest.mark.parametrize(("depth", "of_the_scene"), [(0.02, True), (0.2, False)])
+def test_the_thin_rest_of_a_shade_is_of_a_scene_that_names_shades(depth, of_the_scene):
+    slant = np.tile(np.linspace(-1, 1, SIDE), SIDE)
+
+    def beyond(light, time_s):
+        return -depth * light * slant
+
+    cloudy = replace(CONSTANTS, unclear_lasts_s=5.0)
+    for constants, silent in ((CONSTANTS, False), (cloudy, of_the_scene)):
+        found, _ = watched(np.random.default_rng(3), 25, beyond, constants)
+        assert (found.mismatch == "") == silent
+        assert silent or found.mismatch.startswith("the evenness of the light is off")
 
 
 def test_an_alarm_ends_with_the_first_window_that_has_none():

@@ -20,8 +20,10 @@ from uuv_optical_array.forward.prior import POWER, shade_modes
 
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
+MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s"
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
+REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
 NEGLIGIBLE = 1e-9  # of the largest information, below which rounding is all there is
 
 
@@ -52,13 +54,16 @@ class LastingResiduals:
             *[EVENNESS] * 5,
         ]
         gain = max(constants.gain_std, LEAST_GAIN)
+        modes = shade_modes(side)
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
+        if constants.names_shades:
+            self._prior[q : q + side**2, q : q + side**2] += REST_OF_SHADE**2 * modes.T @ modes
         size = len(self._prior)
         self._directions = np.zeros((size, len(self._names)))
         self._directions[:, :size] = np.eye(size)
         row = np.repeat(np.eye(side), side, axis=0)
         column = np.tile(np.eye(side), (side, 1))
-        patterns = np.hstack([row, column, shade_modes(side).T])
+        patterns = np.hstack([row, column, modes.T])
         self._directions[q : q + side**2, size:] = patterns
         self._begin(0)
 
@@ -100,8 +105,8 @@ class LastingResiduals:
         self._light_ns, kept = stamp_ns, float(np.exp(-step_s / WINDOW_S))
         self._uneven = kept * self._uneven + (1 - kept) * uneven
         if self._uneven > MOST_UNEVEN:
-            self.mismatch = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s"
-        elif self.mismatch.startswith(EVENNESS):
+            self.mismatch = MOSTLY_UNEVEN
+        elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""
 
     def _check(self, last: bool) -> None:

@@ -50,6 +50,11 @@ class Constants:
     uneven: float = 0.0
     lamps: int = 1
 
+    @property
+    def names_shades(self) -> bool:
+        """Whether the scene names shades, which last for `unclear_lasts_s`."""
+        return self.unclear_lasts_s > 0 and not self.uneven
+
     def __post_init__(self) -> None:
         if len(self.stds) != len(self.names) or not all(0 < std < math.inf for std in self.stds):
             raise ValueError(

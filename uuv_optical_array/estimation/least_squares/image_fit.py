@@ -263,7 +263,8 @@ class ImageFit:
         linear = None
         if self._models:
             frame, linear = self._models.about(kind, problem, frame)
-        frame = frame._replace(covariance=kind.doubt * frame.covariance)
+        if kind.doubt != 1:
+            frame = frame._replace(covariance=kind.doubt * frame.covariance)
         return Hypothesis(kind, problem, frame, linear)
 
     def _other(self, image: Image, kind: FrameKind, clear: Hypothesis, guide: Guide) -> Hypothesis:
@@ -337,16 +338,17 @@ class ImageFit:
 
     def _together(self, image: Image, found: list[Hypothesis], match: bool) -> Estimate:
         """Return the mixture of hypotheses; `NoPose` where none fits."""
-        result, shares, often = found[0].frame, np.ones(len(found)), OFTEN if self._models else 1.0
+        main, result, clear = found[0], found[0].frame, 1.0
         if len(found) > 1:
+            often = OFTEN if self._models else 1.0
             logs = [h.log_evidence + (0.0 if h.kind.clear else math.log(often)) for h in found]
-            result, shares[:] = mixture([h.frame for h in found], np.array(logs))
+            result, shares = mixture([h.frame for h in found], np.array(logs))
+            # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
+            clears = [i for i, each in enumerate(found) if each.kind.clear]
+            main, clear = found[max(clears, key=lambda i: shares[i])], float(shares[clears].sum())
+            clear = clear / (clear + (1 - clear) / often)
         self._check(result)
-        # A frame with faulty detectors or a dark lamp is lit as the scene says, too.
-        clears = [i for i, each in enumerate(found) if each.kind.clear]
-        main, clear = found[max(clears, key=lambda i: shares[i])], float(shares[clears].sum())
-        clear = clear / (clear + (1 - clear) / often)
-        (pose, rolls), near = np.split(result.pose, [5]), None
+        pose, rolls, near = result.pose[:5], result.pose[5:], None
         covariance: Array = result.covariance[:5, :5]
         fitted, best, expected = len(main.kind.places), main.frame.best, image.expected
         if main.linear:
@@ -361,9 +363,13 @@ class ImageFit:
                 spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
                 covariance = covariance + 0.5 * (spread + spread.T)
         # A reading at full scale says only how little the light is at least, which is not linear.
-        linear = main.nearly_gaussian and image.readings.max() < self._model.noise.high
-        out = main.problem.weights.reshape(self._model.scene.lamp_count, -1) == 0
-        left_out, dark = np.flatnonzero(out.all(axis=0)), np.flatnonzero(out.all(axis=1))
+        if near and (clear <= CLEAR or image.readings.max() >= self._model.noise.high):
+            near = None
+        left_out: list[int] = []
+        dark: list[int] = []
+        if not main.problem.weights.all():
+            out = main.problem.weights.reshape(self._model.scene.lamp_count, -1) == 0
+            left_out, dark = (np.flatnonzero(out.all(axis=k)).tolist() for k in (0, 1))
         return Estimate(
             pose,
             covariance,
@@ -373,13 +379,13 @@ class ImageFit:
             float(ndtr(-result.score)),
             float(ndtr(-result.runner_up_score)),
             self._unobservable(covariance),
-            near if linear and clear > CLEAR else None,
+            near if near and main.nearly_gaussian else None,
             result.stretch,
             clear,
-            tuple(divmod(it, self._model.array.side) for it in left_out.tolist()),
-            float(rolls.sum()),
+            tuple(divmod(it, self._model.array.side) for it in left_out),
+            float(rolls[0]) if len(rolls) else 0.0,
             result.covariance[:, 5] if len(rolls) else None,
-            int(dark[0]) if len(dark) else None,
+            dark[0] if dark else None,
         )
 
     def near(

@@ -172,10 +172,11 @@ def of_a_kind(name):
 
     told = getattr(Diagnostics, name)
 
-    def tell(self, reason):
+    def tell(self, *reasons):
         ours = type(self._node).__module__.startswith("uuv_optical_array.")  # no example
-        assert not (ours and reason) or kind_of(reason), f"in no list of reasons: {reason}"
-        told(self, reason)
+        for reason in filter(None, reasons):
+            assert not ours or kind_of(reason), f"in no list of reasons: {reason}"
+        told(self, *reasons)
 
     return tell
 

@@ -294,7 +294,7 @@ class EstimatorNode(Node):
         """Publish what else there is of a pose that is out: track, leader, transform, figures."""
         header, track = pose.header, pipeline.track(roll)
         mismatch = f"mismatch: {track.mismatch}" if track and track.mismatch else ""
-        self.diagnostics.warn(estimate.fault or mismatch)
+        self.diagnostics.warn(estimate.fault, mismatch)
         self.log_state_of_fit(pipeline.estimator)
         if self.leaders.heard or self.below_base:
             own = Header(stamp=header.stamp, frame_id=self.base_frame)

@@ -165,3 +165,15 @@ def test_the_light_is_told_as_a_share_of_full_scale(bench):
     bench.send(NOW + 1, image=np.minimum(image, 341) - np.eye(5))
     _, values = bench.report()
     assert (values["light_level"], values["saturated_share"]) == ("0.333", "0.000")
+
+
+def test_all_that_lasts_is_told_each_with_its_cure_until_it_is_over(bench):
+    bench.node.diagnostics.warn("faulty detector: row 1 column 3", "", "mismatch: lamp.power")
+    status, values = bench.report()
+    assert status.level == WARN
+    assert status.message == "faulty detector: row 1 column 3; mismatch: lamp.power"
+    assert {"cure: faulty detector", "cure: mismatch"} <= values.keys()
+    bench.node.diagnostics.warn("", "mismatch: lamp.power")
+    status, values = bench.report()
+    assert status.message == "mismatch: lamp.power"
+    assert "cure: faulty detector" not in values

@@ -41,7 +41,7 @@ class Diagnostics:
     """Count what a node answered and what it refused, and publish both at 1 Hz.
 
     OK: answers and no refusal in the last period. WARN: at least one refusal, with the latest
-    reason of each kind, a lasting warning, several publishers of a watched topic, stamps of another
+    reason of each kind, lasting warnings, several publishers of a watched topic, stamps of another
     clock, or no input. ERROR: the node cannot work until its set-up changes. STALE is what an
     aggregator says of a silent node. The namespace of the node is the hardware's name.
     """
@@ -52,7 +52,8 @@ class Diagnostics:
         self.totals = Counter(answered=0, refused=0)  # since the start, by the key of each count
         self._refusals: dict[str, str] = {}  # of this period, the latest by kind
         self._values: Callable[[], Mapping[str, str]] = dict
-        self._failure = self._warning = ""
+        self._failure = ""
+        self._warnings: tuple[str, ...] = ()
         self._watched: list[str] = []
         self._heard_s = time.monotonic()
         # When the last periods ended, and the totals then.
@@ -96,11 +97,12 @@ class Diagnostics:
         except (NoPose, ValueError) as reason:
             self.refuse(f"{topic}, {reason}" if topic else str(reason))
 
-    def warn(self, reason: str) -> None:
-        """Note what lasts and makes the answers worse; an empty text is its end."""
-        if reason and reason != self._warning:
-            self._node.get_logger().info(reason)
-        self._warning = reason
+    def warn(self, *reasons: str) -> None:
+        """Note what lasts and makes the answers worse; what is no longer named is over."""
+        for reason in reasons:
+            if reason and reason not in self._warnings:
+                self._node.get_logger().info(reason)
+        self._warnings = reasons
 
     def fail(self, reason: str) -> None:
         """Note what keeps the node from working at all; an empty text is a recovery."""
@@ -119,7 +121,7 @@ class Diagnostics:
             self.totals[name] - last[name] for name in ("answered", "passed_over")
         )
         mixed = [several_publishers(self._node, topic) for topic in self._watched]
-        told = self._failure, self._warning, *mixed, *self._refusals.values(), self._clock()
+        told = self._failure, *self._warnings, *mixed, *self._refusals.values(), self._clock()
         reasons = list(filter(None, told))
         if answered or self._refusals:
             self._heard_s = now_s

@@ -58,6 +58,9 @@ class LastingResiduals:
         self._prior = np.diag(np.square([*constants.stds, *[gain] * side**2, 0.0]))
         if constants.names_shades:
             self._prior[q : q + side**2, q : q + side**2] += REST_OF_SHADE**2 * modes.T @ modes
+            # A cloud may dim one of several lamps for long.
+            own = [name != POWER and name.endswith("power") for name in constants.names]
+            self._prior[np.flatnonzero(own), np.flatnonzero(own)] += 1.0
         size = len(self._prior)
         self._directions = np.zeros((size, len(self._names)))
         self._directions[:, :size] = np.eye(size)

@@ -80,12 +80,16 @@ def test_the_thin_rest_of_a_shade_is_of_a_scene_that_names_shades(depth, of_the_
         assert silent or found.mismatch.startswith("the evenness of the light is off")
 
 
-def test_a_cloud_before_one_of_several_lamps_is_of_a_scene_that_names_shades():
-    several = replace(CONSTANTS, names=("lamps.0.power", "ambient.level_counts"))
-    for constants, silent in ((several, False), (replace(several, unclear_lasts_s=5.0), True)):
-        found, _ = watched(np.random.default_rng(3), 25, lambda light, _: -0.8 * light, constants)
+@pytest.mark.parametrize(
+    ("name", "of_the_scene"), [("lamps.0.power", True), ("field_of_view.cosine_power", False)]
+)
+def test_a_cloud_before_one_of_several_lamps_is_of_a_scene_that_names_shades(name, of_the_scene):
+    constants = replace(CONSTANTS, names=(name, "ambient.level_counts"))
+    cloudy = replace(constants, unclear_lasts_s=5.0)
+    for known, silent in ((constants, False), (cloudy, of_the_scene)):
+        found, _ = watched(np.random.default_rng(3), 25, lambda light, _: -0.8 * light, known)
         assert (found.mismatch == "") == silent
-        assert silent or found.mismatch.startswith("lamps.0.power is off by -0.")
+        assert silent or found.mismatch.startswith(f"{name} is off by -0.")
 
 
 def test_an_alarm_ends_with_the_first_window_that_has_none():

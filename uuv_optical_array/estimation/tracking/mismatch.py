@@ -16,7 +16,7 @@ from uuv_optical_array.core.geometry import Array
 from uuv_optical_array.estimation.information.linearised import LinearisedReadings
 from uuv_optical_array.estimation.tracking.state import MOST_LEARNT
 from uuv_optical_array.estimation.unknowns.constants import Constants
-from uuv_optical_array.forward.prior import POWER, shade_modes
+from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
@@ -59,8 +59,9 @@ class LastingResiduals:
         if constants.names_shades:
             self._prior[q : q + side**2, q : q + side**2] += REST_OF_SHADE**2 * modes.T @ modes
             # A cloud may dim one of several lamps for long.
-            own = [name != POWER and name.endswith("power") for name in constants.names]
-            self._prior[np.flatnonzero(own), np.flatnonzero(own)] += 1.0
+            own = {of_lamp(i, "power") for i in range(constants.lamps)} & set(constants.names)
+            for name in own:
+                self._prior[constants.names.index(name), constants.names.index(name)] += 1.0
         size = len(self._prior)
         self._directions = np.zeros((size, len(self._names)))
         self._directions[:, :size] = np.eye(size)

@@ -52,7 +52,7 @@ READ_MORE = {
     "follow": "tutorials/first_follow.md",
     "view": "how_to/view.md",
     "scenes": "tutorials/own_array.md",
-    "render": "results/scenes.md",
+    "render": "tutorials/own_array.md",
     "limits": "explanation/light.md",
     "budget": "how_to/build_instrument.md",
     "calibrate": "tutorials/calibration.md",

@@ -126,15 +126,17 @@ def parameters() -> list[str]:
         same = ", ".join(f"`{key}`" for key in arguments if key not in own)
         if same and above.keys() <= arguments.keys():
             same = "All others"
-        lines = [
-            f"- `{key}:={default}`: {text}" if default else f"- `{key}`: {text}"
-            for key, (default, text) in own.items()
-        ]
+        lines = []
+        for key, (default, text) in own.items():
+            written = f"- `{key}:={default}`" if default else f"- `{key}`"
+            known = above.get(key, ("", ""))[1] == text
+            lines.append(written if known else f"{written}: {text}")
         parts += [
             f"## Arguments of `{name}`",
             f"{same} are as above."
             if same
-            else "An argument without a default leaves the parameter as it is.",
+            else "An argument without a default leaves the parameter as it is. Below, one without "
+            "a meaning has that of this list.",
             "\n".join(lines),
         ]
         above = above or arguments

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-BEGIN, END = "<!-- printed by: {} -->", "<!-- end -->"
+BEGIN, END = "<!-- printed -->\n\n```sh\n{}\n```\n", "<!-- end -->"
 MAIN = "from uuv_optical_array.commands import main; main()"
 PROGRAMS = {"uuv_array": [sys.executable, "-c", MAIN]}  # any other is run by its name
 
@@ -20,13 +20,13 @@ def filled(page: str, command: str, text: str) -> str:
     """
     begin = BEGIN.format(command)
     text = "\n".join(line.rstrip() for line in text.strip("\n").splitlines())
-    block = f"{begin}\n\n```sh\n{command}\n```\n\n```text\n{text}\n```\n\n{END}"
+    block = f"{begin}\n```text\n{text}\n```\n\n{END}"
     before, found, rest = page.partition(begin)
     if not found:
         return f"{page.rstrip()}\n\n{block}\n".lstrip()
     _, end, after = rest.partition(END)
     if not end or BEGIN.partition("{}")[0] in rest[: len(rest) - len(after)]:
-        raise ValueError(f"no line {END} after {begin}; add it")
+        raise ValueError(f"no line {END} after that of {command}; add it")
     return f"{before}{block}{after}"
 
 

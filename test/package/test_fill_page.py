@@ -27,7 +27,7 @@ def test_a_page_gets_the_command_and_what_it_printed(page, capsys):
     assert told == capsys.readouterr().out
     printed = "\n".join(map(str.rstrip, told.strip().splitlines()))
     shown = f"```sh\nuuv_array scenes plume\n```\n\n```text\n{printed}\n```"
-    assert page.read_text(encoding="utf-8") == f"{BEGIN}\n\n{shown}\n\n{fill_page.END}\n"
+    assert page.read_text(encoding="utf-8") == f"<!-- printed -->\n\n{shown}\n\n<!-- end -->\n"
 
 
 def test_a_page_gets_what_any_other_program_printed(page):
@@ -68,9 +68,11 @@ def test_a_page_that_cannot_be_filled_is_refused_before_the_work(page, capsys, t
 
 
 def test_blocks_of_the_pages_are_as_their_commands_write_them():
-    wrote = re.compile(r"<!-- printed by: (.*) -->(?s:.*?)```text\n((?s:.*?))\n```\n\n<!-- end -->")
+    wrote = re.compile(
+        r"<!-- printed -->\n\n```sh\n(.*)\n```\n\n```text\n((?s:.*?))\n```\n\n<!-- end -->"
+    )
     texts = [page.read_text(encoding="utf-8") for page in PAGES]
     blocks = [(text, *found) for text in texts for found in wrote.findall(text)]
-    assert len(blocks) == sum(text.count("<!-- printed by: ") for text in texts) > 0
+    assert len(blocks) == sum(text.count("<!-- printed -->") for text in texts) > 0
     for text, command, printed in blocks:
         assert fill_page.filled(text, command, printed) == text, command

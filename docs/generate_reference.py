@@ -405,15 +405,17 @@ def scene() -> list[str]:
         "`# yaml-language-server: $schema=scene.schema.json`, the path from the scene's folder.",
     ]
     sets = {
-        key: f"; {of.calibrated:g} calibrated, {of.as_bought:g} as bought"
+        key: f" [{of.calibrated:g}, {of.as_bought:g}]"
         for key, of in UNCERTAIN.items()
         if of.as_bought
     }
+    known = " In square brackets are the values of `known: calibrated` and `as_bought`."
     for group, owner in {**GROUPS, "lamps": BeaconLamp}.items():
+        told, more = (known, sets) if group == "prior" else ("", {})
         parts += [
             f"## `{group}`",
-            first_sentence(owner.__doc__) + ".",
-            setting_list(owner, sets if group == "prior" else {}),
+            f"{first_sentence(owner.__doc__)}.{told}",
+            setting_list(owner, more),
         ]
     parts += [
         "## Ready scenes",

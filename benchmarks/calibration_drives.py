@@ -1,13 +1,11 @@
-"""What each way to drive tells a calibration: ``python benchmarks/calibration_drives.py``.
-
-It prints the table of docs/tutorials/calibration.md.
-"""
+"""What each way to drive tells a calibration, for docs/tutorials/calibration.md."""
 
 import dataclasses
 
 import numpy as np
 
 from uuv_optical_array.calibration.calibrate import FittedParameter, calibrate
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -15,33 +13,32 @@ IMAGES = 300
 # Least and greatest distance (m), how far aside (m), how far the bow swings (deg), and the errors
 # of the odometry that are told to the fit, as they are (m, deg).
 DRIVES = {
-    "on the beam's axis at 6 m": (6.0, 6.0, 0.0, 0.0, None),
+    "on the axis at 6 m": (6.0, 6.0, 0.0, 0.0, None),
     "on the axis, 3 to 8 m": (3.0, 8.0, 0.0, 0.0, None),
     "weaving, 3 to 8 m": (3.0, 8.0, 0.9, 0.0, None),
-    "weaving and nosing about, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
-    "the same, odometry good to 0.02 m, 0.5 deg": (3.0, 8.0, 0.9, 20.0, (0.02, 0.5)),
-    "the same, odometry good to 0.1 m, 2 deg": (3.0, 8.0, 0.9, 20.0, (0.1, 2.0)),
+    "weaving and turning, 3 to 8 m": (3.0, 8.0, 0.9, 20.0, None),
+    "  odometry to 0.02 m, 0.5 deg": (3.0, 8.0, 0.9, 20.0, (0.02, 0.5)),
+    "  odometry to 0.1 m, 2 deg": (3.0, 8.0, 0.9, 20.0, (0.1, 2.0)),
 }
-# Columns: parameters whose largest error is shown, its unit in that of the parameter; a relative
-# one is in per cent.
+# Columns and their units: parameters whose largest error is shown, its unit in that of the
+# parameter; a relative one is in per cent.
 COLUMNS = {
-    "power (%)": (["lamp.power"], None),
-    "sigma (deg)": (["lamp.beam_sigma_deg"], 1.0),
-    "a (1/m)": (["sea.absorption_per_m"], 1.0),
-    "b (%)": (["sea.scattering_per_m"], None),
-    "response": (["field_of_view.cosine_power"], 1.0),
-    "radius (mm)": (["array.radius_m"], 1e-3),
-    "lamp's aim (deg)": (["lamp.aim_pitch_rad", "lamp.aim_yaw_rad"], np.pi / 180),
-    "array's aim (deg)": (["array.aim_pitch_rad", "array.aim_yaw_rad"], np.pi / 180),
-    "background": (["ambient.level_counts"], 1.0),
+    ("power", "%"): (["lamp.power"], None),
+    ("sigma", "deg"): (["lamp.beam_sigma_deg"], 1.0),
+    ("a", "1/m"): (["sea.absorption_per_m"], 1.0),
+    ("b", "%"): (["sea.scattering_per_m"], None),
+    ("response", ""): (["field_of_view.cosine_power"], 1.0),
+    ("radius", "mm"): (["array.radius_m"], 1e-3),
+    ("lamp", "deg"): (["lamp.aim_pitch_rad", "lamp.aim_yaw_rad"], np.pi / 180),
+    ("array", "deg"): (["array.aim_pitch_rad", "array.aim_yaw_rad"], np.pi / 180),
+    ("ambient", "counts"): (["ambient.level_counts"], 1.0),
 }
 
 
 def cell(parameters: list[FittedParameter], unit: float | None) -> str:
     """Return the largest standard error, or that there is none."""
-    notes = [parameter.note for parameter in parameters if parameter.note]
-    if notes:
-        return "not known" if "not known" in notes else "not by itself"
+    if any(parameter.note for parameter in parameters):
+        return "-"
     return f"{max(p.std / (unit or p.value / 100) for p in parameters):.2g}"
 
 
@@ -54,8 +51,8 @@ def main() -> None:
         "responsivity": {"spread": 0.03, "seed": 5, "drift_per_c": 0.0},
     }
     model = ForwardModel(dataclasses.replace(start, effects=effects))
-    print(f"| drive | {' | '.join(COLUMNS)} | a gain (%) | misfit |")
-    print("|---" * (len(COLUMNS) + 3) + "|")
+    heads = [("", "drive"), *COLUMNS, ("gain", "%"), ("misfit", "")]
+    rows = [list(row) for row in zip(*heads, strict=True)]
     for name, (near, far, aside, swing, odometry) in DRIVES.items():
         rng = np.random.default_rng(1)
         angle = np.radians(swing)
@@ -72,9 +69,9 @@ def main() -> None:
         named = {parameter.name: parameter for parameter in found.parameters}
         told = [cell([named[key] for key in keys], unit) for keys, unit in COLUMNS.values()]
         errors = found.gain_std[np.isfinite(found.gain_std)]
-        gain = f"{100 * np.median(errors):.2g}" if errors.size else "not known"
-        misfit = f"{found.misfit:.2f}" + (", refused" if found.refusal else "")
-        print(f"| {name} | {' | '.join(told)} | {gain} | {misfit} |")
+        gain = f"{100 * np.median(errors):.2g}" if errors.size else "-"
+        rows.append([name, *told, gain, f"{found.misfit:.2f}"] + ["refused"] * bool(found.refusal))
+    print(columns(rows))
 
 
 if __name__ == "__main__":

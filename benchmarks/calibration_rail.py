@@ -1,7 +1,6 @@
-"""What a rail and a tape tell a calibration: ``python benchmarks/calibration_rail.py``.
+"""What a rail and a tape tell a calibration, for docs/how_to/build_calibration.md.
 
-It prints the table of docs/how_to/build_calibration.md: the median standard errors of several
-afternoons, and how large the true errors are beside them.
+The median standard errors of several afternoons, and how large the true errors are beside them.
 """
 
 import dataclasses
@@ -11,6 +10,7 @@ import numpy as np
 from calibration_drives import COLUMNS
 
 from uuv_optical_array.calibration.calibrate import calibrate
+from uuv_optical_array.core.storage.formats import columns
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 
@@ -31,11 +31,11 @@ class Rig(NamedTuple):
 
 RIGS = {
     "60 places, 2 to 5 m; 2 mm, 3 mm, 0.3 deg": Rig(2, 5, 60, 0.002, 0.003, 0.3),
-    "the same, 20 places": Rig(2, 5, 20, 0.002, 0.003, 0.3),
-    "the same, 2 to 3 m": Rig(2, 3, 60, 0.002, 0.003, 0.3),
-    "the same, 2 to 8 m": Rig(2, 8, 60, 0.002, 0.003, 0.3),
-    "the same, 1 cm, 1 cm, 1 deg": Rig(2, 5, 60, 0.01, 0.01, 1.0),
-    "the same, half of each error common to all": Rig(2, 5, 60, 0.002, 0.003, 0.3, 0.5**0.5),
+    "  20 places": Rig(2, 5, 20, 0.002, 0.003, 0.3),
+    "  2 to 3 m": Rig(2, 3, 60, 0.002, 0.003, 0.3),
+    "  2 to 8 m": Rig(2, 8, 60, 0.002, 0.003, 0.3),
+    "  1 cm, 1 cm, 1 deg": Rig(2, 5, 60, 0.01, 0.01, 1.0),
+    "  half of each error common to all": Rig(2, 5, 60, 0.002, 0.003, 0.3, 0.5**0.5),
 }
 
 
@@ -60,11 +60,11 @@ def main() -> None:
         "array.radius_m": 0.32,
         "ambient.level_counts": 10 * common,
     }
-    print(f"| rig | {' | '.join(COLUMNS)} | error / std error |")
-    print("|---" * (len(COLUMNS) + 2) + "|")
+    heads = [("", "rig"), *COLUMNS, ("error /", "std error")]
+    rows = [list(row) for row in zip(*heads, strict=True)]
     for name, rig in RIGS.items():
         std = np.array([rig.along, rig.across, rig.across, *np.radians([rig.angle] * 2)])
-        errors: dict[str, list[float]] = {column: [] for column in COLUMNS}
+        errors: dict[tuple[str, str], list[float]] = {column: [] for column in COLUMNS}
         pulls = []
         for seed in range(AFTERNOONS):
             rng = np.random.default_rng(seed)
@@ -82,10 +82,11 @@ def main() -> None:
             pulls += [(named[k].value - value) / named[k].std for k, value in truth.items()]
         known = [np.mean(np.isfinite(sizes)) for sizes in errors.values()]
         cells = [
-            f"{np.nanmedian(sizes):.2g}" if share > 0.5 else "not known"
+            f"{np.nanmedian(sizes):.2g}" if share > 0.5 else "-"
             for sizes, share in zip(errors.values(), known, strict=True)
         ]
-        print(f"| {name} | {' | '.join(cells)} | {np.sqrt(np.nanmean(np.square(pulls))):.2f} |")
+        rows.append([name, *cells, f"{np.sqrt(np.nanmean(np.square(pulls))):.2f}"])
+    print(columns(rows))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
-MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s"
+MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
+LEAST_S = 5.0  # of frames, before that can be said
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
@@ -40,7 +41,8 @@ class LastingResiduals:
         self._tests = 0 < side**2 == constants.detectors <= MOST_LEARNT
         self.mismatch = ""
         self._by_detector = constants.by_detector
-        self._uneven, self._light_ns = 0.0, 0  # share of uneven frames, and stamp of the last one
+        # Time with frames, of it with uneven ones, as shares of the window; stamp of the last one.
+        self._lit, self._uneven, self._light_ns = 0.0, 0.0, 0
         self._power = constants.names.index(POWER) if POWER in constants.names else -1
         if not self._tests:
             return
@@ -105,10 +107,12 @@ class LastingResiduals:
 
     def add_light(self, stamp_ns: int, uneven: bool) -> None:
         """Take whether a frame of the track is lit unevenly, as in a scene few are."""
-        step_s = np.clip((stamp_ns - self._light_ns) * 1e-9, 0.0, CHECK_S)
+        step_s = np.clip((stamp_ns - (self._light_ns or stamp_ns)) * 1e-9, 0.0, CHECK_S)
         self._light_ns, kept = stamp_ns, float(np.exp(-step_s / WINDOW_S))
+        self._lit = kept * self._lit + 1 - kept
         self._uneven = kept * self._uneven + (1 - kept) * uneven
-        if self._uneven > MOST_UNEVEN:
+        least = 1 - np.exp(-LEAST_S / WINDOW_S)
+        if self._uneven > MOST_UNEVEN * max(self._lit, least):
             self.mismatch = MOSTLY_UNEVEN
         elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""

@@ -129,7 +129,7 @@ WARNINGS = {
         "Give each run a namespace or a `ROS_DOMAIN_ID` of its own.",
     ),
     "mismatch": Reason(
-        "For half a minute the images differ from the scene by more than its prior allows; the "
+        "Many images together differ from the scene by more than its prior allows; the "
         "text names the best explanation. The track is then so uncertain that the follower stops.",
         "Look at what is named: detector, other lamps, the lamp's battery; then calibrate, or "
         "widen the scene's `prior`.",

@@ -21,7 +21,8 @@ from uuv_optical_array.forward.prior import POWER, of_lamp, shade_modes
 WINDOW_S, CHECK_S = 30.0, 2.0  # frames of so long are tested together, so often
 EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
-LEAST_S = 5.0  # of frames, before that can be said
+# Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
+NEARLY_ALL, LEAST_S = 0.9, 5.0
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
@@ -112,7 +113,7 @@ class LastingResiduals:
         self._lit = kept * self._lit + 1 - kept
         self._uneven = kept * self._uneven + (1 - kept) * uneven
         least = 1 - np.exp(-LEAST_S / WINDOW_S)
-        if self._uneven > MOST_UNEVEN * max(self._lit, least):
+        if self._uneven > min(MOST_UNEVEN, NEARLY_ALL * max(self._lit, least)):
             self.mismatch = MOSTLY_UNEVEN
         elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""

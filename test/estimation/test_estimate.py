@@ -117,6 +117,7 @@ def test_the_answer_and_the_runner_up_are_the_two_least_angles_of_the_table(smal
         ([-0.1, 0, 0, 0, 0], "no light"),
         ([0.5, np.nan, 0, 0, 0], "not five finite numbers"),
         ([np.inf, 0, 0, 0, 0], "not five finite numbers"),
+        ([0.5, 0, 0, 0, -np.inf], "not five finite numbers"),
         ([0.5, 0, 0, 0], "not five finite numbers"),
         ([[0.5, 0, 0, 0, 0]], "not five finite numbers"),
         (0.5, "not five finite numbers"),
@@ -148,10 +149,24 @@ def test_a_table_of_one_row_is_refused_and_two_rows_are_enough(small):
     table = small.table
     with pytest.raises(ValueError, match="1 row"):
         Estimator(SignatureTable(table.scene, table.poses[:1], table.parameters[:1]))
-    two = Estimator(SignatureTable(table.scene, table.poses[:2], table.parameters[:2]), "sam")
-    answer = two.estimate(parameters=table.parameters[1])
-    np.testing.assert_array_equal(answer.pose, table.poses[1])
-    np.testing.assert_array_equal(answer.runner_up_pose, table.poses[0])
+    for rows in ([1, 0], [1, 1]):
+        two = SignatureTable(table.scene, table.poses[rows], table.parameters[rows])
+        answer = Estimator(two, "sam").estimate(parameters=table.parameters[1])
+        np.testing.assert_array_equal(answer.pose, table.poses[1])
+        np.testing.assert_array_equal(answer.runner_up_pose, table.poses[rows[1]])
+
+
+@pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
+def test_poses_that_look_exactly_alike_are_all_in_the_covariance(small, method):
+    """A table of one signature says nothing of the pose, however many rows there are."""
+    table = small.table
+    # In single precision, of which the answer is in double.
+    same = np.broadcast_to(table.parameters[0].astype(np.float32), table.parameters.shape)
+    alike = SignatureTable(table.scene, table.poses.astype(np.float32), same)
+    found = Estimator(alike, method).estimate(parameters=same[0])
+    assert (np.sqrt(found.covariance.diagonal()) > 0.8 * table.poses.std(axis=0)).all()
+    assert found.pose.dtype == found.covariance.dtype == np.float64
+    assert found.angle_rad < 1e-6
 
 
 @pytest.mark.parametrize("neighbours", [0, 1])
@@ -259,7 +274,7 @@ def test_an_image_of_full_and_dark_readings_alone_is_refused(small):
         with pytest.raises(NoPose, match="no pattern: no detector reads more than darkness"):
             Estimator(small.table, method, compiled=False).estimate(image)
     image[0, 4] = 600
-    assert Estimator(small.scene, compiled=False).estimate(image).pose[0] > -4
+    assert Estimator(small.scene).wait().estimate(image).pose[0] > -4
 
 
 def test_an_image_beyond_the_converter_is_refused():

@@ -443,33 +443,8 @@ def compiled_fit():
 
 
 @pytest.fixture
-def shower(lab, scene_file, scene, table_folder, compiled_fit):
+def shower(lab, scene_file, scene, compiled_fit):
     """An estimator node that fits, and what sends it images."""
     from asker import Shower
 
-    return Shower(lab, scene_file, scene, table=table_folder, method="least_squares")
-
-
-@pytest.fixture(scope="session")
-def murky_scene_file(tmp_path_factory):
-    """The small scene in water that attenuates twice as much."""
-    change = ("effects", "attenuation", "k_per_m", 0.2)
-    return str(write_scene(tmp_path_factory.mktemp("scene"), "murky", [change]))
-
-
-@pytest.fixture(scope="session")
-def murky_table_folder(murky_scene_file):
-    from tables import write_table
-
-    from uuv_optical_array.estimation.signature_table import build_table
-    from uuv_optical_array.forward.scene import load_scene
-
-    table = build_table(load_scene(murky_scene_file))
-    return write_table(Path(murky_scene_file).parent / "table", table)
-
-
-@pytest.fixture(scope="session")
-def table_folder(table, tmp_path_factory):
-    from tables import write_table
-
-    return write_table(tmp_path_factory.mktemp("tables") / "small", table)
+    return Shower(lab, scene_file, scene, method="least_squares")

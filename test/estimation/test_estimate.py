@@ -49,6 +49,15 @@ def test_the_image_of_a_grid_pose_gives_that_pose_exactly(small):
             np.testing.assert_allclose(twin, table.parameters[row], atol=1e-9)
 
 
+def test_a_match_is_turned_about_the_beam_by_the_roll(small):
+    # To port of the beam by a step of the grid, and then turned about the beam as a whole.
+    across, roll = 0.3, 0.4
+    pose = np.array([-6.0, across * np.cos(roll), across * np.sin(roll), 0.0, 0.0])
+    image = ForwardModel(small.scene).expected(pose, roll)
+    found = small.estimate(parameters=signatures(small.scene, image), roll=roll)
+    np.testing.assert_allclose(found.pose, pose, atol=1e-9)
+
+
 def test_a_scene_alone_is_answered_from_its_table_and_whole_numbers_as_floats(
     small, tmp_path, monkeypatch
 ):

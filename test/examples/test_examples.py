@@ -42,9 +42,9 @@ def values_of(path):
 
 
 @pytest.fixture
-def topics(lab, scene_file, table_folder):
+def topics(lab, scene_file):
     """What the estimator node publishes and hears with an IMU, and of which type."""
-    lab.begin({"scene": scene_file, "table": table_folder, "method": "sam", "use_imu": True})
+    lab.begin({"scene": scene_file, "method": "sam", "use_imu": True})
     node = lab.start(EstimatorNode)
     return {
         end.topic_name.lstrip("/"): re.sub(r"^(\w+)\.msg\._?\w+\.", r"\1/msg/", kind_of(end))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from asker import twist_of
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
@@ -59,8 +60,7 @@ class Helm:
         """Move on by a period and return the command of it: surge, sway, heave, and turns."""
         self.tick()
         message = self.lab.answer(self.commands, time_of(self.now), "a command")
-        linear, angular = message.twist.linear, message.twist.angular
-        return np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+        return np.array(twist_of(message.twist))
 
 
 @pytest.fixture

@@ -2,17 +2,19 @@
 
 import numpy as np
 import pytest
-from asker import Asker, place_of
+from asker import Asker, place_of, twist_of
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from uuv_optical_array.core.messages import twist_from_message
+from uuv_optical_array.core.messages import stamp_ns, twist_from_message
 from uuv_optical_array.nodes import estimator_node, simulator_node, vehicles_node
 from uuv_optical_array.nodes.feature_node import FeatureNode
 from uuv_optical_array.nodes.formation_node import FormationNode
@@ -31,6 +33,10 @@ lengths, angles = st.floats(-50, 50), st.floats(-1.5, 1.5)
 poses = st.tuples(lengths, lengths, lengths, angles, angles).map(np.array)
 
 
+def xyz(pose):
+    return pose.position.x, pose.position.y, pose.position.z
+
+
 def rotation_of(message):
     return Rotation.from_quat(place_of(message)[1]).as_matrix()
 
@@ -39,15 +45,18 @@ def rotation_in_flu(pose, roll):
     return Rotation.from_euler("ZYX", [pose[4], pose[3], roll]).as_matrix()
 
 
-@given(poses, angles)
-def test_a_pose_in_a_frame_called_ned_is_north_east_and_down(pose, roll):
+@given(poses, angles, st.sampled_from(["dock", "dock_ned"]))
+def test_a_pose_survives_the_message_in_the_axes_of_its_frame(pose, roll, frame):
     root = np.random.default_rng(3).normal(size=(6, 6))
     covariance = root @ root.T
-    message = pose_to_message(pose, covariance, Header(frame_id="dock_ned"), roll)
-    np.testing.assert_allclose(place_of(message)[0], DOWN @ pose[:3], atol=1e-12)
-    expected = DOWN @ rotation_in_flu(pose, roll) @ DOWN
+    header = Header(stamp=Time(sec=3, nanosec=4), frame_id=frame)
+    message = pose_to_message(pose, covariance, header, roll)
+    assert message.header == header
+    axes = DOWN if frame.endswith("_ned") else np.eye(3)  # north, east and down
+    np.testing.assert_allclose(place_of(message)[0], axes @ pose[:3], atol=1e-12)
+    expected = axes @ rotation_in_flu(pose, roll) @ axes
     np.testing.assert_allclose(rotation_of(message), expected, atol=1e-9)
-    both = np.kron(np.eye(2), DOWN)
+    both = np.kron(np.eye(2), axes)
     sent = np.reshape(message.pose.covariance, (6, 6))
     np.testing.assert_allclose(sent, both @ covariance @ both.T)
     np.testing.assert_allclose(pose_from_message(message), pose, atol=1e-9)
@@ -68,19 +77,18 @@ def test_a_twist_is_in_the_axes_of_the_frame_that_it_names(parent, child, named,
     message = odometry_to_message(pose, child, np.arange(1.0, 7.0), root @ root.T)
     assert message.child_frame_id == named
     both = np.kron(np.eye(2), DOWN) if down else np.eye(6)
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    sent = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
-    np.testing.assert_allclose(sent, both @ np.arange(1.0, 7.0))
+    np.testing.assert_allclose(twist_of(message.twist.twist), both @ np.arange(1.0, 7.0))
     spread = np.reshape(message.twist.covariance, (6, 6))
     np.testing.assert_allclose(spread, both @ root @ root.T @ both.T)
 
 
-def test_a_command_is_in_the_axes_of_its_frame_and_comes_back_from_them():
-    command = np.array([0.5, -0.2, 0.1]), np.array([0.0, 0.1, -0.3])
-    message = twist_to_message(*command, Header(frame_id="rov/base_link_frd"))
-    linear = message.twist.linear
-    np.testing.assert_allclose([linear.x, linear.y, linear.z], DOWN @ command[0])
-    np.testing.assert_allclose(twist_from_message(message), command)
+@given(arrays(float, 6, elements=st.floats(-6.0, 6.0)), st.sampled_from(["rov", "rov_frd"]))
+def test_a_command_survives_the_message_in_the_axes_of_its_frame(values, frame):
+    message = twist_to_message(values[:3], values[3:], Header(frame_id=frame))
+    assert message.header.frame_id == frame
+    both = np.kron(np.eye(2), DOWN if frame.endswith("_frd") else np.eye(3))
+    np.testing.assert_array_equal(twist_of(message.twist), both @ values)
+    np.testing.assert_array_equal(np.concatenate(twist_from_message(message)), values)
 
 
 @given(poses, angles)
@@ -94,10 +102,8 @@ def test_the_leader_seen_from_the_follower_is_the_inverse(pose, roll):
     np.testing.assert_allclose(own @ seen, np.eye(4), atol=1e-8)
 
 
-def test_the_leaders_pose_has_the_frame_of_the_follower_and_the_stamp_of_the_image(
-    lab, scene_file, table_folder
-):
-    asker = Asker(lab, scene_file, table=table_folder, beacon_frame="dock_ned", base_frame="rov")
+def test_the_leaders_pose_has_the_frame_of_the_follower_and_the_stamp_of_the_image(lab, scene_file):
+    asker = Asker(lab, scene_file, beacon_frame="dock_ned", base_frame="rov")
     leaders = lab.listen(PoseStamped, "leader_pose")
     lab.connect()
     pose = asker.ask(np.array([0.5, 0.1, 0.0, 0.0, 0.0]), 3)
@@ -110,21 +116,18 @@ def test_the_leaders_pose_has_the_frame_of_the_follower_and_the_stamp_of_the_ima
     assert leader.pose.position.x > 3
 
 
-def xyz(pose):
-    return pose.position.x, pose.position.y, pose.position.z
-
-
 class Tree:
     """Frames as they were placed: each by its parent, its pose there, and whether for good."""
 
     def __init__(self, monkeypatch):
-        self.frames = {}
+        self.frames, self.poses = {}, {}
         for module in (estimator_node, simulator_node, vehicles_node):
             monkeypatch.setattr(module, "transform_publisher", self.publisher)
 
     def publisher(self, node, wanted, fixed=False):
         def place(header, child, pose):
             assert wanted
+            self.poses[child, stamp_ns(header)] = pose
             before = self.frames.setdefault(child, (header.frame_id, fixed, pose, node))
             assert before[0] == header.frame_id, "two parents"
             assert before[3] is node, "two nodes place it"
@@ -135,9 +138,9 @@ class Tree:
         return {parent for parent, *_ in self.frames.values()} - set(self.frames)
 
 
-def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, table_folder, monkeypatch):
+def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, monkeypatch):
     tree = Tree(monkeypatch)
-    given = {"method": "sam", "table": table_folder, "beacon_position_m": [-0.7, 0.1, 0.2]}
+    given = {"method": "sam", "beacon_position_m": [-0.7, 0.1, 0.2]}
     lab.begin({"scene": scene_file, "frame_prefix": "two/", "publish_tf": True, **given})
     heard = {
         topic: lab.listen(kind, topic)
@@ -178,32 +181,36 @@ def test_all_frames_are_one_tree_and_have_the_prefix(lab, scene_file, table_fold
         "two/follower/array": ("two/follower/base_link", True),
     }
     assert tree.roots() == {"two/odom"}
+    for message in heard["leader/odometry"] + heard["follower/odometry"]:
+        placed = tree.poses[message.child_frame_id, stamp_ns(message.header)]
+        assert placed == message.pose.pose
     lamp, bow = (tree.frames[f"two/{name}"][2] for name in ("leader/beacon", "follower/array"))
     assert xyz(lamp) == (-0.7, 0.1, 0.2)
     assert xyz(bow) == (0.4, 0.0, 0.0)
     assert lamp.orientation == bow.orientation == type(lamp.orientation)(w=1.0)
 
 
-def test_who_listens_late_hears_of_the_fixed_frames_too(lab, scene_file, table_folder):
+def test_poses_go_to_tf_and_the_lamp_to_who_listens_late_too(lab, scene_file):
     tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
-    lab.begin({"scene": scene_file, "method": "sam", "table": table_folder, "publish_tf": True})
-    lab.start(estimator_node.EstimatorNode)
-    heard = []
+    names = {"beacon_frame": "dock/beacon", "tf_child_frame": "rov/base_link_by_light"}
+    asker = Asker(lab, scene_file, publish_tf=True, **names)
+    moving, fixed = lab.listen(tf2_msgs.TFMessage, "/tf"), []
     lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    lab.probe.create_subscription(tf2_msgs.TFMessage, "/tf_static", heard.append, lasting)
-    (transform,) = lab.until(lambda: heard, "the lamp")[0].transforms
-    assert (transform.header.frame_id, transform.child_frame_id) == (
-        "leader/base_link",
-        "leader/beacon",
-    )
+    lab.probe.create_subscription(tf2_msgs.TFMessage, "/tf_static", fixed.append, lasting)
+    lab.connect()
+    pose = asker.ask(np.array([0.5, 0.1, 0.0, 0.0, 0.0]), 5)
+    (placed,) = lab.until(lambda: moving, "a transform")[0].transforms
+    assert (placed.header, placed.child_frame_id) == (pose.header, names["tf_child_frame"])
+    t, q = placed.transform.translation, placed.transform.rotation
+    assert ([t.x, t.y, t.z], [q.x, q.y, q.z, q.w]) == place_of(pose)
+    (lamp,) = lab.until(lambda: fixed, "the lamp")[0].transforms
+    assert (lamp.header.frame_id, lamp.child_frame_id) == ("leader/base_link", "dock/beacon")
 
 
-def test_below_the_follower_the_leader_hangs_where_it_is_seen(
-    lab, scene_file, table_folder, monkeypatch
-):
+def test_below_the_follower_the_leader_hangs_where_it_is_seen(lab, scene_file, monkeypatch):
     tree = Tree(monkeypatch)
     given = {"publish_tf": True, "tf_parent": "base", "beacon_position_m": [-0.7, 0.1, 0.2]}
-    asker = Asker(lab, scene_file, table=table_folder, **given)
+    asker = Asker(lab, scene_file, **given)
     asker.ask(np.array([0.5, 0.1, 0.0, 0.0, 0.0]), 3)
     lab.until(lambda: len(tree.frames) == 2, "both frames")
     beacon, body = tree.frames["leader/beacon"], tree.frames["leader/base_link"]
@@ -235,13 +242,11 @@ def test_a_pose_between_frames_of_different_axes_is_refused_by_name(lab, scene_f
         ({"leader_frame": ""}, None),
     ],
 )
-def test_the_lamp_is_placed_on_the_leader_in_its_axes(
-    lab, scene_file, table_folder, monkeypatch, given, placed
-):
+def test_the_lamp_is_placed_on_the_leader_in_its_axes(lab, scene_file, monkeypatch, given, placed):
     tree = Tree(monkeypatch)
     given = {"frame_prefix": "two/", "publish_tf": True, **given}
     given["beacon_position_m"] = [1.0, 2.0, 3.0]
-    lab.begin({"scene": scene_file, "method": "sam", "table": table_folder, **given})
+    lab.begin({"scene": scene_file, "method": "sam", **given})
     lab.start(estimator_node.EstimatorNode)
     if placed is None:
         assert not tree.frames

@@ -144,9 +144,9 @@ def test_stamps_run_back_only_by_more_than_a_second_and_never_twice_at_once(stam
 
 
 def test_tracked_poses_do_not_run_backwards_and_a_clock_that_was_set_back_starts_anew(
-    lab, scene_file, scene, table_folder
+    lab, scene_file, scene
 ):
-    asker = Asker(lab, scene_file, table=table_folder, tracking=True, buffer_s=5.0)
+    asker = Asker(lab, scene_file, tracking=True, buffer_s=5.0)
     rng = np.random.default_rng(4)
     images = ForwardModel(scene).expose(np.tile([-6.0, 0.1, 0.1, 0, 0], (12, 1)), rng)
     signatures = key_parameters(images, scene.full_scale_counts, scene.signature.peak)

@@ -105,8 +105,9 @@ def test_the_leader_swims_ahead_by_what_its_odometry_says(basin):
 
 
 def test_the_follower_obeys_and_stops_when_the_command_is_too_old(lab):
-    basin = Basin(lab, command_timeout_s=0.5)
+    basin = Basin(lab, command_timeout_s=2.0)
     _, before = basin.tick()
+    assert lab.set(basin.node, "command_timeout_s", 0.5).successful
     for _ in range(20):
         basin.order(surge=0.3)
         _, follower = basin.tick()
@@ -120,31 +121,6 @@ def test_the_follower_obeys_and_stops_when_the_command_is_too_old(lab):
     np.testing.assert_allclose(surges, np.maximum(expected, 0.0), atol=1e-9)
     basin.order(surge=0.3)
     assert basin.tick()[1].twist.twist.linear.x == pytest.approx(0.03)
-
-
-def test_the_command_timeout_can_change_while_the_node_runs(basin):
-    basin.tick()
-    basin.order(surge=0.3)
-    result = basin.lab.set(basin.node, "command_timeout_s", 0.25)
-    assert result.successful, result.reason
-    surges = [basin.tick()[1].twist.twist.linear.x for _ in range(5)]
-    np.testing.assert_allclose(surges, [0.03, 0.06, 0.03, 0.0, 0.0], atol=1e-9)
-
-
-def test_both_poses_go_to_tf_too_where_they_are_wanted(lab):
-    tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
-    basin = Basin(lab, publish_tf=True)
-    heard = lab.listen(tf2_msgs.TFMessage, "/tf")
-    lab.connect()
-    odometries = basin.tick()
-    lab.until(lambda: len(heard) == 2, "two transforms")
-    for message, sent in zip(heard, odometries, strict=True):
-        (transform,) = message.transforms
-        assert transform.header == sent.header
-        assert transform.child_frame_id == sent.child_frame_id
-        t = transform.transform.translation
-        np.testing.assert_array_equal([t.x, t.y, t.z], position(sent))
-        assert transform.transform.rotation == sent.pose.pose.orientation
 
 
 def test_a_clock_that_is_set_back_stops_nothing(basin):

@@ -53,6 +53,10 @@ def place_of(message):
     return [position.x, position.y, position.z], [q.x, q.y, q.z, q.w]
 
 
+def twist_of(twist):
+    return [getattr(part, axis) for part in (twist.linear, twist.angular) for axis in "xyz"]
+
+
 def assert_is(message, estimate, roll_std_rad=0.02):
     """Compare a message with an estimate; its attitude by SciPy."""
     position, quaternion = place_of(message)

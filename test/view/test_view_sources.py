@@ -120,7 +120,7 @@ def test_a_page_that_was_slow_shows_the_next_images_at_their_pace_not_all_at_onc
 
 
 @pytest.mark.usefixtures("compiled_fit")
-def test_ctrl_c_ends_the_command_in_a_line(scene_file, table_folder):
+def test_ctrl_c_ends_the_command_in_a_line(scene_file):
     pytest.importorskip("viser", reason="the view needs the extra view")
     words = ["view", "--scene", scene_file, "--address", ":18200"]
     code = "from uuv_optical_array.programs import uuv_array; uuv_array()"

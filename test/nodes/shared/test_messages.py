@@ -5,13 +5,13 @@ import struct
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TwistStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from uuv_optical_array.core.messages import (
@@ -27,9 +27,8 @@ from uuv_optical_array.nodes.shared.messages import (
     features_from_message,
     features_to_message,
     image_to_message,
+    imu_roll,
     pose_from_message,
-    pose_to_message,
-    twist_to_message,
 )
 
 SIDE = 5
@@ -146,26 +145,6 @@ def test_a_cloud_of_nothing_at_all_is_refused_and_not_taken_for_darkness():
         features_from_message(PointCloud2())
 
 
-half_turn = st.floats(-1.5, 1.5)
-
-
-@given(arrays(float, 3, elements=st.floats(-1e6, 1e6)), half_turn, st.floats(-3.1, 3.1))
-def test_a_pose_survives_the_message_and_is_the_turn_of_scipy(position, pitch, yaw):
-    pose = np.array([*position, pitch, yaw])
-    covariance = np.arange(36.0).reshape(6, 6)
-    message = pose_to_message(pose, covariance, header())
-    assert message.header == header()
-    place, q = message.pose.pose.position, message.pose.pose.orientation
-    np.testing.assert_array_equal([place.x, place.y, place.z], position)
-    np.testing.assert_allclose(
-        Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(),
-        Rotation.from_euler("ZYX", [yaw, pitch, 0.0]).as_matrix(),
-        atol=1e-12,
-    )
-    np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), covariance)
-    np.testing.assert_allclose(pose_from_message(message), pose, atol=1e-9)
-
-
 def fill(message, position=(1.0, 2.0, 3.0), quaternion=(0.0, 0.0, 0.0, 1.0)):
     pose = message.pose.pose
     pose.position.x, pose.position.y, pose.position.z = position
@@ -212,15 +191,6 @@ def test_an_odometry_in_ned_axes_is_turned_into_those_of_rep_103():
     np.testing.assert_array_equal(odometry_pose(message)[0], position)
 
 
-@given(arrays(float, 6, elements=st.floats(-6.0, 6.0)))
-def test_a_twist_survives_the_message(values):
-    message = twist_to_message(values[:3], values[3:], header())
-    assert message.header == header()
-    np.testing.assert_array_equal(np.concatenate(twist_from_message(message)), values)
-    assert message.twist.linear.z == values[2]
-    assert message.twist.angular.z == values[5]
-
-
 @pytest.mark.parametrize("bad", BAD_NUMBERS)
 def test_a_twist_that_is_not_finite_is_refused(bad):
     for part, axis in itertools.product(("linear", "angular"), "xyz"):
@@ -253,3 +223,16 @@ def test_a_covariance_that_is_not_finite_or_beyond_its_bound_is_refused(bad):
     message.pose.covariance[8] = bad
     with pytest.raises(Refused, match=r"^(not finite|out of bounds): the pose's covariance"):
         covariance_from_message(message)
+
+
+@pytest.mark.parametrize(
+    ("place", "variance"), [(0, 1e10), (0, np.nan), (0, np.inf), (4, -0.1), (8, np.nan)]
+)
+def test_an_attitude_that_is_not_known_gives_no_roll(place, variance):
+    message = Imu(orientation=Quaternion(w=1.0))
+    assert imu_roll(message) == 0.0  # of unknown variance
+    message.orientation_covariance[8] = 1e6  # no compass
+    assert imu_roll(message) == 0.0
+    message.orientation_covariance[place] = variance
+    with pytest.raises(Refused, match="out of bounds: variances of the orientation"):
+        imu_roll(message)

@@ -62,17 +62,11 @@ stds = st.floats(0.2, 30.0)
 
 @settings(max_examples=300)
 @given(readings, lights, lights, stds)
-def test_a_value_differs_from_another_lights_as_scipy_says(reading, light, other, std):
-    """Differences, since the value has no constant."""
-    ours = one(reading, light, std**2)[0] - one(reading, other, std**2)[0]
+def test_value_and_score_are_those_of_scipys_log_probability(reading, light, other, std):
+    """Values by their difference from another light's, since they have no constant."""
+    value, score, _ = one(reading, light, std**2)
     theirs = scipy_value(reading, light, std) - scipy_value(reading, other, std)
-    assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-9)
-
-
-@settings(max_examples=300)
-@given(readings, lights, stds)
-def test_the_score_is_the_derivative_of_scipys_log_probability(reading, light, std):
-    score = one(reading, light, std**2)[1]
+    assert value - one(reading, other, std**2)[0] == pytest.approx(theirs, rel=1e-9, abs=1e-9)
     expected = derivative(lambda at: scipy_value(reading, at, std), light, std * 1e-3)
     assert score * std == pytest.approx(expected * std, rel=1e-6, abs=1e-6)
 

@@ -253,40 +253,22 @@ def test_the_fit_ends_where_scipys_optimiser_does_and_at_its_cost(counts, roll, 
 
 
 @each_shape
-@pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])
 @pytest.mark.parametrize("stds", [{}, THREE], ids=["known scene", "nuisances"])
-def test_an_image_without_noise_leads_to_its_pose(shape, roll, stds):
-    """Of a planar array from near its ring of attitudes that look alike."""
-    model = model_of("daylight" if stds else "electronics", 900.0, shape)
-    fit = Fit(model, stds)
-    rng = np.random.default_rng(21)
-    reach = np.array([0.5, 0.1, 0.1, 0.05, 0.05]) * (1.0 if shape == "curved" else 0.1)
-    for pose in drawn(model, 10, 22, roll)[0]:
-        readings = model.light(pose, roll)
-        start = fit.at(pose + reach * rng.choice([-1, 1], 5), roll)
-        best = refine(fit.of(readings, roll), start, MOST_STEPS)
-        off = best.parts[AT] - fit.at(pose, roll)
-        assert best.cost - evaluate(fit.of(readings, roll), fit.at(pose, roll)).cost < 1e-3
-        if shape == "curved":
-            assert off @ best.parts[INFORMATION:] @ off < 1e-3
-
-
-def is_same(state, best):
-    off = state.parts[AT] - best.parts[AT]
-    return off @ best.parts[INFORMATION:] @ off < 0.1
-
-
 @pytest.mark.parametrize("roll", [0.0, ROLL], ids=["level", "rolled"])
-def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll):
-    model = model_of()
-    fit, rng = Fit(model), np.random.default_rng(14)
-    reach = np.array([1, 0.3, 0.3, *np.radians([15, 15])])
+def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll, stds, shape):
+    """At the best place, or on a planar array's ring of attitudes that look alike at no cost."""
+    model = model_of("daylight" if stds else "electronics", 900.0, shape)
+    fit, rng = Fit(model, stds), np.random.default_rng(14)
+    reach = np.array([1, 0.3, 0.3, *np.radians([15, 15])]) * (1.0 if shape == "curved" else 0.05)
     arrived = []
-    for pose, readings in zip(*drawn(model, 30, 15, roll), strict=True):
-        problem = fit.of(readings, roll)
+    for pose, readings in zip(*drawn(model, 20, 15, roll), strict=True):
+        problem = fit.of(readings if shape == "curved" else model.light(pose, roll), roll)
         best = refine(problem, fit.at(pose, roll), MOST_STEPS)
-        for start in pose + reach * rng.choice([-1, 1], (4, 5)):
-            arrived.append(is_same(refine(problem, fit.at(start, roll), MOST_STEPS), best))
+        for start in pose + reach * rng.choice([-1, 1], (3, 5)):
+            found = refine(problem, fit.at(start, roll), MOST_STEPS)
+            off = found.parts[AT] - best.parts[AT]
+            near = off @ best.parts[INFORMATION:] @ off < 0.1
+            arrived.append(near if shape == "curved" else found.cost < best.cost + 1e-3)
     assert np.mean(arrived) > 0.95
 
 
@@ -319,27 +301,21 @@ def test_an_offset_of_the_scene_is_found_and_its_error_is_as_said(name):
         assert off @ known.parts[INFORMATION:] @ off < 1e-2
 
 
-def test_the_prior_of_the_pose_holds_what_no_light_says():
-    """In the dark all readings are zero, and the best pose is one that is dark enough."""
-    fit = Fit(model_of(), {}, 5 * np.array([2, 0.6, 0.6, *np.radians([20, 20])]))
-    for off in ([0, 0.1, 0, 0.1, 0], [1, 0, 0.1, 0, 0.1]):
-        best = refine(fit.of(np.zeros(25)), fit.at(MIDDLE + off), MOST_STEPS)
-        assert fit.light(best.parts[POSE, :5], 0.0, []).max() < 5
-        np.linalg.cholesky(best.parts[INFORMATION:])
-
-
 @pytest.mark.parametrize(
     "readings",
     [np.zeros(25), np.full(25, 1023.0), np.r_[np.zeros(12), np.full(13, 1023.0)], np.eye(5) * 1023],
     ids=["dark", "full", "half", "diagonal"],
 )
 def test_any_readings_lead_to_a_place_no_worse_than_the_start(readings):
+    """Where there is no light the prior of the pose holds what the readings do not say."""
     fit = Fit(model_of(), {}, np.array([10, 3, 3, 2, 2.0]))
     for start in MIDDLE + np.random.default_rng(19).normal(0, 0.3, (4, 5)):
         problem = fit.of(readings)
         best = refine(problem, fit.at(start), MOST_STEPS)
         assert np.isfinite([best.cost, *best.parts[POSE, :5]]).all()
         assert best.cost <= evaluate(problem, fit.at(start)).cost
+        np.linalg.cholesky(best.parts[INFORMATION:])
+        assert readings.any() or fit.light(best.parts[POSE, :5], 0.0, []).max() < 5
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3, 10.0])

@@ -50,24 +50,6 @@ def test_any_image_has_the_parameters_of_the_slow_implementation(image, peak):
     np.testing.assert_allclose(key_parameters(image, FULL_SCALE, peak), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("side", [2, 3, 4, 5, 7, 21])
-@pytest.mark.parametrize("peak", PEAKS)
-def test_a_peak_at_any_detector_of_any_array_has_the_slow_parameters(side, peak):
-    rng = np.random.default_rng(side)
-    images = rng.uniform(1, 500, (side * side, side, side))
-    places = np.unravel_index(np.arange(side * side), (side, side))
-    images[np.arange(side * side), places[0], places[1]] = 600.0
-    found = key_parameters(images, FULL_SCALE, peak)
-    expected = [slow_key_parameters(image, FULL_SCALE, peak) for image in images]
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    # On the border there is no parabola: the peak stays at its detector.
-    for row, column, parameters in zip(*places, found, strict=True):
-        if column in (0, side - 1):
-            assert parameters[1] == column - (side - 1) / 2
-        if row in (0, side - 1):
-            assert parameters[2] == row - (side - 1) / 2
-
-
 @pytest.mark.parametrize("side", [3, 4, 5, 7, 21])
 def test_the_subdetector_peak_of_a_sampled_paraboloid_is_its_vertex(side):
     rng = np.random.default_rng(side)

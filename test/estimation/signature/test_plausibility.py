@@ -102,16 +102,6 @@ def test_key_parameters_of_another_image_are_refused_with_both_values(place, off
         check_image(parameters, image, scene)
 
 
-def test_no_image_of_a_moving_follower_belongs_to_the_next_signature():
-    scene, rng = SCENES[5], np.random.default_rng(2)
-    x = np.linspace(-7, -5, 200)
-    frames = ForwardModel(scene).expose(np.column_stack([x, *np.zeros((4, 200))]), rng)
-    signatures = key_parameters(frames, FULL, scene.signature.peak)
-    for image, later in zip(frames, signatures[1:], strict=False):
-        with pytest.raises(NoPose, match=r"^another image"):
-            check_image(later, image, scene)
-
-
 def hold(frozen, image):
     frozen.check(image, lambda: image)
 

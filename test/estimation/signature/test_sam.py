@@ -14,7 +14,6 @@ from uuv_optical_array.estimation.signature.features import key_parameters, lift
 from uuv_optical_array.estimation.signature.spectral_angle import (
     SpectralIndex,
     spectral_angle,
-    unit_vectors,
 )
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -40,7 +39,7 @@ def test_an_angle_is_right_to_twelve_digits_near_zero_and_near_pi(angle):
 @given(st.lists(st.integers(-9, 9), min_size=4, max_size=4).filter(any), st.data())
 def test_the_angle_is_symmetric_and_does_not_see_the_scale(u, data):
     v = data.draw(st.lists(st.integers(-9, 9), min_size=4, max_size=4).filter(any))
-    scale = st.sampled_from([1e-300, 1e-160, 1e-7, 1.0, 1e7, 1e160, 1e300])
+    scale = st.sampled_from([5e-324, 1e-300, 1e-160, 1e-7, 1.0, 1e7, 1e160, 1e300])
     a, b = data.draw(scale), data.draw(scale)
     angle = spectral_angle(np.array(u) * a, np.array(v) * b)
     assert angle == pytest.approx(exact_angle(u, v), abs=2e-15)
@@ -54,13 +53,6 @@ def test_angles_broadcast_as_their_vectors_do():
     for i, j in np.ndindex(4, 4):
         expected = exact_angle(u[i, 0].tolist(), v[j, 0].tolist())
         assert angles[i, j] == pytest.approx(expected, abs=2e-15)
-
-
-@pytest.mark.parametrize("magnitude", [5e-324, 1e-300, 1e300, 1.7e308])
-def test_a_vector_of_any_magnitude_becomes_a_unit_vector(magnitude):
-    np.testing.assert_allclose(
-        unit_vectors(np.array([magnitude, -magnitude])), [math.sqrt(0.5), -math.sqrt(0.5)]
-    )
 
 
 @pytest.mark.parametrize(
@@ -82,6 +74,8 @@ def test_a_vector_without_a_direction_is_refused_everywhere(bad, why):
         SpectralIndex([good, bad, good])
     with pytest.raises(ValueError, match=why):
         SpectralIndex([good, good]).nearest(bad)
+    with pytest.raises(ValueError, match=why):
+        SpectralIndex([good, good]).nearest([good, bad])
 
 
 @pytest.mark.parametrize("shape", [(0, 5), (5,), (2, 3, 4)])
@@ -139,18 +133,6 @@ def test_rows_a_billionth_of_a_radian_apart_are_told_apart():
     np.testing.assert_allclose(angles, np.array([0.3, 0.7, 1.3, 1.7, 2.3]) * 1e-9, rtol=1e-6)
 
 
-@pytest.mark.parametrize("k", [1, 3, 16, 60])
-def test_a_tie_far_larger_than_k_still_gives_the_lowest_row_numbers(k):
-    # Rows of the same four numbers in other places and signs lie at one angle from the query.
-    rng = np.random.default_rng(k)
-    rows = np.concatenate([np.array([[0, 0, 0, -9]]), np.full((99, 4), 0), np.ones((1, 4))])
-    for row in rows[1:100]:
-        row[[rng.integers(0, 3), 3]] = rng.choice([-1, 1]), 1
-    angles, found = SpectralIndex(rows).nearest([0, 0, 0, 1], k)
-    np.testing.assert_array_equal(found, np.arange(1, k + 1))
-    np.testing.assert_allclose(angles, np.full(k, math.pi / 4), rtol=1e-15)
-
-
 def exact_order(rows, query):
     """Rows by the exact angle and then by number: cos^2 with its sign, in whole fractions."""
     query, *rows = [[Fraction(float(x)) for x in vector] for vector in (query, *rows)]
@@ -191,14 +173,7 @@ def test_a_single_vector_is_scaled_as_one_of_many_to_the_last_bit(length):
 def test_a_query_of_another_length_is_refused_with_the_right_one(shape):
     with pytest.raises(ValueError, match=r"give \(3,\) or \(q, 3\)"):
         SpectralIndex(np.eye(3)).nearest(np.ones(shape))
-
-
-def test_a_batch_with_one_bad_query_is_refused_and_an_empty_one_is_answered():
-    index = SpectralIndex(np.eye(3))
-    for bad in ([0, 0, 0], [1, math.nan, 0], [math.inf, 0, 0]):
-        with pytest.raises(ValueError, match=r"zero|not finite"):
-            index.nearest([[1, 2, 3], bad])
-    angles, found = index.nearest(np.empty((0, 3)), 2)
+    angles, found = SpectralIndex(np.eye(3)).nearest(np.empty((0, 3)), 2)
     assert angles.shape == found.shape == (0, 2)
 
 

@@ -88,13 +88,12 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Modules of tests that fit images come last in each worker. Where all tests run in several
 # processes, the idle one compiles the fit meanwhile; else every worker would wait for one of them.
 FITTING = re.compile(
-    "test_(accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
-    "compiled_frames|demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|fit|"
-    "fit_compiler|follower_node|fuzz|hard_cases|held_matches|kinds_over_dds|"
-    "linearised|misfit|mixture|near_frames|node_parameters|outputs|paper|paper_command|"
-    "plausibility|posterior|programs|readme|record|replay|robustness|saturated|security|"
-    "track_of_images|tracking_constants|tracking_manoeuvres|tracking_seas|"
-    "tracking_shades|tradeoff|view|view_sources)"
+    "test_(acceptance|accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
+    "compiled_frames|demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|"
+    "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|misfit|mixture|"
+    "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|readme|record|"
+    "replay|robustness|security|several_lamps|track_of_images|tracking_constants|"
+    "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|transport|view|view_sources)"
 )
 COMPILE = "from uuv_optical_array.estimation.fit_compiler import compile_fit; compile_fit()"
 COMPILER = []

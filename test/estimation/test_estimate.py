@@ -1,5 +1,7 @@
 """From signature to pose: exact on the grid, honest off it, as good as five numbers allow."""
 
+import math
+
 import numpy as np
 import pytest
 from scenes import changed, coarse
@@ -265,3 +267,26 @@ def test_an_image_beyond_the_converter_is_refused():
     image[2, 2] = 4092
     with pytest.raises(NoPose, match="above full scale: 4092 counts, but the scene reads at most"):
         Estimator(load_scene("follow"), compiled=False).estimate(image)
+
+
+@pytest.mark.usefixtures("compiled_fit")
+def test_a_match_is_as_unsure_as_it_is_off_and_as_probable_as_the_fit(scene, table):
+    rng, model = np.random.default_rng(4), ForwardModel(scene)
+    poses = rng.uniform([-7.5, -0.4, -0.4, -0.2, -0.2], [-4.5, 0.4, 0.4, 0.2, 0.2], (8, 5))
+    # Two neighbours know little of how far off they are.
+    sam = Estimator(table, "sam", math.pi, neighbours=2)
+    whole, excesses = Estimator(table), []
+    for image in model.expose(poses, rng):
+        parameters = signatures(scene, image)
+        held, alone = sam.estimate(image), sam.estimate(None, parameters)
+        fit = whole.estimate(image)
+        off = alone.pose - fit.pose
+        excesses.append(off @ np.linalg.inv(alone.covariance + fit.covariance) @ off / 5)
+        expected = max(1.0, excesses[-1]) * alone.covariance + fit.covariance
+        # The whole fit integrates the posterior, which is not quite Gaussian.
+        slack = 0.05 * np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+        assert (abs(held.covariance - expected) < slack).all()
+        np.testing.assert_array_equal(held.pose, alone.pose)
+        assert held.misfit == pytest.approx(fit.misfit, rel=1e-4)
+    assert min(excesses) < 1
+    assert max(excesses) > 5

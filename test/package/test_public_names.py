@@ -1,5 +1,6 @@
-"""What ``import uuv_optical_array`` offers, in the code and in the documentation."""
+"""What ``import uuv_optical_array`` offers; no two modules of tests have one name."""
 
+from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -35,3 +36,11 @@ def test_importing_the_package_imports_none_of_its_modules():
         "print(sum(name.startswith('uuv_optical') for name in sys.modules))"
     )
     assert python(program).stdout.strip() == "1"
+
+
+def test_each_module_of_tests_and_benchmarks_has_a_name_of_its_own():
+    """launch_testing imports each by its name alone."""
+    names = [
+        path.stem for folder in ("test", "benchmarks") for path in (ROOT / folder).rglob("*.py")
+    ]
+    assert {name for name, count in Counter(names).items() if count > 1} <= {"__init__"}

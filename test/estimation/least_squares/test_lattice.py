@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
-from scenes import changed
+from scenes import changed, coarse
 from scipy.optimize import minimize
 
 from uuv_optical_array.core.geometry import PITCH, YAW
+from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import joined
 from uuv_optical_array.estimation.least_squares.posterior import (
     Lattice,
@@ -31,6 +32,7 @@ from uuv_optical_array.estimation.least_squares.problem import (
 from uuv_optical_array.estimation.unknowns.coordinates import from_pose
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import lit_poses
 
 pytestmark = pytest.mark.filterwarnings("error")
 PRIOR = PosePrior(
@@ -151,3 +153,30 @@ def test_joined_posteriors_have_the_moments_of_all_their_samples():
         np.testing.assert_allclose(found.covariance, second - np.outer(mean, mean), atol=1e-12)
         assert found.log_weight == pytest.approx(-700 + np.log(4), abs=1e-9)
         assert found.nodes == 40
+
+
+def test_the_evidence_of_an_image_is_the_same_from_one_start_and_from_many():
+    """Of a weakly curved array in a narrow beam: its posteriors are bent valleys."""
+    scene = changed(
+        coarse("reference", 7),
+        array={"detectors_per_side": 7, "radius_m": 0.6},
+        lamp={"beam_sigma_deg": 5.0, "reference_counts": 3600.0},
+        effects={"saturation": {"level_counts": 4095.0}, "adc": {"bits": 12}},
+    )
+    model, rng = ForwardModel(scene), np.random.default_rng(4)
+    images = model.expose(lit_poses(model, 12, rng), rng)
+    estimators = [Estimator(scene, candidates=count).wait() for count in (1, 32)]
+    several = 0
+    for readings in images.reshape(len(images), -1):
+        one, many = (
+            fit._hypothesis(
+                fit._kinds[0],
+                fit._kinds[0].problem._replace(readings=readings),
+                fit.guide,
+                np.full((5, 1), np.nan),
+            ).frame
+            for fit in (each._fit for each in estimators)
+        )
+        several += np.isnan(one.runner_up_score) and not np.isnan(many.runner_up_score)
+        assert many.log_evidence == pytest.approx(one.log_evidence, abs=0.2)
+    assert several > 5

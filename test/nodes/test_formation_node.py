@@ -38,6 +38,7 @@ class Helm:
 
     def __init__(self, lab, **parameters):
         self.lab, self.now = lab, START
+        self.engage_law()
         lab.begin({"use_sim_time": True, "station_m": STATION[:3], **parameters})
         self.node = lab.start(FormationNode)
         self.poses = lab.talk(Odometry, "relative_odometry")
@@ -45,10 +46,15 @@ class Helm:
         lab.connect()
         lab.tick(self.now)
 
+    def engage_law(self):
+        """Begin with a law of the test's own."""
+        self.law = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
+
     def see(self, pose, stamp=None, rate=STILL):
-        """Tell the node a pose and its rate, of this instant unless a stamp is given."""
-        message = odometry(pose, rate)
-        message.header.stamp = time_of(self.now if stamp is None else stamp)
+        """Tell node and law a pose and its rate, of this instant unless a stamp is given."""
+        message, stamp = odometry(pose, rate), self.now if stamp is None else stamp
+        message.header.stamp = time_of(stamp)
+        self.law.update(stamp * 1e-9, pose, covariance_5x5(pose, np.eye(6)), rate)
         self.lab.deliver(self.node, self.poses, message)
 
     def tick(self):
@@ -61,6 +67,12 @@ class Helm:
         self.tick()
         message = self.lab.answer(self.commands, time_of(self.now), "a command")
         return np.array(twist_of(message.twist))
+
+    def check_command(self):
+        """Expect the command of the law and return it."""
+        found, expected = self.command(), self.law.command(self.now * 1e-9)
+        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
+        return found
 
 
 @pytest.fixture
@@ -77,20 +89,13 @@ def test_nothing_is_commanded_before_the_first_pose(helm):
 
 
 def test_every_command_is_the_controllers_at_the_simulated_time_in_the_followers_frame(lab):
-    helm = Helm(lab, base_frame="rov/base_link")
-    controller, rng = (
-        FormationController(FormationSettings(station_m=tuple(STATION[:3]))),
-        np.random.default_rng(2),
-    )
+    helm, rng = Helm(lab, base_frame="rov/base_link"), np.random.default_rng(2)
     for i in range(30):
         if i % 3 != 1:  # the light flickers
             pose = STATION + rng.normal(0.0, [0.5, 0.2, 0.2, 0.1, 0.1])
             taken = helm.now - 30_000_000  # when the image was; the pose took its time
-            rate = rng.normal(0.0, [0.3, 0.2, 0.2, 0.1, 0.1])
-            helm.see(pose, taken, rate)
-            controller.update(taken * 1e-9, pose, covariance_5x5(pose, np.eye(6)), rate)
-        found, expected = helm.command(), controller.command(helm.now * 1e-9)
-        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
+            helm.see(pose, taken, rng.normal(0.0, [0.3, 0.2, 0.2, 0.1, 0.1]))
+        found = helm.check_command()
     assert np.abs(found).max() > 0.01
     assert {command.header.frame_id for command in helm.commands} == {"rov/base_link"}
 
@@ -113,22 +118,15 @@ def too_fast(message):
     ids=["too fast", "outlier", "repeated stamp"],
 )
 def test_a_bad_pose_is_told_and_steers_nothing(helm, spoil, words):
-    controller = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
-
-    def expect(pose):
-        controller.update(helm.now * 1e-9, pose, covariance_5x5(pose, np.eye(6)), STILL)
-        helm.see(pose)
-
-    expect([-7.0, 0.0, 0.0, 0.0, 0.0])
+    helm.see([-7.0, 0.0, 0.0, 0.0, 0.0])
     message = odometry([-4.0, 1.0, 1.0, 0.5, 0.5])
     message.header.stamp = time_of(helm.now + STEP // 2)
     spoil(message)
     helm.lab.deliver(helm.node, helm.poses, message)
     helm.lab.report(helm.node, WARN, *words)
     for _ in range(3):
-        found, expected = helm.command(), controller.command(helm.now * 1e-9)
-        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-9)
-    expect([-7.0, 0.0, 0.0, 0.0, 0.0])
+        helm.check_command()
+    helm.see([-7.0, 0.0, 0.0, 0.0, 0.0])
     helm.lab.report(helm.node, OK)
 
 
@@ -153,14 +151,10 @@ def test_the_helm_is_let_go_with_a_stop_and_taken_back_as_at_the_start(helm):
     assert engage(False)
     assert len(helm.commands) == 1
     assert f"steers to station_m {STATION[:3]}" in engage(True)
-    controller = FormationController(FormationSettings(station_m=tuple(STATION[:3])))
+    helm.engage_law()
     for _ in range(3):
-        controller.update(
-            helm.now * 1e-9, POSE_ASTERN, covariance_5x5(POSE_ASTERN, np.eye(6)), STILL
-        )
         helm.see(POSE_ASTERN)
-        expected = controller.command((helm.now + STEP) * 1e-9)
-        np.testing.assert_allclose(helm.command(), np.concatenate(expected), atol=1e-9)
+        helm.check_command()
     helm.lab.report(helm.node, OK)
 
 

@@ -208,19 +208,15 @@ def test_a_follower_older_than_the_leaders_record_gets_no_image(sea):
     assert sea.seconds_answered() == [6]
 
 
-def test_the_images_frame_stands_beside_the_followers_base_link(sea):
+@pytest.mark.parametrize("given", ["", "bow_eye"])
+def test_the_images_frame_stands_beside_the_followers_base_link_or_is_given(lab, scene_file, given):
+    sea = Sea(lab, scene_file, array_frame=given)
     frames = {"fleet/rov_2/base_link": "fleet/rov_2/array", "base_link": "array"}
     for seconds, child in enumerate(frames, start=1):
         sea.lead(seconds)
         sea.follow(seconds, child=child)
         sea.image(seconds)
-    assert [image.header.frame_id for image in sea.images] == list(frames.values())
-
-
-def test_the_images_frame_can_be_given(lab, scene_file):
-    sea = Sea(lab, scene_file, array_frame="bow_eye")
-    sea.look(1)
-    assert sea.images[0].header.frame_id == "bow_eye"
+    assert [image.header.frame_id for image in sea.images] == [given or f for f in frames.values()]
 
 
 @pytest.mark.parametrize(("seed", "alike"), [(-1, False), (0, True), (SEED, True)])

@@ -1,4 +1,4 @@
-"""How programs start: with one thread of BLAS, and Ctrl-C meanwhile ends them with one line."""
+"""How programs start: with one thread of BLAS, Ctrl-C meanwhile, and without an extra."""
 
 import os
 import subprocess
@@ -8,26 +8,42 @@ import command_line
 import pytest
 from conftest import PATIENCE_S
 
-# An exception in the import of a module that others do without would pass for its absence.
-PRESS = """
+from uuv_optical_array.core.extras import NotInstalled, install_line, needs
+
+# Something is done where a module is to be imported.
+AT_IMPORT = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-class CtrlC:
+class Finder:
     def find_spec(self, name, path=None, target=None):
-        if name == {module!r}:
-            os.kill(os.getpid(), signal.SIGINT)
-sys.meta_path.insert(0, CtrlC())
+        {code}
+sys.meta_path.insert(0, Finder())
 from uuv_optical_array import programs
 sys.argv[1:] = {words!r}
 programs.{program}()
 """
+PRESS = "if name == {!r}: os.kill(os.getpid(), signal.SIGINT)"
+MISSING = "if name.partition('.')[0] in {!r}: raise ModuleNotFoundError('No module named it')"
+ROS = ("rclpy", "sensor_msgs", "nav_msgs", "geometry_msgs", "std_msgs", "diagnostic_msgs")
+
+
+def begun(program, words, code, **options):
+    words = list(map(str, words))
+    text = AT_IMPORT.format(program=program, code=code, words=words)
+    return command_line.python(text, **options)
 
 
 def pressed(program, module, *words):
     """Run a program with Ctrl-C as it imports a module; return exit code and what it wrote."""
-    code = PRESS.format(program=program, module=module, words=list(words))
-    done = command_line.python(code)
+    # An exception in the import of a module that others do without would pass for its absence.
+    done = begun(program, words, PRESS.format(module))
     return done.returncode, done.stdout + done.stderr
+
+
+def without(missing, program, *words, folder=None):
+    """Run a program without some packages; return exit code and what it wrote."""
+    done = begun(program, words, MISSING.format(missing), cwd=folder)
+    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.parametrize("module", ["uuv_optical_array.commands", "ruamel.yaml", "scipy.spatial"])
@@ -92,3 +108,55 @@ print(len(os.listdir("/proc/self/task")))
 """
     threads = int(command_line.python(code).stdout.split()[-1])
     assert threads > 1 if wanted else threads == 1
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("uuv_array", ("follow",)),
+        ("uuv_array", ("commission",)),
+        ("estimator_node", ()),
+        ("vehicles_node", ()),
+    ],
+)
+def test_without_ros_a_program_says_in_one_line_what_to_install(program, words, tmp_path):
+    code, out, error = without(ROS, program, *words, folder=tmp_path)
+    assert (code, out) == (1, "")
+    assert len(error.splitlines()) == 1
+    assert "-m pip install 'ros-diagnostic-msgs'" in error
+    assert error.startswith(" ".join([program, *words]) + ": No module named")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_ros_the_rest_works(tmp_path, scene_file):
+    code, out, error = without(ROS, "uuv_array", "table", "--scene", scene_file, folder=tmp_path)
+    assert code == 0, error
+    assert "signatures" in out
+
+
+def test_a_table_names_the_extra_that_it_needs(tmp_path, scene_file):
+    words = ("table", "--scene", scene_file)
+    code, _, error = without(("distributed", "zarr"), "uuv_array", *words, folder=tmp_path)
+    assert code == 1
+    assert "-m pip install 'dask' 'distributed' 'zarr>=2.18'" in error
+    assert len(error.splitlines()) == 1
+    assert [file.name for file in tmp_path.glob("*.zarr")] == []
+
+
+@pytest.mark.parametrize(("system", "force"), [(True, "--break-system-packages "), (False, "")])
+def test_the_line_that_installs_is_for_this_python(system, force, tmp_path, monkeypatch):
+    """PEP 668: pip refuses a Python of the system unless it is told to go on."""
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix if system else str(tmp_path))
+    monkeypatch.setattr("sysconfig.get_path", lambda _: str(tmp_path))
+    (tmp_path / "EXTERNALLY-MANAGED").touch()
+    assert install_line("view") == f"{sys.executable} -m pip install {force}'viser>=1.1'"
+
+
+def test_a_fault_of_ours_does_not_pass_for_an_extra_that_is_missing(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "other.py").write_text("from uuv_optical_array.core.extras import nothing\n")
+    with pytest.raises(ImportError, match="nothing"):
+        needs("ros", "other")
+    (tmp_path / "missing.py").write_text("import surely_not_installed\n")
+    with pytest.raises(NotInstalled, match="surely_not_installed"):
+        needs("ros", "missing")

@@ -161,16 +161,6 @@ def test_a_name_that_no_node_has_is_reported_with_the_nearest_that_exists(
     assert line.endswith("staton_m: no node has this parameter; the nearest name is station_m")
 
 
-def test_one_bad_value_among_several_changes_none(lab, scene_file):
-    node = begin(lab, "formation_node", scene_file)
-    result = node.set_parameters_atomically(
-        [Parameter("min_distance_m", value=3.0), Parameter("smoothing_s", value=math.nan)]
-    )
-    assert not result.successful
-    assert "smoothing_s" in result.reason
-    assert node.get_parameter("min_distance_m").value == 2.0
-
-
 # Node, start parameter, and what the one line must name.
 BAD_STARTS = [
     ("feature_node", "min_peak_counts:=.nan", ("nan", "from 0 to 65535 counts")),

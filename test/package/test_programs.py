@@ -51,9 +51,7 @@ def test_a_command_says_so_and_exits_with_130(module):
     assert pressed("uuv_array", module, "limits") == (130, "interrupted\n")
 
 
-@pytest.mark.parametrize(
-    "program", ["simulator_node", "feature_node", "estimator_node", "formation_node"]
-)
+@pytest.mark.parametrize("program", ["simulator_node", "estimator_node"])
 def test_a_node_ends_as_it_does_whenever_it_is_interrupted(program):
     assert pressed(program, "rclpy") == (0, "")
 
@@ -116,7 +114,6 @@ print(len(os.listdir("/proc/self/task")))
         ("uuv_array", ("follow",)),
         ("uuv_array", ("commission",)),
         ("estimator_node", ()),
-        ("vehicles_node", ()),
     ],
 )
 def test_without_ros_a_program_says_in_one_line_what_to_install(program, words, tmp_path):

@@ -259,16 +259,17 @@ def test_starts_a_metre_and_fifteen_degrees_off_arrive(roll, stds, shape):
     """At the best place, or on a planar array's ring of attitudes that look alike at no cost."""
     model = model_of("daylight" if stds else "electronics", 900.0, shape)
     fit, rng = Fit(model, stds), np.random.default_rng(14)
-    reach = np.array([1, 0.3, 0.3, *np.radians([15, 15])]) * (1.0 if shape == "curved" else 0.05)
+    far = shape == "curved"
+    reach = np.array([1, 0.3, 0.3, 0.26, 0.26] if far else [0.05, 0.01, 0.01, 0.005, 0.005])
     arrived = []
-    for pose, readings in zip(*drawn(model, 20, 15, roll), strict=True):
-        problem = fit.of(readings if shape == "curved" else model.light(pose, roll), roll)
+    for pose, readings in zip(*drawn(model, 12, 15, roll), strict=True):
+        problem = fit.of(readings if far else model.light(pose, roll), roll)
         best = refine(problem, fit.at(pose, roll), MOST_STEPS)
         for start in pose + reach * rng.choice([-1, 1], (3, 5)):
             found = refine(problem, fit.at(start, roll), MOST_STEPS)
             off = found.parts[AT] - best.parts[AT]
             near = off @ best.parts[INFORMATION:] @ off < 0.1
-            arrived.append(near if shape == "curved" else found.cost < best.cost + 1e-3)
+            arrived.append(near if far else found.cost < best.cost + 1e-3)
     assert np.mean(arrived) > 0.95
 
 

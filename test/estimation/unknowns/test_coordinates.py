@@ -154,25 +154,18 @@ def test_the_derivatives_of_the_coordinates_are_those_of_lamp_and_pose(frame, po
     assert log_volume == pytest.approx(np.linalg.slogdet(pose_slopes)[1], abs=1e-9)
 
 
-def test_many_poses_at_once_have_the_coordinates_of_each():
-    rng = np.random.default_rng(4)
+@pytest.mark.parametrize("planar", [False, True])
+def test_many_poses_at_once_have_the_coordinates_of_each(planar):
+    rng, frame = np.random.default_rng(4), frame_like((0.4, 0, 0), math.radians(8), 0.1, planar)
     many = np.array(ALIGNED)[:, None] + 0.2 * rng.standard_normal((5, 7))
-    roll = 0.2 * rng.standard_normal(7)
-    for planar in (False, True):
-        frame = frame_like((0.4, 0.0, 0.0), math.radians(8), 0.1, planar)
-        coordinates = from_pose(frame, many, roll)
-        lamp, pose, log_volume = to_lamp(frame, coordinates, roll)
-        slopes, pose_slopes = slopes_at(frame, coordinates, roll, lamp)
-        for i in range(7):
-            at = from_pose(frame, many[:, i], roll[i])
-            one_lamp, one_pose, one_volume = to_lamp(frame, at, roll[i])
-            one_slopes, one_pose_slopes = slopes_at(frame, at, roll[i], one_lamp)
-            for found, expected in (
-                (coordinates[:, i], at),
-                (np.array(lamp)[:, i], one_lamp),
-                (np.array(pose)[:, i], one_pose),
-                (log_volume[i], one_volume),
-                (slopes[..., i], one_slopes),
-                (pose_slopes[..., i], one_pose_slopes),
-            ):
-                np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+    rolls = 0.2 * rng.standard_normal(7)
+
+    def everything(poses, roll):
+        at = from_pose(frame, poses, roll)
+        lamp, pose, log_volume = to_lamp(frame, at, roll)
+        return at, np.array(lamp), np.array(pose), log_volume, *slopes_at(frame, at, roll, lamp)
+
+    together = everything(many, rolls)
+    for i in range(7):
+        for found, alone in zip(together, everything(many[:, i], rolls[i]), strict=True):
+            np.testing.assert_allclose(found[..., i], alone, rtol=1e-10, atol=1e-10)

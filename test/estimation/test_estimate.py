@@ -1,13 +1,16 @@
 """From signature to pose: exact on the grid, honest off it, as good as five numbers allow."""
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from scenes import changed, coarse
 
+from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.estimator import METHODS, Estimator, NoPose
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
+from uuv_optical_array.estimation.least_squares.frame import estimate_frame
 from uuv_optical_array.estimation.pipeline import Pipeline
 from uuv_optical_array.estimation.signature.features import key_parameters, lifted
 from uuv_optical_array.estimation.signature.spectral_angle import spectral_angle
@@ -18,6 +21,7 @@ from uuv_optical_array.forward.scene import load_scene
 pytestmark = pytest.mark.filterwarnings("error")
 
 
+NUMBA = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 FLAT = {"z_m": [0.0, 0.0, 1], "pitch_deg": [0.0, 0.0, 1]}
 
 
@@ -290,3 +294,45 @@ def test_a_match_is_as_unsure_as_it_is_off_and_as_probable_as_the_fit(scene, tab
         assert held.misfit == pytest.approx(fit.misfit, rel=1e-4)
     assert min(excesses) < 1
     assert max(excesses) > 5
+
+
+@NUMBA
+@pytest.mark.parametrize("roll", [0.0, 0.3], ids=["level", "rolled"])
+def test_compiled_a_frame_has_the_estimate_that_it_has_in_numpy(table, roll):
+    plain, fast = (Estimator(table, "least_squares", compiled=way) for way in (False, True))
+    rng = np.random.default_rng(3)
+    half = np.array([2, 0.8, 0.8, 0.4, 0.4])
+    poses = [-6.0, 0, 0, 0, 0] + half * rng.uniform(-1, 1, (12, 5))
+    for image in ForwardModel(table.scene).expose(poses, rng, roll):
+        found, expected = (each.estimate(image, roll=roll) for each in (fast, plain))
+        std = np.sqrt(expected.covariance.diagonal())
+        np.testing.assert_allclose(found.pose / std, expected.pose / std, rtol=0, atol=1e-5)
+        scale = np.outer(std, std)
+        np.testing.assert_allclose(
+            found.covariance / scale, expected.covariance / scale, rtol=0, atol=1e-7
+        )
+        assert found.misfit == pytest.approx(expected.misfit, rel=1e-7)
+        assert found.angle_rad == pytest.approx(expected.angle_rad, abs=1e-9)
+
+
+@NUMBA
+def test_no_image_makes_the_fit_compile_once_more(compiled_fit):
+    # In a node that would take half a minute in the midst of a drive.
+    scene = load_scene("follow")
+    model, rng = ForwardModel(scene), np.random.default_rng(4)
+    estimator = Estimator(scene, compiled=True)
+    fit = compilation.loaded(estimate_frame)
+    before = len(fit.signatures)
+    poses = [-6.0, 0, 0, 0, 0] + np.array([1.5, 0.5, 0.5, 0.3, 0.3]) * rng.uniform(-1, 1, (12, 5))
+    light, slope = model.light(poses), np.linspace(0, 40, 5)
+    spoilt = light.copy()
+    spoilt[:, 2, 3] = 0.0
+    ways = []
+    for image in model.read(
+        np.concatenate([light + slope, light * (1 - slope / 200), spoilt]), rng
+    ):
+        with suppress(NoPose):
+            found = estimator.estimate(image)
+            ways.append((found.clear < 1, bool(found.left_out)))
+    assert np.any(ways, axis=0).all(), "of uneven light, and with a detector left out"
+    assert len(fit.signatures) == before

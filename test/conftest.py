@@ -129,41 +129,6 @@ def pytest_unconfigure():
     DOMAIN.close()
 
 
-@contextlib.contextmanager
-def dask_workers(folder, preload):
-    """Start a scheduler and two worker processes on loopback, by the ordinary commands.
-
-    Yields the address and the workers' processes, each of which has run the code `preload`.
-    """
-    pytest.importorskip("distributed", reason="a cluster needs distributed")
-    from distributed import Client
-
-    dask = [sys.executable, "-m", "dask"]
-    ready, code = folder / "scheduler.json", folder / "preload.py"
-    code.write_text(preload)
-    with open(folder / "log", "w") as log:
-        start = {"stdout": log, "stderr": log, "cwd": folder}
-        scheduler = [*dask, "scheduler", "--scheduler-file", str(ready), "--no-dashboard"]
-        scheduler += ["--host", "127.0.0.1", "--port", "0"]
-        processes = [subprocess.Popen(scheduler, **start)]
-        try:
-            worker = [*dask, "worker", "--scheduler-file", str(ready), "--nthreads", "1"]
-            worker += ["--no-nanny", "--no-dashboard", "--preload", str(code)]
-            processes += [subprocess.Popen(worker, **start) for _ in range(2)]
-            until = time.monotonic() + PATIENCE_S
-            while not ready.exists():
-                assert time.monotonic() < until, "no scheduler"
-                time.sleep(0.05)
-            with Client(scheduler_file=str(ready), timeout=PATIENCE_S) as client:
-                client.wait_for_workers(2, timeout=PATIENCE_S)
-                address = client.scheduler.address
-            yield address, processes[1:]
-        finally:
-            for process in processes:
-                process.kill()
-                process.wait()
-
-
 def of_a_kind(name):
     """Return a method of the diagnostics that takes no text but those in the list of reasons."""
     from uuv_optical_array.nodes.shared.diagnostics import Diagnostics

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from conftest import PATIENCE_S, dask_workers
+from conftest import PATIENCE_S
 
 from uuv_optical_array.estimation.large_table import build_large_table, load_table
 from uuv_optical_array.estimation.signature_table import build_table
@@ -237,26 +237,31 @@ def test_a_grid_in_the_dark_or_beyond_the_disk_is_refused(tmp_path):
 
 
 def test_one_of_two_workers_killed_half_way_leaves_no_trace(finished, tmp_path):
-    path = tmp_path / "t.zarr"
+    from distributed import LocalCluster
+
+    path, slow, worked = (tmp_path / name for name in ("t.zarr", "slow.py", "worked"))
     # Workers that wait before each block, so that one can be killed in the midst of the work.
-    slow = """import time
+    slow.write_text(f"""import pathlib, time
 from uuv_optical_array.estimation import large_table
 def slow(*arguments, compute=large_table.grid_parameters):
+    pathlib.Path({str(worked)!r}).touch()
     time.sleep(0.1)
     return compute(*arguments)
-large_table.grid_parameters = slow"""
-    with dask_workers(tmp_path, slow) as (address, workers):
+large_table.grid_parameters = slow""")
+    two = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    two["local_directory"] = tmp_path
+    with LocalCluster(**two, preload=str(slow)) as cluster:
 
         def kills(blocks):
             for done, block in enumerate(blocks):
                 if done == 2:
-                    workers[0].send_signal(signal.SIGKILL)
-                    assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
+                    os.kill(cluster.workers[0].pid, signal.SIGKILL)
                     assert len(contents(path)) < BLOCKS + 2
                 yield block
 
-        build(path, scheduler=address, threads=None, progress=kills)
+        build(path, scheduler=cluster.scheduler_address, threads=None, progress=kills)
         assert contents(path) == contents(finished)
+        assert worked.exists()
         lost = tmp_path / "lost.zarr"
 
         def removed(blocks):
@@ -264,4 +269,4 @@ large_table.grid_parameters = slow"""
             yield from blocks
 
         with pytest.raises(ValueError, match="a folder that all share"):
-            build(lost, scheduler=address, threads=None, progress=removed)
+            build(lost, scheduler=cluster.scheduler_address, threads=None, progress=removed)

@@ -169,31 +169,6 @@ def test_without_tf2_msgs_the_node_warns_and_works(lab, scene_file, signatures, 
     asker.ask(signatures[0], 1)
 
 
-def test_two_followers_in_namespaces_of_one_process_do_not_mix(lab, scene_file, scene, table):
-    lab.begin({"scene": scene_file, "method": "sam"})
-    model, sides = ForwardModel(scene), {}
-    for name, y in (("/a", 0.5), ("/b", -0.5)):
-        for node_type in (FeatureNode, EstimatorNode):
-            assert lab.start(node_type, name).get_namespace() == name
-        images = lab.talk(Image, f"{name}/array/image")
-        poses = lab.listen(PoseWithCovarianceStamped, f"{name}/relative_pose")
-        place = np.tile([-5.0, y, 0.0, 0.0, 0.0], (3, 1))
-        sides[name] = images, poses, model.expose(place, np.random.default_rng(1))
-    lab.connect()
-    for images, poses, frames in sides.values():
-        for seconds, image in enumerate(frames, start=1):  # the same stamps on both sides
-            stamp = Time(sec=seconds)
-            images.publish(image_to_message(image, Header(stamp=stamp)))
-            message = lab.answer(poses, stamp, "a pose")
-            signature = key_parameters(image, scene.full_scale_counts, scene.signature.peak)
-            assert_is(message, Estimator(table, "sam", compiled=False).estimate(image, signature))
-    ys = [[pose.pose.pose.position.y for pose in poses] for _, poses, _ in sides.values()]
-    assert [len(y) for y in ys] == [3, 3]
-    assert min(ys[0]) > 0 > max(ys[1])
-    names = {f"{name[1:]}/{kind}_node" for name in sides for kind in ("feature", "estimator")}
-    lab.until(lambda: {status.name for status in lab.statuses} == names, "four diagnostics")
-
-
 @pytest.mark.parametrize("used", [(), ("image",), ("imu",), ("commands",)])
 def test_the_node_subscribes_to_what_it_is_to_use(lab, scene_file, used):
     names = {"image": "/array/image", "imu": "/imu", "commands": "/cmd_vel"}

@@ -109,16 +109,15 @@ def test_the_readings_left_out_are_the_best_of_all_pairs(estimator):
     assert estimator.estimate(image).left_out == tuple(divmod(place, 5) for place in best)
 
 
-def test_the_brightest_readings_do_not_make_the_others_dim(estimator):
-    readings = np.full(25, 15.0)
-    readings[:3] = 1023  # two percent of it are more than 15 counts
-    assert most_faulty(estimator._fit._kinds[0].problem._replace(readings=readings)) == 3
-
-
 @pytest.mark.parametrize(
-    ("dark", "full", "count"), [(0, 0, 3), (4, 0, 3), (5, 0, 2), (0, 4, 3), (12, 0, 1), (19, 0, 0)]
+    ("dark", "full", "level", "count"),
+    [
+        *((0, 0, 300, 3), (4, 0, 300, 3), (5, 0, 300, 2)),
+        *((0, 4, 300, 3), (12, 0, 300, 1), (19, 0, 300, 0)),
+        (0, 3, 15, 3),  # two percent of full scale are more than 15 counts
+    ],
 )
-def test_what_is_left_out_is_a_seventh_of_what_is_lit(estimator, dark, full, count):
-    readings = np.full(25, 300.0)
+def test_what_is_left_out_is_a_seventh_of_what_is_lit(estimator, dark, full, level, count):
+    readings = np.full(25, float(level))
     readings[:dark], readings[25 - full :] = 0, 1023
     assert most_faulty(estimator._fit._kinds[0].problem._replace(readings=readings)) == count

@@ -32,6 +32,9 @@ OF_ROS = {
 }
 
 
+OF_ALL = {"/rosout", "/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events"}
+
+
 def rules(node):
     """Return what a node declares, as rclpy's own lists of its entities have it."""
     own = node.get_fully_qualified_name()
@@ -89,13 +92,19 @@ def test_the_policy_is_made_of_the_nodes_and_allows_each_what_it_declares_and_no
 
 
 def test_a_namespace_has_enclaves_and_names_of_its_own(lab, scene_file):
-    lab.begin({"scene": scene_file}, "-r", "__ns:=/fleet/rov")
-    text = security.policy({"feature_node": security.PROCESSES["feature_node"]})
-    (enclave,) = ElementTree.fromstring(text).iter("enclave")
-    assert enclave.get("path") == "/uuv_optical_array/fleet/rov/feature_node"
-    (profile,) = enclave.iter("profile")
-    assert (profile.get("ns"), profile.get("node")) == ("/fleet/rov", "feature_node")
-    assert "/fleet/rov/array/features" in {topic.text for topic in profile.iter("topic")}
+    """So that followers in namespaces do not mix: no topic but those of ROS is outside."""
+    given = {"scene": scene_file, "estimator_node:method": "sam", "publish_tf": True}
+    lab.begin(given, "-r", "__ns:=/fleet/rov")
+    ours = {name: make for name, make in security.PROCESSES.items() if name.endswith("_node")}
+    enclaves = [*ElementTree.fromstring(security.policy(ours)).iter("enclave")]
+    for enclave in enclaves:
+        assert enclave.get("path").startswith("/uuv_optical_array/fleet/rov/")
+        for profile in enclave.iter("profile"):
+            assert profile.get("ns") == "/fleet/rov"
+    topics = {topic.text for enclave in enclaves for topic in enclave.iter("topic")}
+    assert "/fleet/rov/array/features" in topics
+    outside = {topic for topic in topics if not topic.startswith(("/fleet/rov/", "~/"))}
+    assert outside <= OF_ALL, outside
 
 
 def test_the_policy_has_the_form_of_the_schema():

@@ -11,7 +11,6 @@ from uuv_optical_array.core.geometry import PITCH, YAW
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import joined
 from uuv_optical_array.estimation.least_squares.posterior import (
-    Lattice,
     PosteriorMoments,
     basis_of,
     fill,
@@ -42,18 +41,6 @@ PRIOR = PosePrior(
 )
 
 
-def one_node(size):
-    return Lattice(
-        np.empty(1),
-        np.empty((1, size)),
-        np.empty((1, 2, size)),
-        np.empty((1, 2)),
-        np.empty((1, 3)),
-        np.empty((1, 5)),
-        np.empty((1, 5, 5)),
-    )
-
-
 @pytest.mark.parametrize("shape", ["curved", "planar"])
 @pytest.mark.parametrize("x", [-5.0, -7.9], ids=["near", "far and dim"])
 def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shape, x):
@@ -62,7 +49,7 @@ def test_all_but_the_attitude_is_where_the_posterior_of_the_pose_is_largest(shap
     readings = model.expose(pose, np.random.default_rng(3)).ravel()
     problem = problem_of(model, PRIOR)._replace(readings=readings)
     start = np.append(from_pose(problem.frame, pose, 0.0), [0.0, 0.0])
-    lattice = one_node(7)
+    lattice = new_lattice(7)
     write_node(problem, start, lattice, 0)
     for _ in range(3):  # one step leaves what is second order
         write_node(problem, lattice.ats[0].copy(), lattice, 0)

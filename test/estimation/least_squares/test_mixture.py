@@ -9,9 +9,10 @@ from scenes import coarse, squared_error
 from uuv_optical_array.estimation.estimator import Estimator
 from uuv_optical_array.estimation.least_squares.frame import FITTED, MISFIT, FrameResult
 from uuv_optical_array.estimation.least_squares.frame_kinds import is_doubtful, mixture
-from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.estimation.unknowns.constants import Expected
 from uuv_optical_array.forward.model import ForwardModel
+
+SCENE = coarse("reference")
 
 
 def result(pose, std, outcome=FITTED):
@@ -44,16 +45,14 @@ def test_a_kind_of_frame_without_a_pose_has_no_part_in_it():
     assert mixture([one, one], np.zeros(2))[0].outcome == MISFIT
 
 
-@pytest.fixture(scope="module")
-def table():
-    return build_table(coarse("reference"))
+def with_prior(**changes):
+    return dataclasses.replace(SCENE, prior=dataclasses.replace(SCENE.prior, **changes))
 
 
-def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
-    prior = dataclasses.replace(table.scene.prior, shade_probability=0.3, shade_depth=0.2)
-    shady = dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
-    model, rng = ForwardModel(shady.scene), np.random.default_rng(3)
-    believing, knowing = Estimator(table), Estimator(shady)
+def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know():
+    shady = with_prior(shade_probability=0.3, shade_depth=0.2)
+    model, rng = ForwardModel(shady), np.random.default_rng(3)
+    believing, knowing = Estimator(SCENE), Estimator(shady)
     pose = np.array([-5.0, 0.2, -0.1, 0.1, 0.05])
     clear = model.expose(pose, rng)
     assert knowing.estimate(clear).clear > 0.5
@@ -76,11 +75,7 @@ def test_clear_frames_stay_sharp_and_shaded_ones_say_what_they_know(table):
     assert max(errors) < 36
 
 
-@pytest.fixture(scope="module")
-def uneven(table):
-    """The table, of a scene in which light may be uneven."""
-    prior = dataclasses.replace(table.scene.prior, uneven_probability=0.02)
-    return dataclasses.replace(table, scene=dataclasses.replace(table.scene, prior=prior))
+UNEVEN = with_prior(uneven_probability=0.02)
 
 
 def unevenly_lit(model, pose, share, rng):
@@ -101,10 +96,10 @@ def squared_errors(estimator, model, share):
     return np.array(found)
 
 
-def test_a_pose_in_uneven_light_is_as_wide_as_its_error(table, uneven):
+def test_a_pose_in_uneven_light_is_as_wide_as_its_error():
     # None is refused, so that it is the covariance that is compared.
-    believing, knowing = (Estimator(each, max_misfit=0.0) for each in (table, uneven))
-    model = ForwardModel(uneven.scene)
+    believing, knowing = (Estimator(each, max_misfit=0.0) for each in (SCENE, UNEVEN))
+    model = ForwardModel(UNEVEN)
     # Of a chi-square with five degrees of freedom, within five standard errors.
     assert abs(squared_errors(knowing, model, 1.0).mean() - 5) < 5 * np.sqrt(10 / 40)
     # Half of it leaves smaller residuals, by which a clear frame is sure and wrong.
@@ -112,10 +107,10 @@ def test_a_pose_in_uneven_light_is_as_wide_as_its_error(table, uneven):
     assert squared_errors(believing, model, 0.5).max() > 100
 
 
-def test_images_before_weigh_in_by_the_rule_of_bayes(uneven):
-    model, rng = ForwardModel(uneven.scene), np.random.default_rng(5)
+def test_images_before_weigh_in_by_the_rule_of_bayes():
+    model, rng = ForwardModel(UNEVEN), np.random.default_rng(5)
     image = unevenly_lit(model, np.array([-5.0, 0.2, -0.1, 0.1, 0.05]), 0.2, rng)
-    estimator, nothing = Estimator(uneven), (np.zeros(0), np.zeros((0, 0)))
+    estimator, nothing = Estimator(UNEVEN), (np.zeros(0), np.zeros((0, 0)))
     odds = []
     # With such shares a linear look leaves doubt, and the image is taken for both.
     for share in (0.4, 0.6, 0.9):

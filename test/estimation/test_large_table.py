@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -250,7 +251,8 @@ def slow(*arguments, compute=large_table.grid_parameters):
 large_table.grid_parameters = slow""")
     two = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
     two["local_directory"] = tmp_path
-    with LocalCluster(**two, preload=str(slow)) as cluster:
+    # It leaves variables in the environment of this process.
+    with patch.dict(os.environ), LocalCluster(**two, preload=str(slow)) as cluster:
 
         def kills(blocks):
             for done, block in enumerate(blocks):

@@ -141,7 +141,7 @@ from uuv_optical_array.estimation.signature_table import build_table
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 settings = load_scene("follow").settings()
-settings["table"] = {key: [*span[:2], 9] for key, span in settings["table"].items()}
+settings["table"] = {key: [*span[:2], 11] for key, span in settings["table"].items()}
 scene = scene_from_settings(settings, "coarse")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 rows = len(build_table(scene).poses)

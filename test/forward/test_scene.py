@@ -8,43 +8,15 @@ import pytest
 import yaml
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scenes import READY
+from scenes import READY, coarse_settings
+from scenes import changed as changed_scene
 
 from uuv_optical_array.core.storage.files import shared_file
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
-FULL = {
-    "lamp": {"beam_sigma_deg": 8.0, "reference_counts": 900.0, "reference_range_m": 4.0},
-    "array": {
-        "shape": "curved",
-        "detectors_per_side": 5,
-        "width_m": 0.4,
-        "bow_m": 0.5,
-        "radius_m": 0.32,
-    },
-    "effects": {
-        "attenuation": {"k_per_m": 0.1},
-        "forward_scatter": {"window_m": 0.3},
-        "sensor_noise": {"sigma_counts": 1.0},
-        "saturation": {"level_counts": 1023.0},
-        "adc": {"bits": 10},
-    },
-    "signature": {
-        "peak": "subdetector",
-        "peak_weight": 2.0,
-        "position_weight": 1.0,
-        "skewness_weight": 1.0,
-        "lift": 1.0,
-    },
-    "table": {
-        "x_m": [-8.0, -4.0, 5],
-        "y_m": [-0.5, 0.5, 5],
-        "z_m": [-0.5, 0.5, 5],
-        "pitch_deg": [-20.0, 20.0, 5],
-        "yaw_deg": [-20.0, 20.0, 5],
-    },
-}
+BLURRED = {"effects": {"forward_scatter": {"window_m": 0.3}}, "array": {"bow_m": 0.5}}
+FULL = coarse_settings(changed_scene("reference", **BLURRED))
 # Another valid value of a key of each kind, from its documented range.
 VALUES = {
     "lamp.beam_sigma_deg": st.floats(0.1, 90),

@@ -250,19 +250,6 @@ def test_a_case_that_was_cut_short_is_the_last_and_is_printed(
     assert aim.split()[2:] == ["0.086", "0.040", "0.056", "1.000", "1.000"]
 
 
-@pytest.mark.parametrize("words", [(), ("--choices",)])
-def test_an_interrupt_before_the_first_runs_measures_nothing(
-    tank_file, tmp_path, capsys, monkeypatch, words
-):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(approach, "calibrate", interrupted)
-    run("--scene", tank_file, *words, "--output", tmp_path / "none.png", code=130)
-    assert "interrupted" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.usefixtures("sketched")
 def test_choices_are_those_that_are_named_or_all_are_compared(
     tank_file, tmp_path, capsys, monkeypatch

@@ -134,20 +134,6 @@ def heard(monkeypatch):
     return heard
 
 
-def test_a_study_that_was_stopped_is_the_one_that_was_not(tmp_path, whole_file, heard):
-    whole = scored(whole_file, study_of())
-    assert heard == []
-    path = tmp_path / "stopped.csv"
-    heard.stop = 7
-    with pytest.raises(KeyboardInterrupt):
-        scored(path, study_of())
-    assert len(path.read_text().splitlines()) == 1 + 7
-    heard.stop = None
-    assert str(scored(path, study_of())) == str(whole)  # a nan is no equal of itself
-    assert heard == study_of().sweep.designs()
-    assert path.read_bytes() == whole_file.read_bytes()
-
-
 def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file, heard):
     shutil.copy(whole_file, tmp_path)
     whole = {row.design: row for row in scored(tmp_path / "whole.csv", study_of())}
@@ -161,20 +147,6 @@ def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file,
     assert str(scored(tmp_path / "whole.csv", study_of(sweep=few))) == str(alone)
     assert heard == []
     assert (tmp_path / "whole.csv").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"power": "counts", "poses": 41}, "power is flux there and counts here; poses is 40"),
-        ({"scene": load_scene("coastal")}, "fingerprint is"),
-    ],
-)
-def test_the_scores_of_another_study_are_refused_by_what_differs(whole_file, changes, error):
-    before = whole_file.read_bytes()
-    with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
-        scored(whole_file, study_of(**changes))
-    assert whole_file.read_bytes() == before
 
 
 @pytest.mark.usefixtures("sketched")

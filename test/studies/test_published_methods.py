@@ -80,9 +80,12 @@ def pose(x=0.0, y=0.0, z=0.0, pitch_deg=0.0, yaw_deg=0.0):
 @given(images_5x5, st.integers(0, 4), st.integers(0, 4))
 def test_moments_are_those_of_a_second_implementation(image, row, column):
     image[row, column] = image.max() + 1
-    np.testing.assert_allclose(
-        image_moments(image, SPACING_M), moments_twice(image, SPACING_M), rtol=1e-9, atol=1e-15
-    )
+    twice = moments_twice(image, SPACING_M)
+    np.testing.assert_allclose(image_moments(image, SPACING_M), twice, rtol=1e-9, atol=1e-14)
+    if twice[2, 2] > 0:
+        angles = [twice[2, 1] / twice[2, 2], twice[1, 2] / twice[2, 2]]
+        expected = [np.log(image.max()), twice[1, 0], twice[0, 1], *angles]
+        np.testing.assert_allclose(measured(image, SPACING_M), expected, rtol=1e-6, atol=1e-9)
 
 
 def test_moments_of_a_split_gaussian_spot_are_the_closed_ones():
@@ -108,18 +111,6 @@ def test_moments_of_a_split_gaussian_spot_are_the_closed_ones():
     assert yaw_ratio == pytest.approx(first / second, rel=1e-3)
     assert pitch_ratio == pytest.approx(0, abs=1e-4)
     assert peak == pytest.approx(0, abs=1e-12)
-
-
-@given(images_5x5)
-def test_a_mirror_turns_the_sign_of_what_lies_across(image):
-    there, mirrored = measured(image, SPACING_M), measured(image[:, ::-1], SPACING_M)
-    turned = measured(image.T[::-1, ::-1], SPACING_M)
-    # A tie is broken in reading order, which a mirror changes.
-    if np.count_nonzero(image == image.max()) > 1:
-        return
-    close = {"rtol": 1e-6, "atol": 1e-9}
-    np.testing.assert_allclose(mirrored, there * [1, -1, 1, 1, -1], **close)
-    np.testing.assert_allclose(turned, -there[[0, 2, 1, 4, 3]] * [-1, 1, 1, 1, 1], **close)
 
 
 def test_calibration_is_the_line_through_its_own_poses(clear, calibration):
@@ -236,14 +227,6 @@ def test_the_grid_is_the_dissertations():
     steps = [(span.stop - span.start) / (span.number - 1) for span in spans]
     np.testing.assert_allclose(steps, [1, 0.03, 0.03, 3, 3])
     assert np.prod([span.number for span in spans]) == 972_405
-
-
-def test_look_up_finds_its_own_rows(table):
-    model, lookup = ForwardModel(table.scene), LookUp(table)
-    rows = np.random.default_rng(2).choice(len(table.poses), 60, replace=False)
-    images = model.expected(table.poses[rows])
-    for row, image in zip(rows, images, strict=True):
-        np.testing.assert_array_equal(lookup.pose(image), table.poses[row])
 
 
 def test_look_up_minimises_the_papers_cost_among_poses_with_that_peak(table):

@@ -87,35 +87,60 @@ def test_the_name_of_a_study_alone_says_how_it_is_called(name):
     assert error == f"uuv_array {name}: it is called `uuv_array study {name}`"
 
 
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (("render", "--scene", "atlantis"), "scene atlantis: neither"),
-        (("render", "--scene", "sea.yaml"), "scene sea: effects.fog: unknown key"),
-        (("render", "--seed", "-1"), "--seed: -1 is out of bounds"),
-        (("table", "--scene", "nowhere.yaml", "-o", "out/t"), "nowhere.yaml: no such file"),
-        (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
-        (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
-        (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
-        (("follow", "--followers", "4", "--no-chain"), "4 is out of bounds; with no chain"),
-        (("follow", "--duration", "nan"), "--duration: nan is out of bounds"),
-        (("follow", "--duration", "soon"), "--duration: 'soon' is no number"),
-        (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),
-        (("follow", "--scene", "atlantis"), "scene atlantis: neither"),
-        (("follow", "--seed", "-5"), "seed: -5 is out of bounds; it must be from -1 to"),
-        (("table", "--workers", "0"), "--workers 0: give a number of threads, at least 1, or the"),
-        (("table", "--workers", "many"), "--workers many: give a number of threads"),
-    ],
-)
+# The words of a command, and what its one line of an error says.
+ACCURACY, ROBUSTNESS, DESIGN = (("study", name) for name in ("accuracy", "robustness", "design"))
+POSE = ("limits", "--output", "never.png", "--pose")
+REFUSED = [
+    (("render", "--scene", "atlantis"), "scene atlantis: neither"),
+    (("render", "--scene", "sea.yaml"), "scene sea: effects.fog: unknown key"),
+    (("render", "--seed", "-1"), "--seed: -1 is out of bounds"),
+    (("table", "--scene", "nowhere.yaml", "-o", "out/t"), "nowhere.yaml: no such file"),
+    (("view", "bag", "--remap", "image:=a"), "FROM is one of array/image, leader/odometry"),
+    (("view", "bag", "-r", "array/image"), "--remap array/image: give FROM:=TO"),
+    (("calibrate", "bag", "--beacon-position", "0", "0", "nan"), "--beacon-position: nan is"),
+    (("follow", "--followers", "4", "--no-chain"), "4 is out of bounds; with no chain"),
+    (("follow", "--duration", "nan"), "--duration: nan is out of bounds"),
+    (("follow", "--duration", "soon"), "--duration: 'soon' is no number"),
+    (("follow", "--params-file", "nowhere/p.yaml"), "nowhere/p.yaml: no such file"),
+    (("follow", "--scene", "atlantis"), "scene atlantis: neither"),
+    (("follow", "--seed", "-5"), "seed: -5 is out of bounds; it must be from -1 to"),
+    (("table", "--workers", "0"), "--workers 0: give a number of threads, at least 1, or the"),
+    (("table", "--workers", "many"), "--workers many: give a number of threads"),
+    ((*POSE, -2000, 0, 0, 0, 0), "--pose X: -2000.0 is out of bounds; it must be"),
+    ((*POSE, -6, 0, 0, 95, 0), "--pose PITCH_DEG: 95.0 is out of bounds"),
+    ((*POSE, -6, "nan", 0, 0, 0), "--pose Y: nan is out of bounds"),
+    ((*POSE, -6), "--pose: expected 5 arguments"),
+    ((*ACCURACY, "--known", "--method", "sam"), "--known", "sam", "use least_squares"),
+    ((*ACCURACY, "--known", "--moving"), "--known", "--moving", "leave one"),
+    ((*ACCURACY, "--known", "--drawn"), "--known", "--drawn", "leave one"),
+    ((*ACCURACY, "--known", "--lamps"), "--known", "--lamps", "leave one"),
+    ((*ACCURACY, "--lamps", "--method", "sam"), "--lamps", "sam", "use least_squares"),
+    ((*ACCURACY, "--lamps"), "--lamps", "reference", "no lamps"),
+    ((*ACCURACY, "--drawn"), "--drawn", "reference", "prior"),
+    ((*ACCURACY, "--moving"), "--moving", "reference", "lamp_drift, lamp_flicker, plume"),
+    ((*ROBUSTNESS, "--kinds", "k-0.05,rain"), "--kinds", "'rain'", "nothing", "blob"),
+    ((*ROBUSTNESS, "--kinds", ""), "--kinds", "''", "nothing"),
+    ((*ROBUSTNESS, "--kinds", "moving"), "--kinds", "moving", "plume", "scene follow has not"),
+    (("study", "drives", "--scene", "reference"), "--scene: reference has no prior"),
+    ((*DESIGN, "--sweep", "width_m=0.4", "width_m=0.3"), "width_m: given twice"),
+    ((*DESIGN, "--sweep", "detectors_per_side=3.5"), "detectors_per_side=3.5: give numbers"),
+    ((*DESIGN, "--sweep", "shape=round"), "shape: ", "round"),
+    ((*DESIGN, "--sweep", "span_m=1"), "span_m=1: give NAME=VALUE,... with NAME one of shape, "),
+]
+
+
+@pytest.mark.parametrize(("words", "told"), [(words, told) for words, *told in REFUSED])
 def test_a_value_that_cannot_be_used_ends_with_2_in_one_line_and_nothing_is_written(
-    words, error, tmp_path, monkeypatch
+    words, told, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "sea.yaml"
     scene.write_text("extends: follow\neffects: {fog: {}}", encoding="utf-8")
     line = run(*words, code=2)
-    assert line.startswith(f"uuv_array {words[0]}: ")
-    assert error in line
+    name = " ".join(words[: 2 if words[0] == "study" else 1])
+    assert line.startswith(f"uuv_array {name}: ")
+    for part in told:
+        assert part in line
     assert list(tmp_path.iterdir()) == [scene]
 
 

@@ -302,23 +302,3 @@ def test_truth_that_is_drawn_from_the_prior_has_an_honest_covariance(answers_of)
     assert mean["ratio_to_bound"]["x"] < 0.88
     assert 4.4 < drawn["nees_mean"] < 5.6
     assert 0.85 < drawn["ratio_to_bound"]["x"] < 1.15
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (("--known", "--method", "sam"), ("--known", "sam", "use least_squares")),
-        (("--known", "--moving"), ("--known", "--moving", "leave one")),
-        (("--known", "--drawn"), ("--known", "--drawn", "leave one")),
-        (("--known", "--lamps"), ("--known", "--lamps", "leave one")),
-        (("--lamps", "--method", "sam"), ("--lamps", "sam", "use least_squares")),
-        (("--lamps",), ("--lamps", "reference", "no lamps")),
-        (("--drawn",), ("--drawn", "reference", "prior")),
-        (("--moving",), ("--moving", "reference", "lamp_drift, lamp_flicker, plume")),
-    ],
-)
-def test_what_is_no_study_is_refused_in_one_line(words, named):
-    error = run(*words, code=2)
-    assert error.startswith("uuv_array study accuracy: ")
-    for word in named:
-        assert word in error

@@ -197,24 +197,6 @@ def test_the_command_is_interrupted_goes_on_and_tells(
 
 
 @pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (["--sweep", "width_m=0.4,0.4"], "width_m: 0.4 is given twice"),
-        (["--sweep", "width_m=0.4", "width_m=0.3"], "width_m: given twice"),
-        (["--sweep", "detectors_per_side=1"], "detectors_per_side: 1 is out of bounds.* 2 to 501"),
-        (["--sweep", "detectors_per_side=3.5"], "detectors_per_side=3.5: give numbers"),
-        (["--sweep", "shape=round"], "shape: .*round"),
-        (["--sweep", "span_m=1"], "span_m=1: give NAME=VALUE,... with NAME one of shape, "),
-        (["--sweep", "shape=curved", "radius_m=0.05"], "radius_m: no design is left"),
-    ],
-)
-def test_a_bad_option_is_one_line(tmp_path, monkeypatch, words, error):
-    monkeypatch.chdir(tmp_path)
-    assert re.search(f"^uuv_array study design: .*{error}", run(*words, code=2))
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
     "designs",
     [[PLANAR], [CURVED, Design("curved", 21, 0.3, 0.5, 30.0, 1, 0.0, 0.0)]],
     ids=["one", "few"],

@@ -77,7 +77,3 @@ def test_the_command_prints_the_same_figures_as_text_and_as_json(capsys):
     assert found["frames"] == 24
     run(*words)
     assert report(found) in capsys.readouterr().out
-
-
-def test_a_scene_without_a_prior_is_refused():
-    assert "--scene: reference has no prior" in run("--scene", "reference", code=2)

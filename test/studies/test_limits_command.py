@@ -121,18 +121,3 @@ def test_another_shape_keeps_the_rest_of_the_scene():
     planar, curved = make_scene("planar"), make_scene("curved")  # whose radius is the paper's
     assert planar.with_shape("planar") == curved.with_shape("planar") == planar
     assert planar.with_shape("curved").array == curved.array
-
-
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (["--pose", -2000, 0, 0, 0, 0], "--pose X: -2000.0 is out of bounds; it must be"),
-        (["--pose", -6, 0, 0, 95, 0], "--pose PITCH_DEG: 95.0 is out of bounds"),
-        (["--pose", -6, "nan", 0, 0, 0], "--pose Y: nan is out of bounds"),
-        (["--pose", -6], "--pose: expected 5 arguments"),
-    ],
-)
-def test_a_bad_value_ends_in_one_line(words, error):
-    line = run(*words, "--output", "never.png", code=2)
-    assert line.startswith("uuv_array limits: ")
-    assert error in line

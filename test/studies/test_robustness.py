@@ -205,19 +205,3 @@ def test_an_interrupt_keeps_the_kinds_that_it_has(table, frames, kinds):
     rows, complete = until_interrupted(measured)
     assert [row["frames"] for row in rows] == kinds
     assert complete == (len(kinds) == 2 and kinds[-1] == 12)
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (("--kinds", "k-0.05,rain"), ("--kinds", "'rain'", "nothing", "blob")),
-        (("--kinds", ""), ("--kinds", "''", "nothing")),
-        (("--kinds", "moving"), ("--kinds", "moving", "plume", "scene follow has not")),
-        (("--output", "/nowhere/r.png"), ("--output", "/nowhere", "make it first")),
-    ],
-)
-def test_a_bad_value_is_refused_in_one_line(words, named):
-    error = run(*words, code=2)
-    assert error.startswith("uuv_array study robustness: ")
-    for word in named:
-        assert word in error

@@ -125,26 +125,6 @@ def test_no_cosine_exceeds_one_by_rounding():
 
 @given(
     array=arrays,
-    sigma_deg=st.floats(3, 60),
-    k=st.floats(0, 0.5),
-    x=st.floats(-12, -2),
-    y=st.floats(-2, 2),
-    z=st.floats(-2, 2),
-    pitch=st.floats(-1.5, 1.5),
-    yaw=st.floats(-math.pi, math.pi),
-    roll=st.floats(-math.pi, math.pi),
-)
-def test_the_whole_chain_is_that_of_the_second_forward_model(
-    array, sigma_deg, k, x, y, z, pitch, yaw, roll
-):
-    model = make_model(array, sigma_deg, k)
-    expected = second_forward.light(model.scene.settings(), (x, y, z, pitch, yaw), roll)
-    found = model.light((x, y, z, pitch, yaw), roll)
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-9)
-
-
-@given(
-    array=arrays,
     sigma_deg=st.floats(0.5, 60),
     k=st.floats(0, 10),
     distance=st.one_of(st.sampled_from([0.0, 1e-3, 1e3]), st.floats(1e-3, 1e3)),

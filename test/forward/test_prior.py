@@ -51,11 +51,6 @@ def test_a_prior_has_absorption_and_scattering_where_a_scene_has_a_sea():
         scene({"scattering_std": 0.1}, effects={})
 
 
-def test_what_a_scene_says_is_read_again_as_it_was():
-    whole = scene({"known": "calibrated", "gain_std": 0.0})
-    assert scene_from_settings(whole.settings(), "again").prior == whole.prior
-
-
 @pytest.mark.parametrize("side", [3, 5, 21])
 def test_shades_are_uneven_smooth_and_of_one_size(side):
     modes = shade_modes(side)

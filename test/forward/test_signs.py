@@ -53,25 +53,3 @@ def test_centroid_and_peak_move_along_one_image_axis_only(model, dof, along, sig
         assert sign * plus[along] > 1e-3
         assert minus[along] == pytest.approx(-plus[along], rel=1e-9), "mirrored pose"
         assert plus[1 - along] == pytest.approx(0, abs=1e-9), "no other axis"
-
-
-def test_an_aligned_array_sees_the_spot_in_the_middle(model):
-    for roll in (0.0, 0.3):
-        assert spot(model, AHEAD, roll) == pytest.approx((0, 0), abs=1e-12)
-
-
-def test_starboard_rolled_down_carries_a_spot_at_starboard_towards_row_0(model):
-    # The spot stays level while the starboard side of the array sinks below it.
-    _, level_row = spot(model, at("y"))
-    column, row = spot(model, at("y"), roll=np.radians(20))
-    assert row < level_row - 1e-3
-    assert column > 0
-
-
-def test_a_bow_turned_towards_the_lamp_brings_the_spot_back_towards_the_middle(model):
-    pose = at("y")
-    column, _ = spot(model, pose)
-    pose[4] = np.arctan2(-0.5, 6.0)
-    turned_column, _ = spot(model, pose)
-    # The beam is still brighter on the side of its axis, to starboard.
-    assert 0 < turned_column < column

@@ -6,7 +6,7 @@ import typing
 from effect_settings import declared, ways
 from hypothesis import assume
 from hypothesis import strategies as st
-from scenes import SHAPES, make_scene
+from scenes import SHAPES, changed, make_scene
 
 from uuv_optical_array.core.settings import Cells, Grid
 from uuv_optical_array.forward.effects import EFFECTS, check_effects
@@ -56,17 +56,21 @@ def settings_of(draw, name, side):
     return values
 
 
-def scene_with(effects, shape="curved", side=5):
+def scene_with(effects, shape="curved", side=5, **lamp):
     """Return the reference scene with these effects and no others."""
-    return make_scene(shape, side, effects)
+    return make_scene(shape, side, effects, **lamp)
 
 
 @st.composite
 def scenes(draw, names):
-    """Scenes with some effects anywhere in their bounds, on an array of either shape."""
+    """Scenes with some effects anywhere in their bounds, any beam, and an array of any size."""
     side = draw(st.sampled_from([3, 5]))
     effects = {name: draw(settings_of(name, side)) for name in names}
-    return scene_with(effects, draw(st.sampled_from(SHAPES)), side)
+    shape, width_m = draw(st.sampled_from(SHAPES)), draw(st.floats(0.1, 0.6))
+    radius_m = width_m * draw(st.floats(0.8, 2)) if shape == "curved" else None
+    array = {"width_m": width_m, "bow_m": draw(st.floats(0, 1)), "radius_m": radius_m}
+    scene = scene_with(effects, shape, side, beam_sigma_deg=draw(st.floats(3, 60)))
+    return changed(scene, array=array)
 
 
 @st.composite

@@ -88,15 +88,6 @@ def test_stamps_that_do_not_advance_are_refused(back):
     assert command_at(controller, now + 1.0) == pytest.approx(command_at(without, now + 1.0))
 
 
-@pytest.mark.parametrize("std", [1e-10, 1e-3])
-def test_a_pose_far_off_that_claims_to_be_exact_does_not_pull(std):
-    (controller, now), (without, _) = under_way(), under_way()
-    far = off_station([-4.0, 1, 0, 0, 0.3])
-    with pytest.raises(Outlier):
-        controller.update(now + 0.1, far, np.eye(5) * std**2, STILL)
-    assert command_at(controller, now + 0.2) == pytest.approx(command_at(without, now + 0.2))
-
-
 def test_an_outlier_is_reported_and_steers_nothing():
     (controller, now), (without, _) = under_way(), under_way()
     far = off_station([4.0, 0, 0, 0, 0])
@@ -138,6 +129,10 @@ def test_what_happens_between_two_poses_of_a_gap_is_no_outlier():
     controller, exact = FormationController(SETTINGS), np.eye(5) * 1e-4
     controller.update(0.0, STATION, exact, [-0.5, 0, 0, 0, 0])
     controller.update(0.9, off_station([-0.2, 0, 0, 0, 0]), exact, STILL)
+    # What the pose before may err by counts, too.
+    unsure = FormationController(SETTINGS)
+    unsure.update(0.0, STATION, PUBLISHED, STILL)
+    unsure.update(0.1, off_station([-0.5, 0, 0, 0, 0]), exact, STILL)
 
 
 def strays(count):

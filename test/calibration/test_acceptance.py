@@ -1,12 +1,12 @@
 """The acceptance test of an array: what passes, and what each fault is called."""
 
 import dataclasses
-import importlib.util
 
 import numpy as np
 import pytest
 from bags import image_message, write_bag
 from command_line import run
+from needs import rosbags
 
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.core.messages import as_wired
@@ -155,7 +155,7 @@ def test_air_takes_the_water_away_and_widens_the_beam():
     ].beam_sigma_deg == pytest.approx(5 * 1.34)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
+@rosbags
 def test_the_command_says_pass_or_fail_of_each_detector(tmp_path, capsys):
     for name, faults, code in (("good", {}, 0), ("bad", {"noise": at((4, 0), 5, 1)}, 1)):
         messages = [image_message(*each) for each in session(**faults)]

@@ -1,7 +1,6 @@
 """``uuv_array calibrate`` on the bag of a drive, and on bad ones."""
 
 import functools
-import importlib.util
 import json
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ import yaml
 from bags import TYPES, image_message, odometry_message, store, write_bag
 from command_line import assert_picture, interrupted, python, run
 from matplotlib.figure import Figure
+from needs import rosbags
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.forward.array import ArraySettings
@@ -19,11 +19,7 @@ from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Topics, read_recording
 
-# A ROS installation has no rosbags. Marked test by test: to launch_testing a module that is skipped
-# skips its whole folder.
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 
 BEACON = [-0.7, 0.1, 0.2]
 ARRAY = ArraySettings("planar", 5)

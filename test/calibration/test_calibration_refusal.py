@@ -1,12 +1,11 @@
 """Calibrations that refuse: wrong models, drives that tell too little, and what the scene keeps."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 from bags import drive_messages, write_bag
 from calibrated_seas import AIMS, HIGHEST, LOWEST, exposed, largest_pull, named, pulls, sea
 from command_line import run
+from needs import rosbags
 from scenes import changed
 from scipy import stats
 
@@ -295,7 +294,7 @@ def test_a_prior_is_about_what_the_scene_has_and_keeps_what_was_not_fitted(house
     assert (found.prior.cosine_power_std == start.prior.cosine_power_std) == bool(housed)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags")
+@rosbags
 def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     rng = np.random.default_rng(10)
     poses = drive(rng, 12)

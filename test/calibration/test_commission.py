@@ -1,6 +1,5 @@
 """``uuv_array commission`` live and on a bag, and the nodes of an array that is wired so."""
 
-import importlib.util
 import os
 import select
 import subprocess
@@ -13,6 +12,7 @@ from builtin_interfaces.msg import Time
 from command_line import PROGRAM, run
 from conftest import PATIENCE_S
 from nav_msgs.msg import Odometry
+from needs import rosbags
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 from test_wiring import torch_run
@@ -26,9 +26,6 @@ from uuv_optical_array.nodes.shared.messages import features_from_message, image
 from uuv_optical_array.nodes.simulator_node import SimulatorNode
 
 WIRED = [int(place) for place in np.random.default_rng(9).permutation(25)]
-bags = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
 
 
 @pytest.fixture
@@ -37,7 +34,7 @@ def sent():
     return [(s, as_wired(i, WIRED)) for s, i in torch_run(5, np.random.default_rng(6))]
 
 
-@bags
+@rosbags
 def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys):
     bag = write_bag(tmp_path / "torch", [image_message(*each) for each in sent], "MCAP")
     output = tmp_path / "sea.yaml"
@@ -59,7 +56,7 @@ def test_a_bag_of_both_sweeps_gives_the_scene_its_wiring(sent, tmp_path, capsys)
         ]
 
 
-@bags
+@rosbags
 def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
     frames = torch_run(5, np.random.default_rng(6))
     bag = write_bag(tmp_path / "torch", [image_message(*each) for each in frames], "MCAP")
@@ -68,7 +65,7 @@ def test_an_array_that_is_wired_right_gets_no_wiring(tmp_path, capsys):
     assert load_scene(tmp_path / "sea.yaml").array.wiring is None
 
 
-@bags
+@rosbags
 def test_a_bag_that_ends_early_writes_nothing(sent, tmp_path):
     messages = [image_message(*each) for each in sent[: len(sent) // 2]]
     bag = write_bag(tmp_path / "torch", messages, "MCAP")

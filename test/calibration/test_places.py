@@ -1,6 +1,5 @@
 """``uuv_array calibrate --places``: a rail and a tape in place of two odometries."""
 
-import importlib.util
 import json
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from bags import image_message, write_bag
 from calibrated_seas import sea, truth_of
 from command_line import run
+from needs import rosbags
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.model import ForwardModel
@@ -15,9 +15,6 @@ from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.places import with_places
 
-bags = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
 HEAD = "x_m,y_m,z_m,pitch_deg,yaw_deg,x_std_m,y_std_m,z_std_m,pitch_std_deg,yaw_std_deg"
 STDS = np.array([0.004, 0.006, 0.006, *np.radians([0.3, 0.3])])
 EACH = 4  # images at a place
@@ -46,7 +43,7 @@ def table_of(told, path):
     return path
 
 
-@bags
+@rosbags
 def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path, capsys):
     scene, told, images = tank
     messages = [image_message(10**8 * i, image) for i, image in enumerate(images, start=1)]

@@ -1,5 +1,6 @@
 """What is compiled is kept on disk: once for all processes, and not for ever."""
 
+import importlib.metadata
 import os
 import shutil
 import subprocess
@@ -10,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import python
+from needs import numba
 
 from uuv_optical_array.control.follow_record import least_distance
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.likelihood import censored
 
-numba = pytest.importorskip("numba", reason="Numba is not installed")
-pytestmark = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+pytestmark = numba
 
 WAIT_AND_COMPILE = """
 import sys
@@ -110,7 +111,7 @@ print(bool(linked_functions.options(inner=True)), *function(3.0, 5.0, 1.0, 2.0))
 
 @pytest.mark.parametrize("known", [True, False])
 def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_way(tmp_path, known):
-    version = numba.__version__ if known else "99.0.0"
+    version = importlib.metadata.version("numba") if known else "99.0.0"
     linked, *answer = printed(WITH_INNER_FUNCTIONS.format(version=version), tmp_path).split()
     assert linked == str(known)
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from command_line import python
+from needs import numba
 from scipy.special import erfcx, log_ndtr
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.elementwise import unowned, workspace, zeros
 
-numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 both = pytest.mark.parametrize("fast", [False, pytest.param(True, marks=numba)], ids=str)
 Pair = namedtuple("Pair", ["value", "vector"])
 

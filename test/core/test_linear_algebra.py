@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from needs import numba
 from scipy import linalg
 
 from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.core.numerics.linear_algebra import cholesky, solve_lower, solve_upper
 
 pytestmark = pytest.mark.filterwarnings("error")
-numba = pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
 
 
 @pytest.fixture(params=[False, pytest.param(True, marks=numba)], ids=["plain", "compiled"])

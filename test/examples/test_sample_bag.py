@@ -1,6 +1,5 @@
 """The sample bag of the tutorials is what its script writes, and a fit finds the script's sea."""
 
-import importlib.util
 import json
 import runpy
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from needs import rosbags
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.forward.scene import load_scene
@@ -15,9 +15,7 @@ from uuv_optical_array.recording.images import read_recording
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from differences import extrapolated_slopes
 from drawn_effects import any_scenes, poses, scenes, settings_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from needs import numba
 
-from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward import effects
 from uuv_optical_array.forward.array import ArraySettings, build_array
@@ -158,7 +158,7 @@ def test_a_law_of_transmission_has_the_derivatives_that_it_states(name, data, ra
         assert_slopes(np.array([found[:count]]), logarithm, at[:count], 1e-3)
 
 
-@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+@numba
 @each_effect
 @given(data=st.data())
 @reproducible

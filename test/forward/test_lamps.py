@@ -8,10 +8,10 @@ import second_forward
 from differences import extrapolated_slopes
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import numba
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import covariance_6x6, rolled
-from uuv_optical_array.core.numerics import compilation
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.linearised import Lineariser
 from uuv_optical_array.forward.model import ForwardModel
@@ -88,7 +88,7 @@ def test_the_jacobian_is_that_of_finite_differences(pose, roll, seed):
     assert (np.abs(jacobian - expected) <= 10 * error + 1e-7 * scale + 1e-9).all()
 
 
-@pytest.mark.skipif(not compilation.installed(), reason="Numba is not installed")
+@numba
 def test_compiled_light_and_slopes_are_those_of_numpy():
     offsets = offsets_of(np.random.default_rng(4))
     at, dark = np.array([-5, 0.3, -0.2, 0.1, 0.2, *offsets.values()]), np.zeros(75)

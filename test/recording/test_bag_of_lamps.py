@@ -1,21 +1,19 @@
 """A bag of several lamps: replayed, calibrated on, and replayed by the scene that this gives."""
 
 import csv
-import importlib.util
 
 import numpy as np
 import pytest
 from bags import image_message, odometry_message, write_bag
 from calibrated_seas import exposed, lights
 from command_line import run
+from needs import rosbags
 from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.forward.scene import load_scene
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 IMAGES = 100
 LOW, HIGH = [-6.5, -0.7, -0.7, -0.3, -0.3], [-3.0, 0.7, 0.7, 0.3, 0.3]
 POSE = [f"{name}_{'m' if len(name) == 1 else 'rad'}" for name in DOF_NAMES]

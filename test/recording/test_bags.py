@@ -1,7 +1,6 @@
 """Bags as they come back from sea: without metadata, cut off, of both storages."""
 
 import binascii
-import importlib.util
 import shutil
 
 import numpy as np
@@ -9,14 +8,13 @@ import pytest
 from bags import image_message, write_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import rosbags
 
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.recording.bag import BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 IMAGES, SIDE = 30, 300  # 180 kB each: six to a chunk
 ARRAY, FIVE = ArraySettings("planar", SIDE), ArraySettings("planar", 5)
 

@@ -1,7 +1,5 @@
 """``uuv_array follow --record``: the bag of a run holds what the nodes said, message by message."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 from asker import place_of
@@ -9,6 +7,7 @@ from builtin_interfaces.msg import Time
 from command_line import run
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from needs import rosbags
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -18,9 +17,7 @@ from uuv_optical_array.nodes.shared.messages import image_to_message
 from uuv_optical_array.recording.bag import RUN, BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 
 
 def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):

@@ -1,7 +1,6 @@
 """Bags estimated anew: by the truth, by the nodes themselves, and what is written of them."""
 
 import csv
-import importlib.util
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from conftest import write_scene
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
+from needs import rosbags
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -30,9 +30,7 @@ from uuv_optical_array.recording.images import Recording
 from uuv_optical_array.recording.replay import CHUNK_FRAMES, replay
 from uuv_optical_array.recording.results import write_results
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("rosbags") is None, reason="bags need the extra bags"
-)
+pytestmark = rosbags
 IMAGES = 2 * CHUNK_FRAMES + 3
 START_NS = 1_700_000_000 * 10**9
 METHOD = "sam_interpolated"

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from bags import image_message, odometry_message, write_bag
+from bags import drive_messages, image_message, write_bag
 from calibrated_seas import exposed, lights
 from command_line import run
 from needs import rosbags
@@ -31,20 +31,10 @@ def drive():
 def bag(drive, tmp_path_factory):
     """What the nodes publish, with one image of a single lamp among the others."""
     scene, poses, rolls, rng = drive
-    ahead, level = np.array([3.0, -2.0, -5.0]), Rotation.from_euler("ZYX", [0.7, 0.1, 0.05])
-    messages = []
-    for i, (image, pose, roll) in enumerate(
-        zip(exposed(scene, poses, rng, rolls), poses, rolls, strict=True)
-    ):
-        stamp = (1 + i) * 10**8
-        behind = level * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
-        place = ahead + level.apply(pose[:3])
-        messages += [
-            odometry_message("/leader/odometry", stamp, ahead, level.as_quat()),
-            odometry_message("/follower/odometry", stamp, place, behind.as_quat()),
-            image_message(stamp, image),
-        ]
-    messages.append(image_message(10**8 + 5, image[:5]))
+    images, stamps = exposed(scene, poses, rng, rolls), 10**8 * np.arange(1, IMAGES + 1)
+    ahead = np.array([3.0, -2.0, -5.0]), Rotation.from_euler("ZYX", [0.7, 0.1, 0.05])
+    messages = [*drive_messages(stamps, poses, images, rolls, ahead)]
+    messages.append(image_message(10**8 + 5, images[0, :5]))
     return write_bag(tmp_path_factory.mktemp("lights") / "lights", messages, "MCAP")
 
 

@@ -73,10 +73,16 @@ def odometry_message(topic, stamp_ns, position, quaternion):
     return topic, bytes(store().serialize_cdr(message, TYPES["odometry"]))
 
 
-def drive_messages(stamps, poses, images):
-    """Yield topics and bytes of a leader at rest, a follower without roll at poses, and images."""
-    for stamp, pose, image in zip(map(int, stamps), poses, images, strict=True):
-        yield odometry_message("/leader/odometry", stamp, [0, 0, 0], [0, 0, 0, 1])
-        turn = Rotation.from_euler("ZYX", [pose[4], pose[3], 0.0]).as_quat()
-        yield odometry_message("/follower/odometry", stamp, pose[:3], turn)
+AT_REST = (0, 0, 0), Rotation.identity()
+
+
+def drive_messages(stamps, poses, images, rolls=0.0, leader=AT_REST):
+    """Yield topics and bytes of a leader at rest, a follower at poses and rolls, and images."""
+    at, level = leader
+    rolls = np.broadcast_to(rolls, len(poses))
+    for stamp, pose, roll, image in zip(map(int, stamps), poses, rolls, images, strict=True):
+        yield odometry_message("/leader/odometry", stamp, at, level.as_quat())
+        turn = level * Rotation.from_euler("ZYX", [pose[4], pose[3], roll])
+        place = at + level.apply(pose[:3])
+        yield odometry_message("/follower/odometry", stamp, place, turn.as_quat())
         yield image_message(stamp, image)

@@ -1,6 +1,7 @@
 """``uuv_array`` as a user types it: help that teaches, one line for an error, a whole run."""
 
 import contextlib
+import importlib.util
 import os
 import re
 import shlex
@@ -19,6 +20,7 @@ from nav_msgs.msg import Odometry
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.messages import stamp_ns
 from uuv_optical_array.estimation.large_table import load_table
+from uuv_optical_array.recording.bag import RUN, opened
 
 
 @contextlib.contextmanager
@@ -80,22 +82,28 @@ def test_table_writes_a_table_that_loads_for_its_scene(capsys, tmp_path, scene_f
         assert word in out
 
 
-def test_follow_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
-    picture = tmp_path / "run.png"
-    with follow("--duration", "4", "--seed", "1", "--output", picture) as process:
+def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):
+    picture, bag = tmp_path / "run.png", tmp_path / "run"
+    record = ("--record", bag) if importlib.util.find_spec("rosbags") else ()
+    with follow("--duration", "4", "--seed", "1", "--output", picture, *record) as process:
         out, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, out + error
     assert "Traceback" not in error
     poses, images = map(int, re.search(r"(\d+) poses from (\d+) images", out).groups())
     assert 20 <= images <= 45  # ten a second
     assert images - 5 <= poses <= images
-    rms = [float(number) for number in re.findall(r"([\d.]+) (?:m|deg)\b", out.splitlines()[1])]
+    line = re.search("^estimate RMS.*", out, re.MULTILINE)[0]
+    rms = [float(number) for number in re.findall(r"([\d.]+) (?:m|deg)\b", line)]
     assert len(rms) == 5
     assert max(rms[:3]) < 1.0
     assert max(rms[3:]) < 20
     assert "followed the leader to the end" in out
     assert f"picture: {picture}" in out
     assert_picture(picture)
+    if record:
+        with opened(bag) as (reader, _):
+            assert set(reader.topics) == {f"/{topic}" for topic in RUN}
+            assert {info.msgcount > 0 for info in reader.topics.values()} == {True}
 
 
 def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):

@@ -124,6 +124,7 @@ def test_what_can_be_written_leaves_no_trace_of_the_look(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["old.PNG"]
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_full_disk_gives_the_path_and_leaves_nothing(full_disk, tmp_path):
     error = run("render", "--output", "sea.png", code=1)
     assert error == f"uuv_array render: sea.png: {os.strerror(27)}"

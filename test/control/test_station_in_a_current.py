@@ -53,10 +53,8 @@ STATION = np.array([-6.0, 0.0, 0.0])
 
 
 @KINDS
-@pytest.mark.parametrize(
-    "flow", [(-0.3, 0, 0), (0, 0.3, 0), (0, 0, -0.3)], ids=["ahead", "starboard", "above"]
-)
-def test_a_current_leaves_no_bias(kind, flow):
+def test_a_current_leaves_no_bias(kind):
+    flow = (-0.3, 0.2, -0.1)
     poses, commands = hold(kind, formation(SETTINGS), lambda _: np.array(flow), 45)
     last = poses[-300:, :3] - STATION
     assert np.linalg.norm(last.mean(axis=0)) < 0.05

@@ -1,7 +1,6 @@
 """``uuv_array follow --record``: the bag of a run holds what the nodes said, message by message."""
 
 import numpy as np
-import pytest
 from asker import place_of
 from builtin_interfaces.msg import Time
 from command_line import run
@@ -14,7 +13,7 @@ from std_msgs.msg import Header
 from uuv_optical_array.forward.array import ArraySettings
 from uuv_optical_array.nodes.bringup.bag_recorder import BagRecorderNode
 from uuv_optical_array.nodes.shared.messages import image_to_message
-from uuv_optical_array.recording.bag import RUN, BagWriter, opened
+from uuv_optical_array.recording.bag import BagWriter, opened
 from uuv_optical_array.recording.images import read_recording
 
 pytestmark = rosbags
@@ -57,34 +56,6 @@ def test_what_is_published_is_in_the_bag_byte_by_byte(lab, tmp_path):
     assert [place_of(message)[0][0] for _, message in heard] == [-1.0, -2.0, -3.0]
     now = recorder.get_clock().now().nanoseconds
     assert all(0 < now - at < 3600 * 10**9 for at, _ in heard)
-
-
-def test_every_topic_that_is_recorded_is_published_by_the_demonstration(lab, tmp_path):
-    from uuv_optical_array.nodes.bringup.demo import follow
-
-    counts = dict.fromkeys(RUN, 0)
-    with BagWriter(tmp_path / "run") as bag:
-        write = bag.write
-
-        def count(topic, *rest):
-            counts[topic[1:]] += 1
-            write(topic, *rest)
-
-        bag.write = count
-        parameters = ["-p", "scene:=follow", "-p", "estimator_node:method:=sam_interpolated"]
-
-        class Enough(Exception):
-            pass
-
-        def tick(record, elapsed_s):
-            if all(counts.values()):
-                raise Enough
-
-        with pytest.raises(Enough):
-            follow(parameters, 60.0, tick, bag=bag)
-    with opened(tmp_path / "run") as (reader, _):
-        assert set(reader.topics) == {f"/{topic}" for topic in RUN}
-        assert {info.msgcount > 0 for info in reader.topics.values()} == {True}
 
 
 def test_a_folder_that_is_there_is_not_written_to(tmp_path):

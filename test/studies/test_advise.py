@@ -107,32 +107,25 @@ def test_command_names_what_to_change(folder, scene, capsys):
 
 
 def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, capsys):
-    run("--rate", 100, "--position", 0.08, "--output", folder, code=1)
+    words = ("--rate", 100, "--position", 0.08, "--output", folder)
+    run(*words, code=1)
     out = capsys.readouterr().out
     assert out.startswith("no setting meets 100 Hz, 0.08 m, 10 deg; the nearest: ")
     assert "least_squares, curved 5 x 5, table 1e5" in out.splitlines()[0]
     assert "position is 0.1 m, 0.02 more than 0.08 (+25%)" in out
     assert "99th percentile is" not in out
-
-
-def test_json_holds_the_same(folder, capsys):
-    run("--rate", 100, "--position", 0.08, "--output", folder, "--json", code=1)
+    run(*words, "--json", code=1)
     result = json.loads(capsys.readouterr().out)
-    assert set(result) == {
-        *("scene", "asked", "met", "lacks", "found", "change", "measured", "settings"),
-        *("load_average", "complete"),
-    }
-    assert result["met"] is False
+    assert (result["met"], result["settings"]) == (False, 6)
     assert result["lacks"] == pytest.approx({"position_m": 0.02})
     assert result["asked"] == {"rate_hz": 100.0, "position_m": 0.08, "angle_deg": 10.0}
     assert result["found"]["table_rows"] == 100_000
     assert result["change"]["estimator_node"] == {"method": "least_squares"}
     assert result["change"]["scene"]["array"]["detectors_per_side"] == 5
-    assert result["settings"] == 6
+    assert result.keys() >= {"scene", "measured", "load_average", "complete"}
     run("--rate", 10, "--output", folder, "--json")
     result = json.loads(capsys.readouterr().out)
-    assert result["met"] is True
-    assert result["lacks"] == {}
+    assert (result["met"], result["lacks"]) == (True, {})
 
 
 @pytest.mark.parametrize("field", ["fingerprint", "machine"])

@@ -88,7 +88,10 @@ def test_a_drive_that_does_not_fit_gives_a_reason_in_place_of_a_scene():
     images = PhotonSea(scene, shipped_pencil("coastal")).light(poses)
     fitted, refusal = _calibrated(scene, images[..., ::-1], poses)
     assert fitted is None
-    assert refusal
+    row = {"water": "coastal", "scene": "coastal, calibrated", "refusal": refusal}
+    text = report_poses([row])
+    assert "coastal, calibrated   refused\n" in text
+    assert text.endswith(f"\ncoastal, calibrated: {refusal}")
 
 
 def test_poses_span_the_ranges_that_are_asked_for():
@@ -96,13 +99,6 @@ def test_poses_span_the_ranges_that_are_asked_for():
     assert poses[:, 0].min() == pytest.approx(-6.0, abs=0.01)
     assert poses[:, 0].max() == pytest.approx(-3.5, abs=0.01)
     assert np.degrees(np.abs(poses[:, 3:]).max()) == pytest.approx(20, abs=0.1)
-
-
-def test_a_refused_calibration_is_a_line_with_its_reason():
-    row = {"water": "harbour", "scene": "harbour, calibrated", "refusal": "no light"}
-    text = report_poses([row])
-    assert "harbour, calibrated   refused\n" in text
-    assert text.endswith("\nharbour, calibrated: no light")
 
 
 def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):

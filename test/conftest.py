@@ -91,7 +91,7 @@ FITTING = re.compile(
     "test_(acceptance|accuracy|advise|approach|benchmarks|closed_loop|code_blocks|commands|"
     "demo|drives|estimate|estimator_node|every_effect|example_scripts|examples|"
     "faults|fit|fit_compiler|follower_node|fuzz|hard_cases|lattice|linearised|misfit|mixture|"
-    "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|readme|record|"
+    "near_frames|node_parameters|outputs|paper|plausibility|posterior|programs|record|"
     "replay|robustness|security|several_lamps|track_of_images|tracking_constants|"
     "tracking_manoeuvres|tracking_seas|tracking_shades|tradeoff|transport|view|view_sources)"
 )

@@ -11,7 +11,6 @@ from scipy import stats
 
 from uuv_optical_array.calibration.calibrate import calibrate
 from uuv_optical_array.calibration.parameters import (
-    AXIS,
     BACKGROUND,
     COSINE_POWER,
     KINDS,
@@ -315,9 +314,3 @@ def test_the_command_writes_a_wrong_scene_only_by_force(tmp_path, capsys):
     forced = load_scene(output)
     run(*words)
     assert load_scene(output).settings() != forced.settings()
-
-
-def test_a_turn_tells_response_and_radius_and_the_sides_of_the_beam_an_aim():
-    turned, aside = (KINDS[COSINE_POWER], KINDS[SIZE]), (KINDS[LAMP_AIM[0]], KINDS[AXIS])
-    assert all("turn the array" in kind.cure for kind in turned)
-    assert all("on all sides of the beam" in kind.cure for kind in aside)

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import python
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from needs import numba
 
 from uuv_optical_array.control.follow_record import least_distance
@@ -117,88 +119,79 @@ def test_on_a_numba_that_is_not_known_inner_functions_are_compiled_in_its_own_wa
     np.testing.assert_allclose([float(x) for x in answer], censored(3.0, 5.0, 1.0, 2.0), rtol=1e-12)
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A cache in which a process kept a function, and that it is done."""
+    cache = tmp_path_factory.mktemp("cache")
+    assert printed(LOAD, cache) == "1 (0.2, -0.1)"
+    return cache
+
+
+def copied(kept, cache):
+    """Return a copy's code, index and sums."""
+    shutil.copytree(kept, cache, dirs_exist_ok=True)
+    return *sorted(cache.glob("compiled/*/*/*")), *cache.glob("compiled/*/SHA256SUMS")
+
+
+def left(cache):
+    """Return the files that a process will load."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NUMBA_CACHE_DIR", str(cache))
+        folder = compilation.cache_folder.__wrapped__()
+    return {path.name for path in folder.rglob("*.*")}
+
+
 def damage(path, bit):
     data = bytearray(path.read_bytes())
     data[bit // 8 % len(data)] ^= 1 << bit % 8
     path.write_bytes(data)
 
 
-def test_damaged_code_is_compiled_anew_and_not_run(tmp_path):
-    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
+def test_damaged_code_is_compiled_anew_and_not_run(kept, tmp_path):
+    code, index, sums = copied(kept, tmp_path)
     assert printed(LOAD, tmp_path) == "0 (0.2, -0.1)"
-    (folder,) = (tmp_path / "compiled").iterdir()
-    code, index = sorted(folder.glob("*/*"))
-    for path in (folder.parent, folder, code.parent, code, index):
+    for path in (sums.parents[1], sums.parent, code.parent, code, index):
         assert path.stat().st_mode & 0o077 == 0, path
     damage(code, 8 * (code.stat().st_size // 2))
-    damage(index, 100)
     assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
-    folder.chmod(0o777)
-    assert printed(LOAD, tmp_path) == "1 (0.2, -0.1)"
+    sums.parent.chmod(0o777)
+    assert left(tmp_path) == set()
 
 
-@pytest.fixture
-def kept(tmp_path):
-    """A folder in which two functions and what is done were kept."""
-    for place in ("a/f.nbi", "a/f.1.nbc", "b/g.nbi"):
-        (tmp_path / place).parent.mkdir(exist_ok=True)
-        with compilation._alone_with(tmp_path) as sums:
-            (tmp_path / place).write_bytes(place.encode())
-            (tmp_path / place).chmod(0o600)
-            sums[place] = compilation._sum(tmp_path / place)
-    (tmp_path / f"fit{compilation.DONE}").touch()
-    return tmp_path
-
-
-def left(folder):
-    compilation._drop_unsound(folder)
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*.*"))
-
-
-def test_of_any_flipped_bit_only_its_file_is_dropped_and_nothing_passes_as_done(kept):
-    every = left(kept)
-    assert every == ["a/f.1.nbc", "a/f.nbi", "b/g.nbi", "fit.done"]
-    sums = kept / "SHA256SUMS"
-    kinds = set()
-    for path in (*kept.glob("*/*"), sums):
-        whole = path.read_bytes()
-        for bit in range(0, 8 * len(whole), 11):
-            before = {each: each.read_bytes() for each in (*kept.glob("*/*"), sums)}
-            damage(path, bit)
-            names = left(kept)
-            dropped = set(every) - set(names)
-            assert len(dropped - {"fit.done"}) in ((1,) if path != sums else (0, 1, 2))
-            if path == sums:
-                kinds.add(len(dropped))
-            assert ("fit.done" in dropped) == bool(dropped)
-            assert left(kept) == names  # at the next start nothing more
-            for each, data in before.items():
-                each.write_bytes(data)
-            (kept / "fit.done").touch()
-    assert len(kinds) > 1
+@given(st.integers(0, 2), st.integers(0, 2**20))
+@settings(max_examples=60)
+def test_of_any_flipped_bit_only_its_file_is_dropped_and_nothing_passes_as_done(
+    kept, tmp_path_factory, which, bit
+):
+    cache = tmp_path_factory.mktemp("flipped")
+    paths = copied(kept, cache)
+    every = {paths[0].name, paths[1].name, "fit.done"}
+    damage(paths[which], bit)
+    found = left(cache)
+    if which < 2:
+        assert every - found == {paths[which].name, "fit.done"}
+    assert ("fit.done" in found) == (found == every)
+    assert left(cache) == found  # at the next start nothing more
 
 
 @pytest.mark.parametrize("how", ["left over", "others may write", "another's", "no sums", "gone"])
-def test_what_this_user_did_not_keep_is_dropped(kept, how):
-    path = kept / "a" / "f.nbi"
+def test_what_this_user_did_not_keep_is_dropped(kept, tmp_path, how):
+    code, index, sums = copied(kept, tmp_path)
     if how == "left over":
-        path = kept / "a" / "f.2.nbc"
-        path.write_bytes(b"code of a process that was killed")
+        code = code.with_name("code of a process that was killed.nbc")
+        code.write_bytes(b"")
     elif how == "others may write":
-        path.chmod(0o606)
+        code.chmod(0o606)
     elif how == "another's":
         if os.geteuid() != 0:
             pytest.skip("only root can give a file away")
-        os.chown(path, 12345, -1)
-    elif how == "no sums":
-        (kept / "SHA256SUMS").unlink()
+        os.chown(code, 12345, -1)
     else:
-        path.unlink()
-    names = left(kept)
-    assert not path.exists()
-    assert "fit.done" not in names
-    assert ("b/g.nbi" in names) == (how != "no sums")
-    assert left(kept) == names
+        (sums if how == "no sums" else code).unlink()
+    found = left(tmp_path)
+    assert not found & {code.name, "fit.done"}
+    assert (index.name in found) == (how != "no sums")
+    assert left(tmp_path) == found
 
 
 NOTE = """
@@ -213,6 +206,6 @@ for i in range(50):
 """
 
 
-def test_two_processes_note_all_sums(kept):
-    at_once(NOTE, [(str(kept), name) for name in "xy"])
-    assert len((kept / "SHA256SUMS").read_text().splitlines()) == 103
+def test_two_processes_note_all_sums(tmp_path):
+    at_once(NOTE, [(str(tmp_path), name) for name in "xy"])
+    assert len((tmp_path / "SHA256SUMS").read_text().splitlines()) == 100

@@ -83,3 +83,7 @@ def test_every_target_of_make_is_there(page):
 def test_no_line_break_in_code_makes_a_list(page):
     spans = re.findall(r"`[^`]+`", without_blocks(page.read_text(encoding="utf-8")))
     assert [span for span in spans if re.search(r"\n *([-+*]|\d+[.)]) ", span)] == []
+
+
+def test_the_readme_has_less_than_a_thousand_words():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 1000

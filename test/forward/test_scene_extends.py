@@ -25,15 +25,6 @@ def write(tmp_path):
     return written
 
 
-def test_what_a_scene_does_not_change_is_that_of_the_scene_it_extends(write):
-    file = write("sea.yaml", {"extends": "follow", "lamp": {"beam_sigma_deg": 11.0}})
-    scene = load_scene(file)
-    assert scene.name == "sea"
-    assert load_scene("follow").differences(scene) == [
-        "lamp.beam_sigma_deg is 11.0 there and 8.0 here"
-    ]
-
-
 def test_the_same_settings_are_one_scene_however_they_are_written(write):
     """So they share a table: its name has the fingerprint."""
     whole = copy.deepcopy(FULL)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from labels import assert_apart, number_boxes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Text
 from measured import row
 
 from uuv_optical_array.commands import render
@@ -23,23 +24,6 @@ from uuv_optical_array.studies.approach import METHODS
 from uuv_optical_array.studies.shared.tradeoff_measurement import ALL_METHODS
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-def assert_apart(labels):
-    assert len(labels) > 1
-    for i, (one, box) in enumerate(labels):
-        for other, another in labels[:i]:
-            assert not box.overlaps(another), (one.get_text(), other.get_text())
-
-
-def number_boxes(axes):
-    """Return the boxes of numbers of points, without the lines that lead to them."""
-    notes = [note for note in axes.texts if isinstance(note, Annotation)]
-    return [
-        (note, note.get_bbox_patch().get_window_extent())
-        for note in notes
-        if note.get_text().isdigit()
-    ]
 
 
 def test_every_method_has_one_colour_of_its_own():

@@ -3,15 +3,14 @@
 import dataclasses
 import functools
 import json
-from types import SimpleNamespace
 
 import command_line
 import matplotlib.image
 import numpy as np
 import pytest
 import yaml
+from blind import Blind
 
-from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.likelihood import information
@@ -100,36 +99,10 @@ def test_the_band_is_the_chi_square_tables(bound, count, band):
     np.testing.assert_allclose(found["nees_band"], band, atol=2e-3)
 
 
-class Planted:
-    """An estimator that answers with the poses that it was given, nan for none."""
-
-    def __init__(self, scene, answers):
-        self.scene = scene
-        self.answers = iter(answers)
-
-    def estimate(self, image, parameters):
-        assert np.isfinite(parameters).all()
-        answer = next(self.answers)
-        if answer is KeyboardInterrupt:
-            raise KeyboardInterrupt
-        if np.isnan(answer[0]):
-            raise NoPose("no fit: planted")
-        return SimpleNamespace(pose=answer, covariance=np.eye(5))
-
-
-def test_an_interrupt_keeps_the_frames_before_it(model, poses):
-    # The first frame is estimated twice, once to warm up.
-    answers = [poses[0], *(poses[:10] + 0.1), KeyboardInterrupt]
-    images = model.expose(poses[:40], np.random.default_rng(7))
-    found = accuracy.measure(Planted(model.scene, answers), poses[:40], images)
-    assert found["poses"] == 10
-    assert found["rms_error"]["x_m"] == pytest.approx(0.1)
-
-
 def test_a_scene_in_which_no_frame_gets_a_pose_is_refused(model, poses):
     images = model.expose(poses[:3], np.random.default_rng(7))
     with pytest.raises(ValueError, match="none of 3 frames got a pose"):
-        accuracy.measure(Planted(model.scene, np.full((4, 5), np.nan)), poses[:3], images)
+        accuracy.measure(Blind(model.scene), poses[:3], images)
 
 
 def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):

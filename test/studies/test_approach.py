@@ -211,7 +211,7 @@ def test_json_has_every_case_and_method_and_a_seed_fixes_it(
     assert picture.read_bytes().startswith(b"\x89PNG")
     again = simulate(tank, CASES["dive"], Choices(), 1, np.random.default_rng(1))
     assert result["cases"]["dive"] == as_object(CASES["dive"], again)
-    assert result["asked_runs"] == 1
+    assert (result["asked_runs"], result["noise"], result["offsets"]) == (1, "uniform", "whole")
     (case,) = result["cases"].values()
     assert case["runs"] == 1
     assert case["published"]["end_95"]["x_m"] == CASES["dive"].end_95[0]

@@ -16,7 +16,7 @@ import pytest
 from designs import CURVED, PLANAR, SMALL, study_of
 from hypothesis import example, given
 from hypothesis import strategies as st
-from matplotlib.text import Annotation
+from labels import assert_apart, number_boxes
 from scipy.optimize import lsq_linear
 
 from uuv_optical_array.forward.scene import load_scene
@@ -218,12 +218,6 @@ def test_the_line_of_a_front_goes_through_the_best_of_each_number_of_detectors()
         assert [list(line.get_ydata()) for line in lines] == [best, best]  # of `fits` and `any`
 
 
-def number_boxes(axes):
-    """Return the boxes of numbers of points, without the lines that lead to them."""
-    notes = [note for note in axes.texts if isinstance(note, Annotation)]
-    return [note.get_bbox_patch().get_window_extent() for note in notes]
-
-
 def test_numbers_of_designs_lie_apart_and_few_are_named():
     rng = np.random.default_rng(1)
     rows = [
@@ -236,8 +230,8 @@ def test_numbers_of_designs_lie_apart_and_few_are_named():
     figure.draw_without_rendering()
     for axes in figure.subfigs[0].axes:
         boxes = number_boxes(axes)
-        assert 1 <= len(boxes) <= 10
-        assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+        assert len(boxes) <= 10
+        assert_apart(boxes)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8).map(sorted))

@@ -7,6 +7,7 @@ import re
 import command_line
 import numpy as np
 import pytest
+from labels import assert_apart
 from matplotlib.collections import QuadMesh
 from scenes import SHAPES, make_scene, std_m_deg
 
@@ -113,8 +114,7 @@ def test_contour_labels_lie_apart_and_off_the_axis_where_contours_meet():
     labels = [label for axes in maps for label in axes.texts]
     assert len(labels) > 8
     assert min(abs(label.get_position()[1]) for label in labels) > 0.1
-    boxes = [label.get_window_extent() for label in labels]
-    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert_apart([(label, label.get_window_extent()) for label in labels])
 
 
 def test_another_shape_keeps_the_rest_of_the_scene():

@@ -148,28 +148,19 @@ def test_so_they_are_with_noise_that_grows_with_the_light_and_readings_at_both_l
     check_consistency(scene, start, 25, 40, rng)
 
 
-def test_a_pose_that_is_off_by_far_more_than_told_is_left_out():
-    rng = np.random.default_rng(15)
-    poses, rolls = drive(rng, 80)
-    scene = sea()
-    images = ForwardModel(scene).expose(poses, rng, rolls)
-    told = poses + rng.normal(size=poses.shape) * POSE_STD
+def test_a_pose_that_is_off_by_far_more_than_told_is_left_out_and_errors_not_told_are_noticed():
+    scene, start = sea(), load_scene("reference")
+    images, poses, rolls = recorded(scene, 80, seed=15)
+    errors = np.random.default_rng(15).normal(size=poses.shape)
+    told = poses + errors * POSE_STD
     told[21, 4] += 0.12  # twelve standard deviations of the yaw
-    found = calibrate(load_scene("reference"), images, told, rolls, pose_std=POSE_STD)
+    found = calibrate(start, images, told, rolls, pose_std=POSE_STD)
     assert found.outlying_images == (21,)
     assert largest_pull(found, scene) < 5
-
-
-def test_pose_errors_that_are_not_told_are_noticed():
-    rng = np.random.default_rng(14)
-    poses, rolls = drive(rng, 80)
-    scene = sea()
-    images = ForwardModel(scene).expose(poses, rng, rolls)
-    told = poses + rng.normal(size=poses.shape) * 0.02
-    found = calibrate(load_scene("reference"), images, told, rolls)
+    found = calibrate(start, images, poses + 0.02 * errors, rolls)
     assert found.misfit > 10
-    assert any("correlated" in note for note in found.notes)
-    assert any("does not explain" in note for note in found.notes)
+    for words in ("correlated", "does not explain"):
+        assert any(words in note for note in found.notes)
 
 
 @reproducible
@@ -236,18 +227,14 @@ def assert_same(found, other):
         assert abs(off) < 1e-3 * parameter.std, name
 
 
-def images_at(poses, rng, **changes):
-    scene = sea(**changes)
-    return scene, ForwardModel(scene).expose(poses, rng)
-
-
 def test_one_range_does_not_tell_attenuation_from_power():
     rng = np.random.default_rng(7)
     poses, _ = drive(rng, 60)
     poses[:, :3] *= (6.0 / np.linalg.norm(poses[:, :3], axis=1))[:, None]
     # Level and of one attitude, so that each detector has one range too.
     poses[:, 3:] = 0.0
-    scene, images = images_at(poses, rng)
+    scene = sea()
+    images = ForwardModel(scene).expose(poses, rng)
     found = calibrate(load_scene("reference"), images, poses)
     power, k = (named(found)[name] for name in ("lamp.power", "attenuation.k_per_m"))
     assert (k.value, k.note) == (0.1, "not known")
@@ -296,12 +283,11 @@ def test_a_detector_that_saw_no_lamp_keeps_its_gain_and_is_named():
 
 
 def test_no_light_at_all_is_an_error_that_says_what_to_do():
-    rng = np.random.default_rng(10)
-    poses, _ = drive(rng, 40)
-    poses[:, 0] -= 35
-    _, images = images_at(poses, rng)
+    rng, far = np.random.default_rng(10), np.array([35.0, 0, 0, 0, 0])
+    poses, rolls = drive(rng, 40, LOWEST - far, HIGHEST - far)
+    images = ForwardModel(sea()).expose(poses, rng, rolls)
     with pytest.raises(ValueError, match="too little light of the lamp; record closer"):
-        calibrate(load_scene("reference"), images, poses)
+        calibrate(load_scene("reference"), images, poses, rolls)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from needs import rosbags
 
 from uuv_optical_array.calibration.acceptance import Acceptance, in_air
 from uuv_optical_array.core.messages import as_wired
-from uuv_optical_array.estimation.estimator import Estimator, NoPose
 from uuv_optical_array.forward.array import build_array
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -116,15 +115,6 @@ def test_a_fault_of_the_whole_is_told(sea, fault, words):
     detectors, (text,) = faults_of(sea, **fault)
     assert not detectors
     assert text.startswith(words)
-
-
-def test_light_that_no_pose_explains_is_told(monkeypatch):
-    def refuse(estimator, image):
-        raise NoPose("misfit")
-
-    monkeypatch.setattr(Estimator, "estimate", refuse)
-    (text,) = faults_of()[1]
-    assert text.startswith("the lamp's light is not explained: misfit: detectors that read wrong")
 
 
 def test_the_lamp_has_to_shine_without_a_break():

@@ -279,21 +279,6 @@ def test_bags_that_are_none_are_refused_in_one_line(recorded, tmp_path):
     assert "the clock was set back" in line
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--max-gap-s", "0"], "--max-gap-s"),
-        (["--remap", "image:=bow/array/image"], "FROM is one of array/image"),
-        (["--pose-std", "-1", "0"], "--pose-std, position: -1.0 is out"),
-        (["-o", "sea.txt"], ".yaml"),
-        (["--noise", "--scene", "ideal"], "sensor_noise"),
-    ],
-)
-def test_a_bad_option_is_named(recorded, tmp_path, words, told):
-    bag = write_bag(tmp_path / "good", recorded[:60])
-    assert told in run(*command(bag, tmp_path, *words), code=2)
-
-
 @pytest.fixture
 def sea_of_before(tmp_path):
     """A scene where the command is to write its own."""

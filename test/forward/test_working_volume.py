@@ -1,7 +1,5 @@
 """The working volume: poses drawn from it, its spread, and what it adds to a bound."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from uuv_optical_array.forward.scene import scene_from_settings
 from uuv_optical_array.forward.working_volume import (
     HIGH,
     LOW,
-    known_volume_std,
     lit_poses,
     volume_spread,
     volume_table,
@@ -42,13 +39,6 @@ def test_a_guess_errs_by_the_spread_of_the_volume():
     poses = np.random.default_rng(0).uniform(LOW, HIGH, (200_000, 5))
     middle = (np.array(LOW) + HIGH) / 2
     assert position_and_angle(poses - middle) == pytest.approx(volume_spread(), rel=0.01)
-
-
-def test_known_volume_joins_image_and_spread():
-    information = np.array([0.0, 3.0, 300.0, 30.0, 1e6])
-    spread = np.array([4.0, 1.8, 1.8, math.radians(40), math.radians(40)]) / math.sqrt(12)
-    wanted = 1 / np.sqrt(information + 1 / spread**2)
-    np.testing.assert_allclose(known_volume_std(np.diag(information)), wanted, rtol=1e-12)
 
 
 def test_tables_span_the_volume_of_the_study():

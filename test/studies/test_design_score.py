@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import second_forward
 from designs import CURVED, PLANAR, rng, scene_with
-from scipy.stats import skew
+from second_paper import second_angle, second_features
 
 from uuv_optical_array.forward.model import ForwardModel
 from uuv_optical_array.forward.scene import load_scene
@@ -68,34 +68,21 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
         assert angle == pytest.approx(wanted, rel=rtol)
 
 
-def own_signature(image, on_axis):
-    """Take the paper's signature: whole detector, counted from one, population skewness."""
-    row, column = np.unravel_index(image.argmax(), image.shape)
-    side = len(image)
-    skews = [skew(np.gradient(profile)) for profile in (image[row], image[:, column])]
-    return np.array([image.max() / on_axis, (column + 1) / side, (row + 1) / side, *skews])
-
-
-@pytest.mark.parametrize("design", [Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0), PLANAR])
-def test_the_angles_are_those_of_an_implementation_of_its_own(design):
+def test_the_angles_are_those_of_a_second_implementation():
     scene = load_scene("eren2016")
-    effects = {**scene.effects}
-    del effects["forward_scatter"], effects["adc"]
-    scene = dataclasses.replace(scene, effects=effects)
+    plain = {"attenuation": scene.effects["attenuation"]}
+    scene = dataclasses.replace(scene, effects=plain)
+    design = Design("curved", 5, 0.4, 0.32, 4.5, 1, 0.0, 0.0)
     found = score(designed(scene, design, "counts"), uniform_poses(2, rng()), rng())
-    own = own_scene(design, 0.1)
 
-    def angles(range_m, *moved):
-        images = [second_forward.light(own, (-range_m, *rest)) for rest in ((0, 0, 0, 0), *moved)]
-        first, *others = (own_signature(image, images[0].max()) for image in images)
-        return [
-            math.degrees(math.acos(first @ v / math.sqrt((first @ first) * (v @ v))))
-            for v in others
+    def least(motion, step):
+        both = [
+            [second_angle("curved", 5, m, motion, step, port, window=None) for port in (0, 1)]
+            for m in (4, 5, 6, 7, 8)
         ]
+        return np.min(both, axis=1)
 
-    turn = math.radians(10)
-    shifts = [min(angles(m, (0.2, 0, 0, 0), (-0.2, 0, 0, 0))) for m in (4, 5, 6, 7, 8)]
-    yaws = [min(angles(m, (0, 0, 0, turn), (0, 0, 0, -turn))) for m in (4, 5, 6, 7, 8)]
+    shifts, yaws = least("shift", 0.2), least("yaw", 10)
     assert found.shift_near_deg == pytest.approx(shifts[0], rel=1e-5)
     assert found.yaw_near_deg == pytest.approx(yaws[0], rel=1e-5)
     assert found.shift_deg == pytest.approx(min(shifts), rel=1e-5)
@@ -120,12 +107,7 @@ def test_noise_moves_the_signature_as_its_slope_says():
     clean = model.expected([-range_m, 0, 0, 0, 0])
 
     def unit(image):
-        # The vertex of a parabola through the peak and its neighbours.
-        values = own_signature(image, clean.max())
-        row, column = np.unravel_index(image.argmax(), image.shape)
-        for i, (a, b, c) in ((1, image[row, column - 1 : column + 2]),
-                             (2, image[row - 1 : row + 2, column])):  # fmt: skip
-            values[i] += (a - c) / (a - 2 * b + c) / 2 / len(image)
+        values = second_features(image, clean.max(), between=True)
         return values / np.linalg.norm(values)
 
     squares = 0.0

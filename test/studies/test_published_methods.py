@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.spatial.transform import Rotation
 
 from uuv_optical_array.core.errors import NoPose
 from uuv_optical_array.core.settings import Span
@@ -164,16 +163,6 @@ def test_dead_reckoning_follows_the_path_computed_by_hand():
     up = [-0.5, -0.5, -1.5, -1.5, -1.5 + 2 / (np.sqrt(0.75) * 0.5) * 0.5]
     np.testing.assert_allclose(found[:, 1], port, atol=1e-12)
     np.testing.assert_allclose(found[:, 2], up, atol=1e-12)
-
-
-def test_a_vehicle_that_follows_its_heading_is_reckoned_where_it_is():
-    # Straight ahead along a heading, a path of rotation matrices and no tangents.
-    heading = Rotation.from_euler("ZY", [12, -7], degrees=True).apply([1, 0, 0])
-    places = np.array([-8, 0.3, 0.2]) + np.linspace(0, 3, 7)[:, None] * heading
-    path = np.concatenate([places, np.broadcast_to(np.radians([-7, 12]), (7, 2))], axis=1)
-    said = path.copy()
-    said[1:, 1:3] = 99.0
-    np.testing.assert_allclose(dead_reckoned(said), path, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import make_scene
 
+from uuv_optical_array.estimation.signature.features import key_parameters
 from uuv_optical_array.forward.model import ForwardModel
 
 WATER = {
@@ -103,3 +104,33 @@ def test_the_largest_reading_is_at_the_limit_where_saturation_is_no_whole_count(
     for level in (100.5, 101.5, 102.3):
         model = make_model(saturation={"level_counts": level}, adc={"bits": 10})
         assert model.converted(np.array([1e6])) == [model.noise.high]
+
+
+# Of a degree of freedom: its place in the pose, a move, the axis of the image that the spot moves
+# along, and its sign. Row 0 is the top and column 0 the port edge, seen from behind the array.
+MOVES = {
+    "y": (1, 0.5, 0, +1),  # follower to port: spot to starboard, in a higher column
+    "z": (2, 0.5, 1, +1),  # follower above: spot lower, in a higher row
+    "yaw": (4, np.radians(15), 0, +1),  # bow to port: spot to starboard
+    "pitch": (3, np.radians(15), 1, -1),  # bow down: spot higher, towards row 0
+}
+
+
+@pytest.mark.parametrize("array", ["planar", "curved, even"])
+@pytest.mark.parametrize("dof", MOVES)
+def test_centroid_and_peak_move_along_one_image_axis_only(array, dof):
+    model, (index, amount, along, sign) = make_model(array), MOVES[dof]
+    offsets = np.arange(model.array.side) - (model.array.side - 1) / 2
+    images = [model.light([-6, 0, 0, 0, 0] + way * amount * np.eye(5)[index]) for way in (1, -1)]
+
+    def centroid(image):
+        return image.sum(axis=0) @ offsets / image.sum(), image.sum(axis=1) @ offsets / image.sum()
+
+    def peak(image):
+        return key_parameters(image, 900.0, "subdetector")[1:3]
+
+    for where in (centroid, peak):
+        plus, minus = map(where, images)
+        assert sign * plus[along] > 1e-3
+        assert minus[along] == pytest.approx(-plus[along], rel=1e-9), "mirrored pose"
+        assert plus[1 - along] == pytest.approx(0, abs=1e-9), "no other axis"

@@ -1,6 +1,5 @@
 """What the documents show in blocks of code would be taken by what it is shown for."""
 
-import dataclasses
 import itertools
 import re
 import shlex
@@ -10,13 +9,13 @@ import pytest
 import yaml
 from generated import reference
 from pages import PACKAGE, PAGES, ROOT, without_blocks
+from scenes import coarse_settings
 
 from uuv_optical_array import build_table
 from uuv_optical_array.commands import build_parser
 from uuv_optical_array.core.numerics import compilation
-from uuv_optical_array.core.settings import Span
 from uuv_optical_array.estimation import estimator
-from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 BLOCKS = [
@@ -76,12 +75,7 @@ def check_yaml(block, folder):
 
 def coarse(scene):
     """Return a table of few rows for a scene, in place of the whole one."""
-    fewer = {
-        key: Span(start, stop, 5)
-        for key, (start, stop, _) in dataclasses.asdict(scene.table).items()
-    }
-    table = dataclasses.replace(scene.table, **fewer)
-    return build_table(dataclasses.replace(scene, table=table))
+    return build_table(scene_from_settings(coarse_settings(scene), scene.name))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

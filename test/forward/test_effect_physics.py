@@ -12,7 +12,7 @@ from uuv_optical_array.forward.scattering import scattered_light
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
 
 AHEAD = [-5.0, 0.1, -0.1, 0.05, 0.1]
-Q, BOLTZMANN = 1.602176634e-19, 1.380649e-23  # C, J/K: exact by definition of the SI
+Q = 1.602176634e-19  # C: exact by definition of the SI
 DIODE = {
     "part": "SM05PD1A",
     "bandwidth_hz": 1000.0,

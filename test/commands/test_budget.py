@@ -63,18 +63,9 @@ def test_the_noise_in_the_dark_is_the_nep_of_a_data_sheet(shunt_ohm, nep, monkey
     part = electronics.PhotodiodePart(1.66e-6, 0.4, 0.0, shunt_ohm)
     monkeypatch.setitem(electronics.PARTS, "BPW34", part)
     scene = FOLLOW.settings() | {"prior": {}}
-    it = Instrument(
-        lamp_w=1e-6,
-        feedback_ohm=1e10,
-        bits=4,
-        full_scale_v=1e-3,
-        average_s=0.5,
-        temperature_c=25,
-        capacitance_f=0,
-        amplifier_v_per_rthz=0,
-        converter_v_per_rthz=0,
-        amplifier_a_per_rthz=0,
-    )
+    others = "capacitance_f", "amplifier_v_per_rthz", "amplifier_a_per_rthz", "converter_v_per_rthz"
+    circuit = {"feedback_ohm": 1e10, "bits": 4, "full_scale_v": 1e-3, **dict.fromkeys(others, 0)}
+    it = Instrument(lamp_w=1e-6, average_s=0.5, temperature_c=25, **circuit)
     noise = ForwardModel(scene_with(scene_from_settings(scene, "dark"), it)).analogue_noise
     load = 1 / (1 + shunt_ohm / 1e10)  # the shunt's part of the conductance
     amps = math.sqrt(noise.variance * load) * it.amps_per_count

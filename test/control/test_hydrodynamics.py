@@ -57,24 +57,6 @@ def test_energy_is_lost_to_drag_alone():
     assert lost[-1] > 1.0
 
 
-def test_momentum_of_body_and_water_is_kept_without_forces():
-    body = replace(NEUTRAL, buoyancy_at=np.zeros(3), **NO_DRAG)
-    states = run(body, at_rest(pitch=0.3, velocity=TUMBLING), 5)
-    momentum = MASS * states[:, 7:]
-    to_world = Rotation.from_quat(states[:, 3:7])
-    linear = to_world.apply(momentum[:, :3])
-    angular = to_world.apply(momentum[:, 3:]) + np.cross(states[:, :3], linear)
-    assert linear == pytest.approx(np.tile(linear[0], (len(states), 1)), abs=1e-5)
-    assert angular == pytest.approx(np.tile(angular[0], (len(states), 1)), abs=1e-5)
-
-
-def test_level_and_neutral_it_stays_and_heavy_it_sinks():
-    start = at_rest(yaw=2.0)
-    assert run(NEUTRAL, start, 5)[-1] == pytest.approx(start, abs=1e-12)
-    # 13.5 kg displace 13.4 l.
-    assert BLUEROV2.restoring(np.array([0.0, 0.0, 1.0])) == pytest.approx([0, 0, -0.1 * G, 0, 0, 0])
-
-
 @pytest.mark.parametrize("current", [(0.3, 0.0, 0.0), (-0.2, 0.4, 0.1)])
 def test_a_current_carries_the_motion_in_still_water_along(current):
     def flow(_, __):

@@ -51,20 +51,6 @@ def test_a_path_leads_from_the_folder_of_the_file_that_names_it(write, monkeypat
     assert load_scene(own) == load_scene("coastal"), "a ready scene's name is no file's"
 
 
-def test_null_takes_away_a_setting_an_effect_or_a_group(write):
-    sea = {"absorption_per_m": 0.2, "scattering_per_m": 0.1}
-    water = {"sea": {**sea, "water": None}}
-    changes = {"array": {"shape": "planar", "radius_m": None}, "effects": water, "prior": None}
-    file = write("sea.yaml", {"extends": "night_plume", **changes})
-    scene = load_scene(file)
-    assert scene.effects["sea"] == sea
-    assert scene.array.shape == "planar"
-    assert scene.prior == load_scene("reference").prior
-    water["plume"] = None
-    left = load_scene(write("sea.yaml", {"extends": "night_plume", "effects": water})).effects
-    assert load_scene("night_plume").effects.keys() - left.keys() == {"plume"}
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [

@@ -53,11 +53,6 @@ def test_a_folder_without_metadata_is_read_by_its_files(sent, tmp_path, storage)
     assert read(first) == (list(range(IMAGES)), {})
 
 
-def test_a_gap_costs_the_images_in_it_alone(sent, tmp_path):
-    bag = write_bag(tmp_path / "gap", [*sent[:5], *sent[25:]], "MCAP")
-    assert read(bag) == ([*range(5), *range(25, IMAGES)], {})
-
-
 @settings(max_examples=15)
 @given(st.data())
 def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(whole, tmp_path_factory, data):

@@ -33,6 +33,7 @@ from uuv_optical_array.forward.prior import (
 )
 from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 
+HELD = RESPONSE, RADIUS, *AIMS
 MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0])  # other axes: y and z, pitch and yaw
 
 
@@ -54,7 +55,7 @@ def still(count):
 @pytest.mark.parametrize("fit_noise", [False, True])
 def test_a_model_with_the_wrong_axes_is_refused_and_the_right_one_is_not(fit_noise):
     rng = np.random.default_rng(1)
-    poses = drive(rng, 30)
+    poses = drive(rng, 15)
     images = ForwardModel(scene_of()).expose(poses, rng)
     assert not calibrate(scene_of(), images, poses, fit_noise=fit_noise).refusal
     found = calibrate(scene_of(), images, poses * MIRRORED, fit_noise=fit_noise)
@@ -113,7 +114,7 @@ def test_errors_hold_what_is_held_because_it_is_not_known():
         poses[:, :3] *= (6.0 / np.linalg.norm(poses[:, :3], axis=1))[:, None]
         poses[:, 3:] = 0.0
         images = ForwardModel(scene).expose(poses, rng)
-        found = calibrate(scene_of(), images, poses, hold=(RESPONSE, RADIUS, *AIMS))
+        found = calibrate(scene_of(), images, poses, hold=HELD)
         power = named(found)["lamp.power"]
         assert named(found)["attenuation.k_per_m"].note == "not known"
         pulls.append((power.value - ForwardModel(scene).power) / power.std)
@@ -148,13 +149,7 @@ def rig_like(start, rng):
 @pytest.mark.parametrize(
     ("near_m", "far_m", "aside_m", "swing", "unknown"),
     [
-        (
-            6.0,
-            6.0,
-            0.0,
-            0.0,
-            {BEAM_SIGMA, ABSORPTION, SCATTERING, RESPONSE, RADIUS, *AIMS, AMBIENT},
-        ),
+        (6.0, 6.0, 0.0, 0.0, {BEAM_SIGMA, ABSORPTION, SCATTERING, *HELD, AMBIENT}),
         (3.0, 8.0, 0.0, 0.0, {SCATTERING}),
         (3.0, 8.0, 0.8, 0.0, set()),
         (6.0, 6.0, 0.8, 0.1, {ABSORPTION}),

@@ -36,8 +36,8 @@ def test_the_gradient_is_that_of_the_value(start, pose_std, images_a_place):
     rng = np.random.default_rng(3)
     scene = sea(start, shot_noise__electrons_per_count=30.0)
     scene = lights(rng) if scene.lamps else scene
-    poses, rolls = drive(rng, 30)
-    places = np.arange(30) % (30 // images_a_place)
+    poses, rolls = drive(rng, 24)
+    places = np.arange(24) % (24 // images_a_place)
     poses, rolls = poses[places], rolls[places]
     images = ForwardModel(scene).expose(poses, rng, rolls)
     std = None if pose_std is None else np.array(pose_std)

@@ -8,14 +8,14 @@ import command_line
 import matplotlib.image
 import numpy as np
 import pytest
-import yaml
 from blind import Blind
+from scenes import changed
 
 from uuv_optical_array.core.geometry import DOF_NAMES
 from uuv_optical_array.estimation.information.cramer_rao import cramer_rao_bound
 from uuv_optical_array.estimation.information.likelihood import information
 from uuv_optical_array.forward.model import ForwardModel
-from uuv_optical_array.forward.scene import load_scene, scene_from_settings
+from uuv_optical_array.forward.scene import load_scene, save_scene, scene_from_settings
 from uuv_optical_array.forward.working_volume import lit_poses
 from uuv_optical_array.studies import accuracy
 from uuv_optical_array.studies.shared.errors import FrameErrors
@@ -245,10 +245,8 @@ def answers_of(capsys, tmp_path):
     """What the study answers in another reference scene, without an option and with it."""
 
     def answers(group, values, count, option):
-        settings = load_scene("reference").settings()
-        settings[group] |= values
         path = tmp_path / "other.yaml"
-        path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        save_scene(changed("reference", **{group: values}), path, "Other.")
         for words in ((), (option,)):
             run("--scene", path, "--poses", count, "--json", *words)
             yield json.loads(capsys.readouterr().out)

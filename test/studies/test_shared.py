@@ -1,0 +1,177 @@
+"""What studies share: results on disk, errors of methods that take turns, and Pareto fronts."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from measured import row
+
+from uuv_optical_array.core.errors import NoPose
+from uuv_optical_array.forward.model import ForwardModel
+from uuv_optical_array.forward.scene import load_scene
+from uuv_optical_array.forward.working_volume import uniform_poses
+from uuv_optical_array.studies.shared.errors import (
+    frame_errors,
+    position_and_angle,
+    range_across_angle,
+)
+from uuv_optical_array.studies.shared.pareto import pareto_front
+from uuv_optical_array.studies.shared.results import Results, read
+from uuv_optical_array.studies.shared.tradeoff_measurement import Measurement
+
+ORIGIN = {"scene": "sea", "fingerprint": "f" * 64, "machine": "a, b: 2 cores"}
+ORIGIN |= {"mode": "quick", "frames": 7, "seed": 1}
+COLUMNS = ["scene", "fingerprint", "machine", "mode", "frames", "seed", "method", "shape"]
+
+
+def test_a_file_of_rows_reads_back_and_is_plain_csv(tmp_path):
+    rows = [row(position=0.1 + 0.2, bound_position_m=math.inf), row("moments", angle=math.nan)]
+    path = tmp_path / "t.csv"
+    results = Results(path, Measurement, ORIGIN)
+    results.append(rows[:1])
+    Results(path, Measurement, ORIGIN).append(rows[1:])
+    origin, found = read(path, Measurement)
+    assert origin == {name: str(value) for name, value in ORIGIN.items()}
+    assert [str(vars(a)) for a in found] == [str(vars(b)) for b in rows]
+    with path.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert list(lines[0])[:8] == COLUMNS
+    assert (lines[0]["machine"], lines[0]["position_m"]) == ("a, b: 2 cores", repr(0.1 + 0.2))
+    assert len(path.read_text().splitlines()) == 3
+    assert [file.name for file in tmp_path.iterdir()] == ["t.csv"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("fingerprint", "0" * 64),
+        ("machine", "abacus"),
+        ("mode", "full"),
+        ("frames", 8),
+        ("seed", 2),
+    ],
+)
+def test_rows_of_another_run_are_refused_by_name(tmp_path, field, value):
+    path = tmp_path / "t.csv"
+    Results(path, Measurement, ORIGIN).append([row()])
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=f"another run: {field} .*name another"):
+        Results(path, Measurement, {**ORIGIN, field: value})
+    assert path.read_bytes() == before
+
+
+def test_a_scene_by_another_name_is_the_same_run(tmp_path):
+    Results(tmp_path / "t.csv", Measurement, ORIGIN).append([row()])
+    other = {**ORIGIN, "scene": "b"}
+    assert Results(tmp_path / "t.csv", Measurement, other).lines == [row()]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text[:-30],
+        lambda text: text.replace("curved,5", "curved,five"),
+        lambda text: "a,b\n1,2\n",
+        lambda text: text + text.splitlines()[1].replace(",quick,7,1,", ",quick,7,2,") + "\n",
+        lambda text: text.replace("reference", "\0"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(tmp_path, spoil):
+    path = tmp_path / "t.csv"
+    Results(path, Measurement, ORIGIN).append([row()])
+    spoilt = spoil(path.read_text())
+    if spoilt == path.read_text():
+        spoilt = "\0" + spoilt
+    path.write_text(spoilt)
+    with pytest.raises(ValueError, match=r"t\.csv: .*; remove the file or name another"):
+        read(path, Measurement)
+
+
+@pytest.fixture(scope="module")
+def yardstick():
+    return ForwardModel(load_scene("reference"))
+
+
+def test_errors_are_distance_and_angle():
+    errors = np.array([[3.0, 0, 4, 0, 0], [0, 0, 0, np.radians(3), np.radians(-4)]])
+    assert position_and_angle(errors) == pytest.approx((5 / math.sqrt(2), 5 / math.sqrt(2)))
+    assert np.isnan(position_and_angle(np.empty((0, 5)))).all()
+    assert range_across_angle([2, 3, 4, 6, 8]) == pytest.approx((2, 5 / 2**0.5, 10 / 2**0.5))
+
+
+def test_methods_take_turns_on_every_image(yardstick):
+    poses = uniform_poses(4, np.random.default_rng(0))
+    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
+    heard = []
+
+    def answer(name, offset):
+        def pose(image):
+            i = int(image[0, 0])
+            heard.append((name, i))
+            if name == "b" and i == 2:
+                raise NoPose("none")
+            return poses[i] + offset, (i + 1) * np.eye(5)
+
+        return pose
+
+    found = frame_errors({"a": answer("a", 1.0), "b": answer("b", -2.0)}, yardstick, poses, images)
+    assert heard[2:] == [(n, i) for i in range(4) for n in ("ab" if i % 2 == 0 else "ba")]
+    np.testing.assert_allclose(found["a"].errors, 1.0)
+    np.testing.assert_allclose(found["b"].errors[[0, 1, 3]], -2.0)
+    assert found["b"].posed.tolist() == [True, True, False, True]
+    np.testing.assert_allclose(found["a"].covariances[:, 2, 2], [1, 2, 3, 4])
+    assert (found["a"].frame_s > 0).all()
+    assert found["a"].frame_ms[0] <= found["a"].frame_ms[1]
+    assert found["a"].model_ms > 0
+
+
+@pytest.mark.parametrize("fatal", [("a", 2), ("b", 2)])
+def test_an_interrupt_keeps_the_frames_that_every_method_answered(yardstick, fatal):
+    poses = uniform_poses(4, np.random.default_rng(0))
+    images = np.arange(4.0)[:, None, None] * np.ones((3, 3))
+
+    def answer(name):
+        def pose(image):
+            if (name, int(image[0, 0])) == fatal:
+                raise KeyboardInterrupt
+            return poses[int(image[0, 0])], np.nan
+
+        return pose
+
+    answers = {"a": answer("a"), "b": answer("b")}
+    for found in frame_errors(answers, yardstick, poses, images).values():
+        np.testing.assert_array_equal(found.errors, np.zeros((2, 5)))
+        assert np.isnan(found.covariances).all()
+        assert len(found.frame_s) == 2
+    with pytest.raises(KeyboardInterrupt):
+        frame_errors(answers, yardstick, poses[2:], images[2:])
+
+
+NUMBER = st.sampled_from([0.0, 1.0, 2.0, 3.0, math.nan, math.inf, -math.inf])
+
+
+def beaten(point, by):
+    """The definition: no worse in anything and better in something."""
+    return all(b <= a for a, b in zip(point, by, strict=True)) and any(
+        b < a for a, b in zip(point, by, strict=True)
+    )
+
+
+@given(st.integers(1, 3).flatmap(lambda k: st.lists(st.tuples(*[NUMBER] * k), max_size=12)))
+def test_front_is_what_its_definition_says(points):
+    costs = np.reshape(points, (len(points), len(points[0]) if points else 2))
+    real = [all(map(math.isfinite, point)) for point in points]
+    wanted = [
+        mine and not any(other and beaten(a, b) for b, other in zip(points, real, strict=True))
+        for a, mine in zip(points, real, strict=True)
+    ]
+    assert pareto_front(costs).tolist() == wanted
+
+
+@given(st.lists(st.tuples(st.floats(1, 9), st.floats(1, 9)), min_size=1, max_size=20))
+def test_front_of_real_numbers(points):
+    wanted = [not any(beaten(a, b) for b in points) for a in points]
+    assert pareto_front(points).tolist() == wanted

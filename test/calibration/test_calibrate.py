@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bags import TYPES, image_message, odometry_message, store, write_bag
 from calibrated_seas import AIMS, sea, truth_of
-from command_line import assert_picture, interrupted, python, run
+from command_line import assert_picture, interrupted, json_of, python, run
 from matplotlib.figure import Figure
 from needs import rosbags
 from scipy.spatial.transform import Rotation
@@ -118,9 +118,8 @@ def command(bag, folder, *words):
     )  # fmt: skip
 
 
-def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path, capsys):
-    run(*command(bag, tmp_path, "--noise", "--json"))
-    found = json.loads(capsys.readouterr().out)
+def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path):
+    found = json_of(run, *command(bag, tmp_path, "--noise"))
     true, gains = truth()
     written = load_scene(tmp_path / "sea.yaml").settings()
     for name, value in true.items():
@@ -141,15 +140,13 @@ def test_another_sea_is_found_within_its_standard_errors(bag, tmp_path, capsys):
     )
 
 
-def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(bag, tmp_path, capsys):
-    run(*command(bag, tmp_path, "--json"))
-    plain = json.loads(capsys.readouterr().out)
+def test_noise_that_the_scene_underestimates_widens_the_errors_and_is_told(bag, tmp_path):
+    plain = json_of(run, *command(bag, tmp_path))
     misfit = (1.5**2 + 1 / 12) / (1.0**2 + 1 / 12)
     assert plain["mean_squared_residual"] == pytest.approx(misfit, rel=0.1)
     assert any("does not explain the data" in note for note in plain["notes"])
     assert any("sensor_noise.sigma_counts 1." in note for note in plain["notes"])
-    run(*command(bag, tmp_path, "--json", "--noise"))
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(run, *command(bag, tmp_path, "--noise"))
     for name, value in truth()[0].items():
         if name in plain["parameters"]:
             fit = plain["parameters"][name]

@@ -1,12 +1,10 @@
 """``uuv_array calibrate --places``: a rail and a tape in place of two odometries."""
 
-import json
-
 import numpy as np
 import pytest
 from bags import image_message, write_bag
 from calibrated_seas import sea, truth_of
-from command_line import run
+from command_line import json_of, run
 from needs import rosbags
 
 from uuv_optical_array.calibration.calibrate import calibrate
@@ -44,14 +42,13 @@ def table_of(told, path):
 
 
 @rosbags
-def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path, capsys):
+def test_a_rail_and_a_tape_calibrate_a_scene(tank, tmp_path):
     scene, told, images = tank
     messages = [image_message(10**8 * i, image) for i, image in enumerate(images, start=1)]
     bag = write_bag(tmp_path / "tank", messages, "MCAP")
     table = table_of(told, tmp_path / "places.csv")
     output = tmp_path / "tank.yaml"
-    run("calibrate", bag, "--places", table, "-o", output, "--json")
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(run, "calibrate", bag, "--places", table, "-o", output)
     assert found["images"] == 50 * EACH
     assert 0.8 < found["mean_squared_residual"] < 1.2
     values, gains = truth_of(scene)

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import re
 import signal
@@ -40,6 +41,13 @@ def run(*words, code=0):
     assert (end.value.code or 0) == code, error.getvalue()
     assert "Traceback" not in error.getvalue()
     return error.getvalue().splitlines()[-1] if code in (1, 2) and error.getvalue() else ""
+
+
+def json_of(command, *words, code=0):
+    """Run a command, as `run` does, with ``--json``; return the object that it prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        command(*words, "--json", code=code)
+    return json.loads(printed.getvalue())
 
 
 def python(code, **options):

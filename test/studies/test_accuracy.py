@@ -9,6 +9,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from blind import Blind
+from command_line import json_of
 from scenes import changed
 
 from uuv_optical_array.core.geometry import DOF_NAMES
@@ -123,17 +124,15 @@ def test_least_squares_is_near_the_bound_of_the_reference_scene(capsys):
 
 
 @pytest.mark.parametrize("method", ["sam", "sam_interpolated"])
-def test_matching_five_numbers_stays_far_from_the_bound(capsys, method):
-    run("--poses", 200, "--method", method, "--json")
-    answer = json.loads(capsys.readouterr().out)
+def test_matching_five_numbers_stays_far_from_the_bound(method):
+    answer = json_of(run, "--poses", 200, "--method", method)
     assert answer["method"] == method
     assert all(ratio > 2 for ratio in answer["ratio_to_bound"].values())
 
 
 def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
     words = ("--scene", scene_file, "--poses", 40, "--seed", 9)
-    run(*words, "--json")
-    answer = json.loads(capsys.readouterr().out)
+    answer = json_of(run, *words)
     run(*words)
     text = capsys.readouterr().out
     assert text.startswith("least_squares in scene small, curved array, 40 random poses, seed 9\n")
@@ -152,11 +151,10 @@ def test_the_text_tells_the_same_as_the_object(capsys, scene_file):
         assert phrase in text
 
 
-def test_it_costs_to_know_less_of_the_sea_and_stays_honest(capsys, scene_file, tmp_path):
+def test_it_costs_to_know_less_of_the_sea_and_stays_honest(scene_file, tmp_path):
     picture = tmp_path / "known.png"
     words = ("--scene", scene_file, "--known", picture, "--poses", 60)
-    run(*words, "--json")
-    answer = json.loads(capsys.readouterr().out)
+    answer = json_of(run, *words)
     assert (answer["scene"], answer["poses"], answer["picture"]) == ("small", 60, str(picture))
     rows = answer["known"]
     assert [row["known"] for row in rows] == ["exactly", "calibrated", "as_bought"]
@@ -190,10 +188,9 @@ def test_the_cost_of_a_setting_is_what_the_bound_gains_where_it_is_known():
 
 
 @pytest.mark.usefixtures("sketched")
-def test_lamps_of_one_power_are_compared_in_three_seas(capsys, tmp_path):
+def test_lamps_of_one_power_are_compared_in_three_seas(tmp_path):
     picture = tmp_path / "lamps.png"
-    run("--scene", "leading_lights", "--lamps", picture, "--poses", 16, "--json")
-    answer = json.loads(capsys.readouterr().out)
+    answer = json_of(run, "--scene", "leading_lights", "--lamps", picture, "--poses", 16)
     rows = {(row["lamps"], row["sea"]): row for row in answer["lamps"]}
     assert list(rows) == [(n, sea) for n in (1, 2, 3, 4) for sea in ("known", "drawn", "cloud")]
     assert matplotlib.image.imread(picture).shape[2] == 4
@@ -241,24 +238,22 @@ def test_behind_a_cloud_the_bound_is_that_of_five_more_unknowns(lamps):
 
 
 @pytest.fixture
-def answers_of(capsys, tmp_path):
+def answers_of(tmp_path):
     """What the study answers in another reference scene, without an option and with it."""
 
     def answers(group, values, count, option):
         path = tmp_path / "other.yaml"
         save_scene(changed("reference", **{group: values}), path, "Other.")
         for words in ((), (option,)):
-            run("--scene", path, "--poses", count, "--json", *words)
-            yield json.loads(capsys.readouterr().out)
+            yield json_of(run, "--scene", path, "--poses", count, *words)
 
     return answers
 
 
-def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(answers_of, capsys):
+def test_what_moves_is_seen_at_moments_only_and_is_no_part_of_the_covariance(answers_of):
     drift = {"lamp_drift": {"std": 0.1, "time_scale_s": 60.0, "seed": 1}}
     still, moving = answers_of("effects", drift, 100, "--moving")
-    run("--poses", 100, "--json")
-    plain = json.loads(capsys.readouterr().out)
+    plain = json_of(run, "--poses", 100)
     assert still["ratio_to_bound"] == plain["ratio_to_bound"]  # the same poses and noise
     assert (still["moving"], moving["moving"]) == (False, True)
     # The lamp's power is off by a tenth, of which noise is a small part.

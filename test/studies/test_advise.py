@@ -10,6 +10,7 @@ import command_line
 import measured
 import pytest
 import yaml
+from command_line import json_of
 
 from uuv_optical_array.forward.prior import PriorSettings
 from uuv_optical_array.forward.scene import load_scene, scene_from_settings
@@ -114,8 +115,7 @@ def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, cap
     assert "least_squares, curved 5 x 5, table 1e5" in out.splitlines()[0]
     assert "position is 0.1 m, 0.02 more than 0.08 (+25%)" in out
     assert "99th percentile is" not in out
-    run(*words, "--json", code=1)
-    result = json.loads(capsys.readouterr().out)
+    result = json_of(run, *words, code=1)
     assert (result["met"], result["settings"]) == (False, 6)
     assert result["lacks"] == pytest.approx({"position_m": 0.02})
     assert result["asked"] == {"rate_hz": 100.0, "position_m": 0.08, "angle_deg": 10.0}
@@ -123,8 +123,7 @@ def test_command_says_that_no_setting_meets_the_need_and_by_how_much(folder, cap
     assert result["change"]["estimator_node"] == {"method": "least_squares"}
     assert result["change"]["scene"]["array"]["detectors_per_side"] == 5
     assert result.keys() >= {"scene", "measured", "load_average", "complete"}
-    run("--rate", 10, "--output", folder, "--json")
-    result = json.loads(capsys.readouterr().out)
+    result = json_of(run, "--rate", 10, "--output", folder)
     assert (result["met"], result["lacks"]) == (True, {})
 
 

@@ -7,6 +7,7 @@ import json
 import command_line
 import numpy as np
 import pytest
+from command_line import json_of
 from scenes import coarse
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
@@ -199,14 +200,11 @@ def test_a_run_whose_first_frame_has_no_pose_gets_none_from_the_smoother(monkeyp
 
 
 @pytest.mark.usefixtures("sketched")
-def test_json_has_every_case_and_method_and_a_seed_fixes_it(
-    tank, tank_file, tmp_path, capsys, monkeypatch
-):
+def test_json_has_every_case_and_method_and_a_seed_fixes_it(tank, tank_file, tmp_path, monkeypatch):
     # One of the three, for the time.
     monkeypatch.setattr(approach, "CASES", {"dive": CASES["dive"]})
     picture = tmp_path / "approach.png"
-    run("--scene", tank_file, "--runs", 1, "--json", "--output", picture)
-    result = json.loads(capsys.readouterr().out)
+    result = json_of(run, "--scene", tank_file, "--runs", 1, "--output", picture)
     assert result["picture"] == str(picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
     again = simulate(tank, CASES["dive"], Choices(), 1, np.random.default_rng(1))
@@ -266,8 +264,7 @@ def test_choices_are_those_that_are_named_or_all_are_compared(
     error = run(*words, "--choices", "gaussian", "averaged", code=2)
     assert "--choices: gaussian and averaged exclude each other; leave one out" in error
     simulated.clear()
-    run("--scene", tank_file, "--choices", "--runs", 1, "--json")
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = json_of(run, "--scene", tank_file, "--choices", "--runs", 1)["rows"]
     assert len(comparison(rows).splitlines()) == 1 + 3 * (1 + 5 * len(METHODS))
     assert simulated[::3] == [
         (8.0, "uniform", 1.0),

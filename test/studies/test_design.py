@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import itertools
-import json
 import math
 import random
 import re
@@ -13,6 +12,7 @@ import command_line
 import matplotlib.image
 import numpy as np
 import pytest
+from command_line import json_of
 from designs import CURVED, PLANAR, SMALL, study_of
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -173,8 +173,7 @@ def test_the_command_is_interrupted_goes_on_and_tells(
     assert re.search(r"curved 5 x 5, 0.4 m, radius 0.32 m, beam 8 deg .*the paper's array", out)
     assert "of 20 designs tell" in out
 
-    run(*words, "--json")
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(run, *words)
     assert len(heard) == 20
     assert told["complete"] is True
     assert told["files"] == ["follow.design.csv", "follow.design.png"]

@@ -231,23 +231,6 @@ def test_a_sweep_of_lamps_has_one_lamp_once_and_none_in_one_place():
     assert sum(sweep.dropped().values()) == 2
 
 
-def own_scene(design, k_per_m, reference_counts=1.0):
-    """The scene of a design, as the second forward model takes it."""
-    array = {
-        "shape": "planar" if design.radius_m is None else "curved",
-        "detectors_per_side": design.detectors_per_side,
-        "width_m": design.width_m,
-        "bow_m": 0.72 - (design.radius_m or 0.0),
-        "radius_m": design.radius_m,
-    }
-    lamp = {
-        "beam_sigma_deg": design.beam_sigma_deg,
-        "reference_counts": reference_counts,
-        "reference_range_m": 4.0,
-    }
-    return {"lamp": lamp, "array": array, "effects": {"attenuation": {"k_per_m": k_per_m}}}
-
-
 @pytest.mark.parametrize("design", [PLANAR, CURVED])
 def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     scene = scene_with({"attenuation": {"k_per_m": 0.15}, "sensor_noise": {"sigma_counts": 2.0}})
@@ -258,7 +241,7 @@ def test_the_bound_is_that_of_an_implementation_of_its_own(design):
     assert (poses >= LOW).all()
     assert (poses <= HIGH).all()
     found = score(designed(scene, design, "counts"), poses, rng())
-    own = own_scene(design, 0.15, 150.0)
+    own = designed(scene, design, "counts").settings()
     alone, known, lit = [], [], []
     for pose in poses:
         slopes = []

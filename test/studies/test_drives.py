@@ -1,12 +1,12 @@
 """``uuv_array study drives``: the course, figures of planted errors, and the command."""
 
 import functools
-import json
 
 import command_line
 import numpy as np
 import pytest
 from blind import Blind
+from command_line import json_of
 
 from uuv_optical_array.forward.scene import load_scene
 from uuv_optical_array.studies import drives
@@ -71,8 +71,7 @@ def test_a_sea_is_one_draw_of_the_prior_and_stays(monkeypatch):
 
 def test_the_command_prints_the_same_figures_as_text_and_as_json(capsys):
     words = ("--drives", "2", "--seconds", "12", "--rate", "1")
-    run(*words, "--json")
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(run, *words)
     assert found["complete"]
     assert found["frames"] == 24
     run(*words)

@@ -1,12 +1,12 @@
 """``uuv_array study transport``: the law beside photons, poses from their images, the command."""
 
 import functools
-import json
 
 import command_line
 import numpy as np
 import pytest
 from blind import Blind
+from command_line import json_of
 from scenes import changed
 
 from uuv_optical_array.estimation.estimator import Estimator
@@ -101,10 +101,9 @@ def test_poses_span_the_ranges_that_are_asked_for():
     assert np.degrees(np.abs(poses[:, 3:]).max()) == pytest.approx(20, abs=0.1)
 
 
-def test_the_command_answers_every_water_and_draws_the_beam(capsys, tmp_path):
+def test_the_command_answers_every_water_and_draws_the_beam(tmp_path):
     picture = tmp_path / "transport.svg"
-    run("--poses", "3", "--output", str(picture), "--json")
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(run, "--poses", "3", "--output", str(picture))
     assert found["complete"]
     assert [(row["water"], row["phase"], row["beam_deg"]) for row in found["law"]] == [*CASES]
     assert [row["answered"] for row in found["poses"]] == 3 * len(SCENES) * [3]

@@ -10,7 +10,6 @@ import subprocess
 
 import numpy as np
 import pytest
-import yaml
 from command_line import PROGRAM, assert_picture, python, run
 from conftest import PATIENCE_S
 from generated import reference
@@ -45,12 +44,6 @@ def follow(*words, start_s=None):
         if process.poll() is None:
             process.kill()
             process.communicate()
-
-
-def changed_parameters(path, node, **changes):
-    document = {f"/**/{node}": {"ros__parameters": changes}}
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
-    return path
 
 
 def test_help_explains_every_option_and_shows_examples_that_can_be_typed():
@@ -107,7 +100,8 @@ def test_follow_ends_by_itself_with_a_summary_a_picture_and_a_bag(tmp_path):
 
 
 def test_follow_that_never_sees_light_says_that_the_leader_was_lost(tmp_path):
-    dark = changed_parameters(tmp_path / "dark.yaml", "feature_node", min_peak_counts=60000.0)
+    dark = tmp_path / "dark.yaml"
+    dark.write_text("/**/feature_node: {ros__parameters: {min_peak_counts: 60000.0}}\n", "utf-8")
     words = ("--duration", "2", "--params-file", dark, "--output", tmp_path / "x.png")
     with follow(*words, start_s=2.0) as process:
         out, error = process.communicate(timeout=PATIENCE_S)

@@ -22,19 +22,12 @@ arrays = st.sampled_from(
 
 
 def make_model(array, sigma_deg=8.0, k=0.0, reference_range_m=4.0, window_m=None):
-    table = {key: [0, 0, 1] for key in ("x_m", "y_m", "z_m", "pitch_deg", "yaw_deg")}
-    settings = {
-        "lamp": {
-            "beam_sigma_deg": sigma_deg,
-            "reference_counts": 900.0,
-            "reference_range_m": reference_range_m,
-        },
-        "array": array,
-        "effects": {"attenuation": {"k_per_m": k}},
-        "table": table,
-    }
+    water = {"attenuation": {"k_per_m": k}}
     if window_m is not None:
-        settings["effects"]["forward_scatter"] = {"window_m": window_m}
+        water["forward_scatter"] = {"window_m": window_m}
+    lamp = {"beam_sigma_deg": sigma_deg, "reference_counts": 900.0}
+    lamp["reference_range_m"] = reference_range_m
+    settings = {"lamp": lamp, "array": array, "effects": water}
     return ForwardModel(scene_from_settings(settings, "test"))
 
 

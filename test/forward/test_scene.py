@@ -54,21 +54,12 @@ def refusal(values):
     return str(caught.value)
 
 
-def shuffled(values, random):
-    """Copy nested mappings with their keys in another order."""
-    if not isinstance(values, dict):
-        return values
-    keys = list(values)
-    random.shuffle(keys)
-    return {key: shuffled(values[key], random) for key in keys}
-
-
-def whole_as_int(values):
-    """Copy nested settings with each whole float spelt as an int: 8.0 as 8."""
+def respelt(values):
+    """Copy nested settings, keys the other way round and each whole float as an int: 8.0 as 8."""
     if isinstance(values, dict):
-        return {key: whole_as_int(value) for key, value in values.items()}
+        return {key: respelt(values[key]) for key in reversed(values)}
     if isinstance(values, list):
-        return [whole_as_int(value) for value in values]
+        return [respelt(value) for value in values]
     return int(values) if isinstance(values, float) and values.is_integer() else values
 
 
@@ -183,10 +174,8 @@ def test_a_missing_file_and_an_unknown_ready_scene_are_told_apart(tmp_path):
         load_scene("folow")
 
 
-@given(random=st.randoms(use_true_random=False))
-def test_the_fingerprint_ignores_key_order_int_spelling_and_name(random):
-    scene = valid(FULL)
-    other = scene_from_settings(whole_as_int(shuffled(FULL, random)), "another")
+def test_the_fingerprint_ignores_key_order_int_spelling_and_name():
+    scene, other = valid(FULL), scene_from_settings(respelt(FULL), "another")
     assert other.fingerprint == scene.fingerprint
     assert scene.differences(other) == []
     assert list(other.effects) == list(scene.effects), "in physical order"

@@ -71,6 +71,15 @@ def test_what_is_not_finite_or_too_large_is_refused_by_name(value):
     assert command_at(controller, now + 1.0) == pytest.approx(command_at(without, now + 1.0))
 
 
+@pytest.mark.parametrize("wrong", [[-6.0, 0, 0], [[-6.0, 0, 0, 0, 0]], 1.0])
+def test_pose_and_rate_of_another_shape_are_refused(wrong):
+    controller = FormationController(SETTINGS)
+    with pytest.raises(ValueError, match=r"give \(x, y, z, pitch, yaw\)"):
+        controller.update(0.0, wrong, PUBLISHED, STILL)
+    with pytest.raises(ValueError, match="rate: "):
+        controller.update(0.0, STATION, PUBLISHED, wrong)
+
+
 @pytest.mark.parametrize("back", [0.0, 0.05, 0.9])
 def test_stamps_that_do_not_advance_are_refused(back):
     (controller, now), (without, _) = under_way(), under_way()

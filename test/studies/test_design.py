@@ -149,6 +149,20 @@ def test_a_score_is_its_designs_own_whatever_else_is_swept(tmp_path, whole_file,
     assert (tmp_path / "whole.csv").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"power": "counts", "poses": 41}, "power is flux there and counts here; poses is 40"),
+        ({"scene": load_scene("coastal")}, "fingerprint is"),
+    ],
+)
+def test_the_scores_of_another_study_are_refused_by_what_differs(whole_file, changes, error):
+    before = whole_file.read_bytes()
+    with pytest.raises(ValueError, match=f"another run: {error}.*name another"):
+        scored(whole_file, study_of(**changes))
+    assert whole_file.read_bytes() == before
+
+
 @pytest.mark.usefixtures("sketched")
 def test_the_command_is_interrupted_goes_on_and_tells(
     tmp_path, monkeypatch, capsys, heard, whole_file

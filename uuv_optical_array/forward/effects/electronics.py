@@ -40,7 +40,7 @@ def shot_noise(
 
 
 class PhotodiodePart(NamedTuple):
-    """Active area, responsivity at 525 nm, and typical dark current, of a data sheet."""
+    """Active area, responsivity at 525 nm, typical dark current and shunt resistance (`PARTS`)."""
 
     area_m2: float
     responsivity_a_per_w: float

@@ -72,7 +72,7 @@ setup(
         "fast": ["numba"],
         # Large signature tables on disk, written by threads or a cluster.
         "cluster": CLUSTER,
-        # Reading recorded bags, for uuv_array calibrate; rosdep has no key for it.
+        # Reading recorded bags, for uuv_array calibrate; rosdep has no keys for the last two.
         "bags": BAGS,
         # An array on a serial line or a socket, as examples/serial_array_node.py reads it.
         "hardware": HARDWARE,

@@ -30,6 +30,10 @@ from uuv_optical_array.nodes.vehicles_node import VehiclesNode
 from uuv_optical_array.recording.bag import RUN
 
 VERSION = "0.2.0"  # of the policy's schema
+# Services of rosbag2's recorder in Lyrical and Jazzy; Kilted has the first four, Humble none.
+RECORDER = ["pause", "resume", "is_paused", "split_bagfile", "record", "stop"]
+RECORDER += ["start_discovery", "stop_discovery", "is_discovery_running"]
+LISTENER = "transform_listener_impl_"  # tf2's own node, to whose name it adds an address
 
 
 def view() -> list[Node]:
@@ -50,16 +54,20 @@ class Other(Node):
 
 
 def rviz() -> list[Node]:
-    """Return RViz, as follow.launch.py starts it."""
+    """Return RViz, as follow.launch.py starts it, and the node by which it hears /tf."""
     text = shared_file("rviz/follow.rviz").read_text(encoding="utf-8")
-    return [Other("rviz", ["/tf", "/tf_static", *re.findall(r"Topic:\n +Value: (\S+)", text)])]
+    window = Other("rviz", re.findall(r"Topic:\n +Value: (\S+)", text))
+    window.create_service(SetBool, "~/reset_time", print)
+    listener = Other(LISTENER, ["/tf", "/tf_static"], start_parameter_services=False)
+    return [window, listener]
 
 
 def recorder() -> list[Node]:
     """Return rosbag2's recorder, which is in no namespace, as follow.launch.py starts it."""
     node = Other("rosbag2_recorder", map(_resolved, RUN), use_global_arguments=False)
-    node.create_publisher(String, "/events/write_split", 1)
-    for verb in ("pause", "resume", "is_paused", "split_bagfile"):
+    for event in ("write_split", "rosbag2_messages_lost"):
+        node.create_publisher(String, f"/events/{event}", 1)
+    for verb in RECORDER:
         node.create_service(SetBool, f"~/{verb}", print)
     return [node]
 
@@ -115,7 +123,8 @@ def policy(processes: Mapping[str, Callable[[], Iterable[Node]]] = PROCESSES) ->
 
 def _add_profile(profiles: ElementTree.Element, node: Node) -> None:
     name, space = node.get_name(), node.get_namespace()
-    profile = ElementTree.SubElement(profiles, "profile", ns=space, node=name)
+    others = "*" if name == LISTENER else ""
+    profile = ElementTree.SubElement(profiles, "profile", ns=space, node=f"{name}{others}")
     said = node.get_publisher_names_and_types_by_node(name, space)
     heard = [(CLOCK, []), *node.get_subscriber_names_and_types_by_node(name, space)]
     served = node.get_service_names_and_types_by_node(name, space)
@@ -124,6 +133,8 @@ def _add_profile(profiles: ElementTree.Element, node: Node) -> None:
         ("topics", "subscribe", heard),
         ("services", "reply", served),
     ):
+        if not entries:
+            continue
         parent = ElementTree.SubElement(profile, group, {rule: "ALLOW"})
         for path in sorted({path for path, _ in entries}):
             private = path.removeprefix(f"{node.get_fully_qualified_name()}/")

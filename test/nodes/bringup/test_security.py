@@ -127,6 +127,17 @@ def test_the_policy_allows_what_rviz_and_rosbag2_have(executable, node, group, n
     assert name in {entry.text for entry in profile.findall(f"{group}/*")}
 
 
+def test_a_policy_is_printed_where_ros_is_secured_too():
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    secured = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+    command = [sys.executable, "-m", security.__name__, "--ros-args", "-r", "__ns:=/rov"]
+    done = subprocess.run(
+        command, env=environment | secured, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert done.returncode == 0, done.stderr
+    assert set(enclaves(done.stdout)) <= set(security.PROCESSES)
+
+
 def test_the_policy_has_the_form_of_the_schema():
     root = ElementTree.parse(POLICY).getroot()
     assert (root.tag, root.get("version")) == ("policy", "0.2.0")

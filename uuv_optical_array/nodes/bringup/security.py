@@ -55,9 +55,13 @@ class Other(Node):
 
 
 def rviz() -> list[Node]:
-    """Return RViz, as follow.launch.py starts it, and the node by which it hears /tf."""
-    text = shared_file("rviz/follow.rviz").read_text(encoding="utf-8")
-    window = Other("rviz", re.findall(r"Topic:\n +Value: (\S+)", text))
+    """Return RViz, as the launch files start it, and the node by which it hears /tf."""
+    texts = [
+        shared_file(f"rviz/{name}.rviz").read_text(encoding="utf-8")
+        for name in ("follow", "formation")
+    ]
+    topics = {topic for text in texts for topic in re.findall(r"Topic:\n +Value: (\S+)", text)}
+    window = Other("rviz", topics)
     window.create_service(SetBool, "~/reset_time", print)
     listener = Other(LISTENER, ["/tf", "/tf_static"], start_parameter_services=False)
     return [window, listener]

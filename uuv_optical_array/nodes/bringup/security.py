@@ -141,10 +141,12 @@ def _add_profile(profiles: ElementTree.Element, node: Node) -> None:
         if not entries:
             continue
         parent = ElementTree.SubElement(profile, group, {rule: "ALLOW"})
-        for path in sorted({path for path, _ in entries}):
-            private = path.removeprefix(f"{node.get_fully_qualified_name()}/")
-            entry = ElementTree.SubElement(parent, group[:-1])
-            entry.text = path if private == path else f"~/{private}"
+        own = f"{node.get_fully_qualified_name()}/"
+        paths = {re.sub(f"^{own}", "~/", path) for path, _ in entries}
+        if group == "services" and all(path.startswith("~/") for path in paths):
+            paths = {"~/*"}  # one rule: Fast DDS's handshake has no room for long permissions
+        for path in sorted(paths):
+            ElementTree.SubElement(parent, group[:-1]).text = path
 
 
 def main(args: list[str] | None = None) -> None:

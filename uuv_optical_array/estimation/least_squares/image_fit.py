@@ -363,7 +363,8 @@ class ImageFit:
                 spread = clear * slopes @ expected.covariance[fitted:, fitted:] @ slopes.T
                 covariance = covariance + 0.5 * (spread + spread.T)
         # A reading at full scale says only how little the light is at least, which is not linear.
-        if near and (clear <= CLEAR or image.readings.max() >= self._model.noise.high):
+        below = image.readings.max() < self._model.noise.high
+        if near and not (clear > CLEAR and below and main.nearly_gaussian):
             near = None
         left_out: list[int] = []
         dark: list[int] = []
@@ -379,7 +380,7 @@ class ImageFit:
             float(ndtr(-result.score)),
             float(ndtr(-result.runner_up_score)),
             self._unobservable(covariance),
-            near if near and main.nearly_gaussian else None,
+            near,
             result.stretch,
             clear,
             tuple(divmod(it, self._model.array.side) for it in left_out),

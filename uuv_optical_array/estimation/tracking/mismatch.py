@@ -9,6 +9,8 @@ Proc. Camb. Phil. Soc. 44, 50) and the chi-square of all of them tell if it is n
 score what explains it best.
 """
 
+import math
+
 import numpy as np
 from scipy.special import chdtrc
 
@@ -23,6 +25,7 @@ EVENNESS, MOST_UNEVEN = "the evenness of the light", 0.6
 MOSTLY_UNEVEN = f"{EVENNESS} is off in most frames of {WINDOW_S:g} s, or since the first"
 # Of the frames since the first, where these are of LEAST_S or more: a cloud comes after clear ones.
 NEARLY_ALL, LEAST_S = 0.9, 5.0
+LEAST = 1 - math.exp(-LEAST_S / WINDOW_S)  # the same, as a share of the window
 CHANCE = 1e-5  # that frames of the scene are taken for others, at each test
 LEAST_GAIN = 1e-3  # error of a detector that linearising may leave
 REST_OF_SHADE = 0.02  # by which a shade of the scene may still dim frames that pass for clear
@@ -62,9 +65,9 @@ class LastingResiduals:
         if constants.names_shades:
             self._prior[q : q + side**2, q : q + side**2] += REST_OF_SHADE**2 * modes.T @ modes
             # A cloud may dim one of several lamps for long.
-            own = {of_lamp(i, "power") for i in range(constants.lamps)} & set(constants.names)
-            for name in own:
-                self._prior[constants.names.index(name), constants.names.index(name)] += 1.0
+            powers = {of_lamp(i, "power") for i in range(constants.lamps)}
+            own = [k for k, name in enumerate(constants.names) if name in powers]
+            self._prior[own, own] += 1.0
         size = len(self._prior)
         self._directions = np.zeros((size, len(self._names)))
         self._directions[:, :size] = np.eye(size)
@@ -112,8 +115,7 @@ class LastingResiduals:
         self._light_ns, kept = stamp_ns, float(np.exp(-step_s / WINDOW_S))
         self._lit = kept * self._lit + 1 - kept
         self._uneven = kept * self._uneven + (1 - kept) * uneven
-        least = 1 - np.exp(-LEAST_S / WINDOW_S)
-        if self._uneven > min(MOST_UNEVEN, NEARLY_ALL * max(self._lit, least)):
+        if self._uneven > min(MOST_UNEVEN, NEARLY_ALL * max(self._lit, LEAST)):
             self.mismatch = MOSTLY_UNEVEN
         elif self.mismatch == MOSTLY_UNEVEN:
             self.mismatch = ""

@@ -147,9 +147,9 @@ def fill(block: int, path: Path, scene: Scene) -> int:
     except DAMAGE:
         rows = _rows(array, block)
         parameters = grid_parameters(model, rows)
-        # The last block is less than a whole one, and Zarr reads what is there of it first.
-        (path / f"{block}.0").unlink(missing_ok=True)
         with files.naming(path):
+            # The last block is less than a whole one, and Zarr reads what is there of it first.
+            (path / f"{block}.0").unlink(missing_ok=True)
             array[rows.start : rows.stop] = parameters
     return len(lit_rows(parameters))
 
